@@ -1,0 +1,86 @@
+"""Slow and obvious twins of the fast kernels, in plain NumPy, one pixel at a time."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from tofmix.sensor import NoiseCurve, Sensor
+
+Array = NDArray[np.float64]
+
+
+def density(samples: Array, at: Array, noise: NoiseCurve) -> Array:
+    """Equation (4), every kernel in full."""
+    return np.array([norm.pdf(r, samples, noise.sigma(r) / 2).mean() for r in at])
+
+
+def peaks(samples: Array, noise: NoiseCurve, *, gamma: float, step: float) -> Array:
+    """Test (5) with epsilon -> 0: strict maxima of the mean-shift field on a fine grid, above gamma."""
+    grid = [samples.min() - noise.sigma(samples.min())]
+    while grid[-1] < samples.max() + noise.sigma(samples.max()):
+        grid.append(grid[-1] + step * noise.sigma(grid[-1]))
+    r = np.array(grid)
+    h = noise.sigma(r)[:, None] / 2
+    z = (r[:, None] - samples) / h
+    kernel = np.exp(-z * z / 2)
+    slope = -(kernel * z).sum(1)
+    height = kernel.sum(1)
+    threshold = max(gamma * len(samples), 3.0) / np.sqrt(5.0)
+    crossing = np.flatnonzero((slope[:-1] > 0) & (slope[1:] <= 0) & (height[1:] > 1e-4))
+    crossing = crossing[np.maximum(height[crossing], height[crossing + 1]) > threshold]
+    share = slope[crossing] / (slope[crossing] - slope[crossing + 1])
+    return np.asarray(r[crossing] + share * (r[crossing + 1] - r[crossing]))
+
+
+def mixture_density(at: Array, mean: Array, sigma: Array, weight: Array, no_return: float, sensor: Sensor) -> Array:
+    """Equation (1)."""
+    assert sensor.noise is not None
+    top = sensor.noise.range_mm[-1] if sensor.range_max_mm is None else sensor.range_max_mm
+    out = np.full(len(at), sensor.outlier_probability / (top - (sensor.range_min_mm or 0.0)))
+    if sensor.range_max_mm is not None:
+        out += no_return * norm.pdf(at, sensor.range_max_mm, sensor.noise.sigma(sensor.range_max_mm))
+    return np.asarray(out + (weight * norm.pdf(at[:, None], mean, sigma)).sum(1))
+
+
+def em(
+    samples: Array, start: Array, sensor: Sensor, *, mode: str, iterations: int, prior_samples: float = 50.0
+) -> tuple[Array, Array, Array, float]:
+    """The paper's section V, line by line; returns means, sigmas, weights and p(c_0)."""
+    assert sensor.noise is not None
+    mean = np.array(start, dtype=float)
+    sigma = sensor.noise.sigma(mean)
+    p_r = sensor.outlier_probability
+    has_max = sensor.range_max_mm is not None
+    weight = np.full(len(mean), (1 - p_r) / (len(mean) + has_max))
+    no_return = (1 - p_r) / (len(mean) + 1) if has_max else 0.0
+    for _ in range(iterations):
+        total = mixture_density(samples, mean, sigma, weight, no_return, sensor)
+        share = weight * norm.pdf(samples[:, None], mean, sigma) / total[:, None]
+        support = share.sum(0)
+        support_0 = 0.0
+        if has_max:
+            assert sensor.range_max_mm is not None
+            top = sensor.range_max_mm
+            support_0 = float((no_return * norm.pdf(samples, top, sensor.noise.sigma(top)) / total).sum())
+        mean = (share * samples[:, None]).sum(0) / support
+        squares = (share * (samples[:, None] - mean) ** 2).sum(0)
+        curve = sensor.noise.sigma(mean)
+        if mode == "tied":
+            sigma = curve
+        elif mode == "prior":
+            sigma = np.sqrt((prior_samples * curve**2 + squares) / (prior_samples + support))
+        else:
+            sigma = np.maximum(np.sqrt(squares / support), 0.1 * curve)
+        scale = (1 - p_r) / (support.sum() + support_0)
+        weight, no_return = scale * support, scale * support_0
+    return mean, sigma, weight, no_return
+
+
+def log_likelihood(samples: Array, parameters: Array, k: int, sigma: Array, with_no_return: bool, sensor: Sensor) -> float:
+    """Log likelihood of (mu_1..mu_k, all shares but the last), for numeric derivatives."""
+    shares = k + 1 if with_no_return else k
+    mean, some = parameters[:k], parameters[k:]
+    assert len(some) == shares - 1
+    all_shares = np.append(some, 1 - sensor.outlier_probability - some.sum())
+    no_return = float(all_shares[k]) if with_no_return else 0.0
+    return float(np.log(mixture_density(samples, mean, sigma, all_shares[:k], no_return, sensor)).sum())

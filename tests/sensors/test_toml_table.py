@@ -1,0 +1,33 @@
+"""Types that no model key needs yet, and the nearest name."""
+
+import pytest
+
+from tofmix.errors import BadInputError
+from tofmix.sensors.toml_table import nearest, parse_toml
+
+TABLE = parse_toml("a = true\nb = ['x', 'y']\nc = 1\nd = 'long " + "x" * 90 + "'", source="f")
+
+
+def test_boolean_and_texts() -> None:
+    assert TABLE.boolean("a") is True
+    assert TABLE.texts("b") == ("x", "y")
+
+
+def test_wrong_types_and_missing_keys_are_refused() -> None:
+    with pytest.raises(BadInputError, match=r"^f: c: expected true or false, got a whole number, 1$"):
+        TABLE.boolean("c")
+    with pytest.raises(BadInputError, match=r"^f: a: expected a list of strings, got a boolean, true$"):
+        TABLE.texts("a")
+    with pytest.raises(BadInputError, match=r"^f: z: missing$"):
+        TABLE.text("z")
+
+
+def test_long_values_are_cut() -> None:
+    with pytest.raises(BadInputError) as caught:
+        TABLE.number("d")
+    assert len(str(caught.value)) < 110
+
+
+def test_nearest_lists_all_even_without_a_guess() -> None:
+    assert nearest("zzz", ["b", "a"]) == "; known: a, b"
+    assert nearest("bb", ["b", "a"]) == '; did you mean "b"? known: a, b'

@@ -1,0 +1,222 @@
+"""Shares and ranges against closed forms and a slow twin; what hides what; what counts as a surface."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tofmix.errors import BadInputError
+from tofmix.simulation import cast
+from tofmix.simulation.cast import MIN_SHARE, cast_scene
+from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.truth import Truth
+
+Floats = NDArray[np.float64]
+MakeModel = Callable[..., Model]
+CastTwin = Callable[..., tuple[Floats, Floats]]
+PIXEL = np.radians(47.0 / 176)
+ROW = np.radians(39.0 / 144)
+SHARE = 0.001  # the contract
+WALL = Surface(name="wall", center_mm=(0, 0, 4000), size_mm=(4000, 4000))
+P_R = 1.0e-4
+
+
+def by_surface(truth: Truth, row: int, col: int, surfaces: int) -> tuple[Floats, Floats]:
+    """One pixel's area shares (S + 1,), the last that of no return, and ranges (S,) in the model's order."""
+    share, ranges = np.zeros(surfaces + 1), np.full(surfaces, np.nan)
+    for layer in range(truth.n_modes[row, col]):
+        k = truth.surface[row, col, layer]
+        share[k], ranges[k] = truth.weight_true[row, col, layer], truth.range_true[row, col, layer]
+    share[-1] = truth.weight_no_return[row, col]
+    return share / (1 - P_R), ranges
+
+
+def test_vertical_edges_have_the_closed_form_share(make_model: MakeModel) -> None:
+    """An edge along the grid, at 60 positions and on sub-beams, where a regular 32 x 32 is off by up to 0.016."""
+    left = -0.5 * PIXEL
+    for share in [*np.linspace(0.003, 0.997, 60), 1 / 64, 0.5, 31 / 32, 0.5 + 1 / 64]:
+        x = 2000 * np.tan(left + share * PIXEL)
+        board = Surface(name="board", center_mm=(x - 500, 0, 2000), size_mm=(1000, 1000))
+        truth = cast_scene(make_model(board, WALL))
+        expected = np.tile([share, 1 - share, 0], (9, 1))
+        found = [by_surface(truth, row, 5, 2)[0] for row in range(9)]
+        np.testing.assert_allclose(found, expected, atol=SHARE / 2)
+        assert (truth.n_modes[:, :5] == 1).all()
+        assert (truth.n_modes[:, 6:] == 1).all()
+
+
+@pytest.mark.parametrize("share", [0.013, 1 / 64, 0.26, 0.5, 0.7421])
+def test_horizontal_edges_have_the_closed_form_share(make_model: MakeModel, share: float) -> None:
+    y = 2000 * np.tan((share - 0.5) * ROW)
+    board = Surface(name="board", center_mm=(0, y - 500, 2000), size_mm=(1000, 1000))
+    truth = cast_scene(make_model(board))
+    for col in range(11):
+        az = (col - 5 + np.linspace(-0.5, 0.5, 2001)) * PIXEL
+        expected = np.mean(np.clip(np.arctan(y * np.cos(az) / 2000) / ROW + 0.5, 0, 1))
+        np.testing.assert_allclose(by_surface(truth, 4, col, 1)[0], [expected, 1 - expected], atol=SHARE / 2)
+
+
+@pytest.mark.parametrize("width_mm", [0.05, 0.5, 3.0])
+def test_a_wire_thinner_than_any_grid_is_not_missed(make_model: MakeModel, width_mm: float) -> None:
+    wire = Surface(name="wire", center_mm=(1.234, 0, 2000), size_mm=(width_mm, 1000))
+    expected = width_mm / 2000 / PIXEL
+    shares = [by_surface(cast_scene(make_model(wire, WALL)), row, 5, 2)[0][0] for row in range(9)]
+    np.testing.assert_allclose(shares, expected, atol=SHARE)
+    assert np.mean(shares) == pytest.approx(expected, rel=0.3)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_boards_agree_with_the_twin(make_model: MakeModel, cast_twin: CastTwin, seed: int) -> None:
+    """One pixel of 6 degrees, four boards at any angle through it: edges, creases, occlusion, range limit."""
+    rng = np.random.default_rng(seed)
+    boards = [
+        Surface(
+            name=str(k),
+            center_mm=(rng.uniform(-120, 120), rng.uniform(-120, 120), rng.uniform(1500, 3500)),
+            size_mm=(rng.uniform(50, 400), rng.uniform(50, 400)),
+            yaw_deg=rng.uniform(-180, 180),
+            pitch_deg=rng.uniform(-180, 180),
+        )
+        for k in range(4)
+    ]
+    model = make_model(*boards, rows=1, cols=1, fov_horizontal_deg=6.0, fov_vertical_deg=6.0, range_max_mm=3300.0)
+    share, ranges = by_surface(cast_scene(model), 0, 0, 4)
+    expected_share, expected_range = cast_twin(model, 0, 0)
+    np.testing.assert_allclose(share, expected_share, atol=SHARE)
+    seen = (share[:4] > 0.01) & (expected_share[:4] > 0.01)
+    assert seen.any()
+    np.testing.assert_allclose(ranges[seen], expected_range[seen], atol=3.0)
+
+
+def test_a_crease_between_intersecting_boards(make_model: MakeModel, cast_twin: CastTwin) -> None:
+    a = Surface(name="a", center_mm=(2.0, 0, 2000), size_mm=(1000, 1000), yaw_deg=50)
+    b = Surface(name="b", center_mm=(2.0, 0, 2000), size_mm=(1000, 1000), yaw_deg=-40, pitch_deg=5)
+    model = make_model(a, b)
+    truth = cast_scene(model)
+    for row, col in [(0, 5), (4, 5), (8, 5)]:
+        share, ranges = by_surface(truth, row, col, 2)
+        expected_share, expected_range = cast_twin(model, row, col)
+        np.testing.assert_allclose(share, expected_share, atol=SHARE)
+        np.testing.assert_allclose(ranges, expected_range, atol=0.1)
+        assert truth.n_modes[row, col] == 2
+
+
+def test_beyond_the_range_limit_there_is_no_return(make_model: MakeModel, cast_twin: CastTwin) -> None:
+    wall = Surface(name="wall", center_mm=(0, 0, 3000), size_mm=(4000, 4000), yaw_deg=40)
+    model = make_model(wall, range_max_mm=3000.0)
+    truth = cast_scene(model)
+    # yaw turns +u towards -z, so that the wall's right half is the nearer one
+    assert (truth.n_modes[:, :5] == 0).all()
+    assert (truth.n_modes[:, 6:] == 1).all()
+    for row in (0, 4):
+        np.testing.assert_allclose(by_surface(truth, row, 5, 1)[0], cast_twin(model, row, 5)[0], atol=SHARE)
+    assert np.nanmax(truth.range_true) <= 3000
+
+
+def test_signs_of_yaw_and_pitch_in_the_image(make_model: MakeModel) -> None:
+    yawed = cast_scene(make_model(replace(WALL, yaw_deg=20))).range_true[..., 0]
+    assert (np.diff(yawed, axis=1) < 0).all()  # the right side comes nearer
+    pitched = cast_scene(make_model(replace(WALL, pitch_deg=20))).range_true[..., 0]
+    assert (np.diff(pitched, axis=0) > 0).all()  # the lower side goes away
+
+
+def test_corners_stand_where_center_and_size_say(make_model: MakeModel) -> None:
+    """A board over columns 6 and 7 and rows 1 to 3 alone: right and up of the centre."""
+    x = 2000 * np.tan(np.array([0.5, 2.5]) * PIXEL)
+    y = 2000 * np.tan(np.array([-3.4, -0.6]) * ROW)
+    center, size = (x.mean(), y.mean(), 2000.0), (np.ptp(x), np.ptp(y))
+    truth = cast_scene(make_model(Surface(name="board", center_mm=center, size_mm=size)))
+    expected = np.zeros((9, 11))
+    expected[1:4, 6:8] = 1
+    np.testing.assert_array_equal(truth.n_modes, expected)  # edges on pixel borders add no surface to a neighbour
+
+
+def test_mean_range_of_a_facing_wall(make_model: MakeModel) -> None:
+    wide = replace(WALL, size_mm=(9000, 9000))
+    truth = cast_scene(make_model(wide, rows=8, cols=9, fov_horizontal_deg=60.0, fov_vertical_deg=50.0))
+    cos_az = np.array([_mean_secant(np.radians(60 / 9), col - 4) for col in range(9)])
+    cos_el = np.array([_mean_secant(np.radians(50 / 8), row - 3.5) for row in range(8)])
+    np.testing.assert_allclose(truth.range_true[..., 0], 4000 * np.outer(cos_el, cos_az), rtol=1e-4)
+
+
+def _mean_secant(step: float, number: float) -> float:
+    """Mean of 1 / cos over a cell, by its antiderivative asinh(tan)."""
+    low, high = (number - 0.5) * step, (number + 0.5) * step
+    return float((np.arcsinh(np.tan(high)) - np.arcsinh(np.tan(low))) / (high - low))
+
+
+def test_amplitude_follows_reflectivity_incidence_range_and_time(make_model: MakeModel) -> None:
+    board = Surface(name="b", center_mm=(0, 0, 2000), size_mm=(900, 900), yaw_deg=30, reflectivity=0.4)
+    truth = cast_scene(make_model(board, integration_time_ms=2.4))
+    assert truth.amplitude[4, 5, 0] == pytest.approx(1000 * 0.4 * np.cos(np.pi / 6) / 4 * 2, rel=1e-3)
+
+
+def test_weights_sum_to_one_and_layers_run_from_near_to_far(three_boards: tuple[Model, Truth]) -> None:
+    _, truth = three_boards
+    total = np.nansum(truth.weight_true, axis=2) + truth.weight_no_return + P_R
+    np.testing.assert_allclose(total, 1, atol=1e-6)
+    layer = np.arange(truth.range_true.shape[2])
+    past = layer >= truth.n_modes[..., np.newaxis]
+    for stack in (truth.range_true, truth.weight_true):
+        np.testing.assert_array_equal(np.isnan(stack), past)
+    np.testing.assert_array_equal(truth.surface == -1, past)
+    assert (truth.amplitude[past] == 0).all()
+    steps = np.diff(truth.range_true, axis=2)
+    assert (steps[~np.isnan(steps)] > 0).all()
+    assert np.nanmin(truth.weight_true) >= MIN_SHARE * (1 - P_R) * (1 - 1e-6)
+    assert [str(a.dtype) for a in (truth.n_modes, truth.range_true, truth.weight_true)] == [
+        "uint8",
+        "float32",
+        "float32",
+    ]
+
+
+def test_order_of_surfaces_does_not_matter(make_model: MakeModel) -> None:
+    a = Surface(name="a", center_mm=(-490, 10, 2000), size_mm=(1000, 900), pitch_deg=10)
+    b = Surface(name="b", center_mm=(0, 300, 3000), size_mm=(2000, 600), yaw_deg=10)
+    one, other = cast_scene(make_model(a, b, WALL)), cast_scene(make_model(WALL, b, a))
+    np.testing.assert_array_equal(one.range_true, other.range_true)
+    np.testing.assert_array_equal(one.weight_true, other.weight_true)
+
+
+def test_boards_are_seen_from_both_sides_and_never_behind(make_model: MakeModel) -> None:
+    board = Surface(name="a", center_mm=(-490, 10, 2000), size_mm=(1000, 900), pitch_deg=10)
+    front, back = cast_scene(make_model(board)), cast_scene(make_model(replace(board, pitch_deg=190)))
+    np.testing.assert_allclose(front.range_true, back.range_true, rtol=1e-6)
+    np.testing.assert_allclose(front.weight_true, back.weight_true, atol=1e-4)
+    behind = cast_scene(make_model(replace(board, center_mm=(0, 0, -2000))))
+    assert not behind.n_modes.any()
+
+
+def test_of_two_boards_in_one_plane_the_first_is_seen(make_model: MakeModel) -> None:
+    poster = Surface(name="poster", center_mm=(10, 7, 4000), size_mm=(90, 80))
+    truth = cast_scene(make_model(poster, WALL))
+    assert truth.n_modes.max() == 2
+    assert truth.surface[4, 5, 0] == 0
+    hidden = cast_scene(make_model(WALL, poster))
+    assert (hidden.surface == 0).all()
+
+
+def test_an_edge_on_board_and_an_empty_scene_return_nothing(make_model: MakeModel) -> None:
+    edge_on = Surface(name="a", center_mm=(0, 0, 2000), size_mm=(500, 500), yaw_deg=90)
+    for model in (make_model(edge_on), make_model()):
+        truth = cast_scene(model)
+        assert truth.range_true.shape == (9, 11, 1)
+        assert not truth.n_modes.any()
+        np.testing.assert_allclose(truth.weight_no_return, 1 - P_R, rtol=1e-6)
+
+
+def test_outlier_probability_takes_its_share_of_all(make_model: MakeModel) -> None:
+    truth = cast_scene(make_model(WALL, outlier_probability=0.25))
+    np.testing.assert_allclose(truth.weight_true, 0.75)
+
+
+def test_too_many_surfaces_are_refused(make_model: MakeModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    slats = [Surface(name=f"{k}", center_mm=(0.02 * k - 4, 0, 2000 + k), size_mm=(0.01, 500)) for k in range(400)]
+    with pytest.raises(BadInputError, match=r"pixel \(\d, 5\) sees \d+ surfaces"):
+        cast_scene(make_model(*slats))
+    monkeypatch.setattr(cast, "MAX_SURFACES", 399)
+    with pytest.raises(BadInputError, match="400 surfaces"):
+        cast_scene(make_model(*slats))

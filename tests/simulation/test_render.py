@@ -1,0 +1,119 @@
+"""Blocks: the same frames however they are made, in bounded memory."""
+
+import tracemalloc
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.render import FrameBlock, recording_sensor, render_blocks
+
+MakeModel = Callable[..., Model]
+BOARDS = (
+    Surface(name="near", center_mm=(-500, 0, 2400), size_mm=(1000, 1000)),
+    Surface(name="far", center_mm=(0, 0, 3000), size_mm=(3000, 3000)),
+)
+
+
+def frames(model: Model, n_frames: int, **options: int) -> tuple[NDArray[np.generic], ...]:
+    """All frames of a rendering in one."""
+    settings: dict[str, Any] = {"seed": 3} | options
+    blocks = list(render_blocks(model, cast_scene(model), n_frames=n_frames, **settings))
+    return tuple(np.concatenate([getattr(b, name) for b in blocks]) for name in ("range_mm", "amplitude", "time_s"))
+
+
+@pytest.mark.parametrize("averaged", [False, True])
+@pytest.mark.parametrize("options", [{"block_frames": 1}, {"block_frames": 7}, {"block_frames": 1000}, {"threads": 3}])
+def test_blocks_and_threads_do_not_matter(make_model: MakeModel, averaged: bool, options: dict[str, int]) -> None:
+    model = make_model(*BOARDS)
+    for one, other in zip(
+        frames(model, 30, averaged=averaged), frames(model, 30, averaged=averaged, **options), strict=True
+    ):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_first_frames_are_the_same_however_many_follow(make_model: MakeModel) -> None:
+    model = make_model(*BOARDS)
+    for few, many in zip(frames(model, 5), frames(model, 40), strict=True):
+        np.testing.assert_array_equal(few, many[:5])
+
+
+def test_another_seed_gives_other_frames(make_model: MakeModel) -> None:
+    model = make_model(*BOARDS)
+    assert (frames(model, 5)[0] != frames(model, 5, seed=4)[0]).mean() > 0.9
+
+
+def test_a_frame_is_never_repeated(make_model: MakeModel) -> None:
+    ranges = frames(make_model(*BOARDS), 50)[0]
+    assert len({frame.tobytes() for frame in ranges}) == 50
+
+
+def test_blocks_follow_each_other(make_model: MakeModel) -> None:
+    model = make_model(*BOARDS)
+    blocks = list(render_blocks(model, cast_scene(model), n_frames=25, seed=1, block_frames=10))
+    assert [(block.start, block.stop) for block in blocks] == [(0, 10), (10, 20), (20, 25)]
+    np.testing.assert_allclose(np.concatenate([block.time_s for block in blocks]), np.arange(25) / 25.0)
+    for block in blocks:
+        assert block.range_mm.shape == block.amplitude.shape == (block.stop - block.start, 9, 11)
+        assert [str(a.dtype) for a in (block.range_mm, block.amplitude, block.time_s)] == [
+            "uint16",
+            "float32",
+            "float64",
+        ]
+
+
+def test_memory_does_not_grow_with_the_number_of_frames(make_model: MakeModel) -> None:
+    model = make_model(*BOARDS)
+    truth = cast_scene(model)
+
+    def peak(n_frames: int) -> int:
+        tracemalloc.start()
+        for _ in render_blocks(model, truth, n_frames=n_frames, seed=1, block_frames=50):
+            pass
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    peak(50)
+    assert peak(2000) < 1.5 * peak(100)
+
+
+@pytest.mark.parametrize("option", ["n_frames", "block_frames", "threads", "seed"])
+def test_numbers_below_their_least_are_refused_at_once(make_model: MakeModel, option: str) -> None:
+    model = make_model(*BOARDS)
+    options: dict[str, Any] = {"n_frames": 1, "seed": 1} | {option: -1}
+    with pytest.raises(ValueError, match=f"^{option}: -1 is not at least"):
+        render_blocks(model, cast_scene(model), **options)
+
+
+def test_an_error_in_a_thread_is_raised(make_model: MakeModel, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object) -> None:
+        raise MemoryError
+
+    model = make_model(*BOARDS)
+    blocks = render_blocks(model, cast_scene(model), n_frames=4, seed=1, threads=2)
+    monkeypatch.setattr("tofmix.simulation.render.stored_range", broken)
+    with pytest.raises(MemoryError):
+        next(blocks)
+
+
+def test_sensor_is_the_models(make_model: MakeModel) -> None:
+    model = make_model(*BOARDS)
+    sensor = recording_sensor(model)
+    assert (sensor.name, sensor.range_max_mm, sensor.outlier_probability) == ("SR-3000", 7500.0, 1e-4)
+    assert sensor.noise is not None
+    np.testing.assert_allclose(sensor.noise.sigma(2000.0), 13 * (10 / 1.2) ** 0.5)
+
+
+def test_frame_block_counts_its_frames() -> None:
+    block = FrameBlock(
+        start=7,
+        range_mm=np.ones((2, 1, 1), np.uint16),
+        amplitude=np.ones((2, 1, 1), np.float32),
+        time_s=np.zeros(2),
+    )
+    assert block.stop == 9

@@ -1,0 +1,60 @@
+"""The decorator compiles, and its cache notices a change in any kernel's source."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tofmix
+from tofmix import jit
+
+PROGRAM = """
+from tofmix.jit import cache_folder
+import numpy as np
+from tofmix.estimation.density import density
+from tofmix.sensor import NoiseCurve
+p = density([1000.0], [1000.0], NoiseCurve(np.array([0.0]), np.array([10.0])))
+print(p[0], len(list(cache_folder().rglob("*.nbc"))))
+"""
+
+
+def _run(folder: Path, environment: dict[str, str]) -> tuple[float, int]:
+    out = subprocess.run(
+        [sys.executable, "-c", PROGRAM], cwd=folder, env=environment, capture_output=True, text=True, check=True
+    ).stdout.split()
+    return float(out[0]), int(out[1])
+
+
+def test_a_change_in_a_called_kernel_reaches_its_callers(tmp_path: Path) -> None:
+    package = tmp_path / "tofmix"
+    source = Path(tofmix.__file__).parent
+    shutil.copytree(source, package, ignore=shutil.ignore_patterns("__pycache__"))
+    environment = {"PATH": "", "PYTHONPATH": str(tmp_path), "HOME": str(tmp_path)}
+    before, cached = _run(tmp_path, environment)
+    assert cached > 0
+    density = package / "estimation" / "density.py"
+    density.write_text(density.read_text().replace("kernel = math.exp(-0.5 * z * z)", "kernel = 2.0"))
+    after, _ = _run(tmp_path, environment)
+    assert after == pytest.approx(2 * before)
+
+
+def test_a_read_only_package_and_home_fall_back_to_the_temporary_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr("tofmix.jit._writable", lambda _: False)
+    monkeypatch.setattr("tempfile.gettempdir", lambda: "/somewhere")
+    assert jit._base_folder().parent == Path("/somewhere")
+
+
+def test_numba_cache_dir_is_honoured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert jit._base_folder() == tmp_path
+
+
+def test_a_compiled_function_computes() -> None:
+    def twice(values: np.ndarray) -> float:
+        return float(2 * values.sum())
+
+    assert jit.jit(twice)(np.arange(4.0)) == 12

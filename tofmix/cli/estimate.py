@@ -1,0 +1,188 @@
+"""``tofmix estimate``: a recording in, a layers file out."""
+
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tofmix.cli.options import PATH, default_workers, examples, overwrite_option, progress_bar
+from tofmix.errors import BadInputError, UsageError
+
+if TYPE_CHECKING:
+    from tofmix.estimation.settings import EstimateOptions
+    from tofmix.io.recording_file import RecordingFile
+    from tofmix.sensor import Sensor
+    from tofmix.windows import Windows
+
+_COMPILING_AFTER_S = 1.0
+
+
+@examples(
+    """
+tofmix estimate sample_data/three_boards.h5 -o boards.layers.h5
+tofmix estimate long.h5 --window 100 --stride 50
+tofmix estimate foreign.h5 --noise sr3000 --sigma tied
+"""
+)
+@click.command(short_help="Recover the surfaces in each pixel of a recording.")
+@click.argument("recording", type=PATH)
+@click.option("-o", "--output", type=PATH, help="Layers file to write.  [default: RECORDING with .layers.h5]")
+@click.option("--window", type=click.IntRange(1), help="Frames that make one estimate.  [default: all]")
+@click.option("--stride", type=click.IntRange(1), help="Frames from one window to the next.  [default: the window]")
+@click.option(
+    "--sigma",
+    type=click.Choice(["tied", "prior", "free"]),
+    default="prior",
+    show_default=True,
+    help="A surface's sigma: the noise curve's, drawn towards it, or free as in the paper.",
+)
+@click.option(
+    "--noise", default="file", show_default=True, metavar="file|PROFILE",
+    help="Where the noise curve comes from: the recording, or a built-in sensor such as sr3000.",
+)  # fmt: skip
+@click.option("--max-layers", default=6, show_default=True, help="Most surfaces in a pixel; 1 to 32.")
+@click.option(
+    "--gamma", default=0.02, show_default=True, help="Least share of the samples that makes a peak in the density."
+)
+@click.option("--epsilon", default=0.01, show_default=True, help="Largest slope at a peak, in units of p(r) / h(r).")
+@click.option("--max-iter", default=50, show_default=True, help="Most EM iterations.")
+@click.option(
+    "--tol", default=1e-3, show_default=True, help="EM stops when no mean moves by this many sigma, no share by this."
+)
+@click.option("--min-samples", default=3, show_default=True, help="Fewest valid samples that a pixel is fitted with.")
+@click.option("--workers", type=click.IntRange(1), help="Threads; results do not depend on it.  [default: all cores]")
+@click.option(
+    "--chunk-mb", type=click.FloatRange(0, min_open=True), default=64.0, show_default=True,
+    help="Memory for a block of samples; results do not depend on it.",
+)  # fmt: skip
+@overwrite_option
+def estimate(
+    recording: Path,
+    output: Path | None,
+    window: int | None,
+    stride: int | None,
+    noise: str,
+    workers: int | None,
+    chunk_mb: float,
+    overwrite: bool,
+    **choices: float | str,
+) -> None:
+    """Recover the surfaces in each pixel of RECORDING, an HDF5 file.
+
+    For each pixel, the peaks of the kernel density of its samples tell how many
+    surfaces there may be; expectation-maximisation then finds their ranges, shares
+    and sigmas, and surfaces that the samples do not need are taken out. The result
+    is a layers file with the dimensions window, row, col and layer, near to far.
+    """
+    from tofmix.estimation.settings import EstimateOptions
+    from tofmix.io.recording_file import open_recording
+    from tofmix.io.storage import check_output
+    from tofmix.windows import plan_windows
+
+    target = output or recording.with_name(recording.stem + ".layers.h5")
+    try:
+        options = EstimateOptions(**choices)  # type: ignore[arg-type]  # click has checked the types
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    with open_recording(recording) as source:
+        check_output(target, overwrite=overwrite, inputs=(recording,))
+        source.sensor = _sensor(source, noise)
+        try:
+            windows = plan_windows(source.shape[0], window=window, stride=stride)
+        except ValueError as error:
+            raise UsageError(f"{recording}: {error}") from error
+        _run(source, windows, options, noise, target, workers or default_workers(), chunk_mb, overwrite)
+
+
+def _sensor(source: "RecordingFile", noise: str) -> "Sensor":
+    """The recording's sensor, with the noise curve that was asked for."""
+    from tofmix.estimation.settings import beam_of
+    from tofmix.sensors import PROFILES, load_profile
+
+    sensor = source.sensor
+    if noise != "file":
+        if noise not in PROFILES:
+            raise UsageError(f"--noise: unknown profile {noise!r}; choose file or one of {', '.join(PROFILES)}")
+        profile = load_profile(noise)
+        tau_ms = sensor.integration_time_ms or profile.integration_time_ms
+        sensor = replace(sensor, noise=profile.noise_at(tau_ms))
+    if sensor.noise is None:
+        names = ", ".join(PROFILES)
+        raise BadInputError(
+            f"{source.path}: sensor/noise_sigma: no noise curve; choose a built-in one with --noise PROFILE ({names})"
+        )
+    try:
+        beam_of(sensor)
+    except ValueError as error:
+        raise BadInputError(f"{source.path}: sensor: {error}") from error
+    return sensor
+
+
+def _run(
+    source: "RecordingFile",
+    windows: "Windows",
+    options: "EstimateOptions",
+    noise: str,
+    target: Path,
+    workers: int,
+    chunk_mb: float,
+    overwrite: bool,
+) -> None:
+    from tofmix import __version__
+    from tofmix.estimation.sequence import estimate_windows, tile_shape
+    from tofmix.io.layers_file import LayersWriter
+    from tofmix.io.recording_file import file_sha256
+    from tofmix.layers import Provenance
+
+    _, rows, cols = source.shape
+    provenance = Provenance(
+        source=source.path.name,
+        source_sha256=file_sha256(source.path),
+        version=__version__,
+        sensor=source.sensor,
+        options=options.as_dict() | {"noise": noise, "window": windows.length, "stride": windows.stride},
+        frames_left_out=windows.frames_left_out,
+    )
+    writer = LayersWriter(
+        target,
+        windows=windows,
+        image=(rows, cols),
+        max_layers=options.max_layers,
+        tile=tile_shape(windows.count, rows, cols),
+        provenance=provenance,
+        overwrite=overwrite,
+        inputs=(source.path,),
+    )
+    counts = [0] * (options.max_layers + 1)
+    with writer, progress_bar(windows.count * rows * cols, "estimate", "px") as bar:
+        _compile(options)
+        for batch in estimate_windows(
+            source, windows, options, workers=workers, chunk_mb=chunk_mb, progress=bar.update
+        ):
+            writer.write(batch.windows, slice(0, rows), batch.layers)
+            for n in range(len(counts)):
+                counts[n] += int((batch.layers.n_modes == n).sum())
+    if windows.frames_left_out:
+        click.echo(
+            f"tofmix: {source.path}: {windows.frames_left_out} frames after the last whole window left out", err=True
+        )
+    found = ", ".join(f"{n}: {count:,}" for n, count in enumerate(counts) if count)
+    click.echo(
+        f"{target}: {rows} x {cols} pixels, {windows.count} window{'s' * (windows.count > 1)} of {windows.length}"
+        f" frames; pixels by surfaces {found}"
+    )
+
+
+def _compile(options: "EstimateOptions") -> None:
+    """Compile the kernels, or load them from their cache; say so where it takes long."""
+    from tofmix.estimation.layering import warm_up
+
+    text = "tofmix: compiling the kernels; this happens once and takes about half a minute"
+    timer = threading.Timer(_COMPILING_AFTER_S, click.echo, (text,), {"err": True})
+    timer.start()
+    try:
+        warm_up(options)
+    finally:
+        timer.cancel()

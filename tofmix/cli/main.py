@@ -1,0 +1,87 @@
+"""The command ``tofmix``, and what it returns to the shell."""
+
+import os
+import signal
+import sys
+from typing import NoReturn
+
+import click
+
+from tofmix import __version__
+from tofmix.cli.estimate import estimate
+from tofmix.cli.report import report
+from tofmix.cli.simulate import simulate
+from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
+
+_EPILOG = """\b
+Start here:
+  tofmix simulate three-boards -o boards.h5
+  tofmix estimate boards.h5
+  tofmix report boards.layers.h5 --recording boards.h5 --html boards.html
+
+\b
+Exit codes:
+""" + "\n".join(f"  {int(code):3d}  {text}" for code, text in EXIT_CODE_MEANINGS.items())
+
+
+@click.group(
+    epilog=_EPILOG,
+    context_settings={"help_option_names": ["-h", "--help"], "auto_envvar_prefix": "TOFMIX", "max_content_width": 100},
+)
+@click.version_option(__version__, prog_name="tofmix")
+def main() -> None:
+    """Every surface in a time-of-flight pixel.
+
+    A pixel of a time-of-flight camera is a cone: where it meets several surfaces,
+    the camera's averaging invents obstacles between them. tofmix reads recorded
+    range sequences and recovers every surface in each pixel: how many, how far,
+    what share of the beam, how sure.
+    """
+
+
+for _command in (simulate, estimate, report):
+    main.add_command(_command)
+
+
+def run(arguments: list[str] | None = None) -> NoReturn:
+    """Run the command line and leave with its exit code; never a traceback for a fault of the user's or the disk's."""
+    # A job scheduler's SIGTERM must remove unfinished files, as Ctrl-C does.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    try:
+        main.main(args=arguments, prog_name="tofmix", standalone_mode=False)
+        sys.stdout.flush()
+    except click.exceptions.Exit as leave:
+        sys.exit(leave.exit_code)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(ExitCode.USAGE)
+    except TofmixError as error:
+        _fail(str(error), error.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        _interrupted()
+    except BrokenPipeError:
+        # The reader has gone (`| head`): nothing is wrong, and nothing more can be said.
+        _discard_stdout()
+        sys.exit(128 + signal.SIGPIPE)
+    except OSError as error:
+        _discard_stdout()
+        _fail(os_error_text(error, error.filename or "standard output"), ExitCode.STORAGE)
+    sys.exit(ExitCode.DONE)
+
+
+def _fail(text: str, code: ExitCode) -> NoReturn:
+    click.echo(f"tofmix: {' '.join(text.split())}", err=True)
+    sys.exit(code)
+
+
+def _discard_stdout() -> None:
+    """Keep the interpreter from failing again, at exit, on what stdout still holds."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _interrupted() -> NoReturn:
+    """Die of SIGINT itself, so that a shell loop around us stops too."""
+    click.echo("tofmix: interrupted", err=True)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    os.kill(os.getpid(), signal.SIGINT)
+    sys.exit(ExitCode.INTERRUPTED)

@@ -1,0 +1,76 @@
+"""``tofmix report``: what came out of an estimate, for people and for scripts."""
+
+import json
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option
+
+if TYPE_CHECKING:
+    from tofmix.io.layers_file import LayersFile
+    from tofmix.io.recording_file import RecordingFile
+
+
+@examples(
+    """
+tofmix report boards.layers.h5
+tofmix report boards.layers.h5 --recording boards.h5 --html boards.html
+tofmix report boards.layers.h5 --json | python -m json.tool
+"""
+)
+@click.command(short_help="Show what an estimate found.")
+@click.argument("layers", type=PATH)
+@click.option("--recording", type=PATH, help="The recording of these layers: the page then shows its average beside them.")
+@click.option("--html", type=PATH, help="Write a self-contained page with pictures.")
+@click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window that the page shows.")
+@json_option
+@overwrite_option
+def report(layers: Path, recording: Path | None, html: Path | None, window: int, as_json: bool, overwrite: bool) -> None:
+    """Show what an estimate found: LAYERS is a file that tofmix estimate wrote.
+
+    Prints pixels by number of surfaces, the layers' ranges, shares and sigmas, and
+    pixels by status. A page (--html) shows the same in pictures.
+    """
+    from tofmix.io.layers_file import open_layers
+    from tofmix.io.recording_file import open_recording
+    from tofmix.io.storage import check_output, write_text
+    from tofmix.report.summary import summarise
+    from tofmix.report.tables import format_table
+
+    inputs = tuple(path for path in (layers, recording) if path is not None)
+    with ExitStack() as stack:
+        file = stack.enter_context(open_layers(layers))
+        source = None if recording is None else stack.enter_context(open_recording(recording))
+        if source is not None:
+            _check_recording(file, source)
+        if html is not None:
+            check_output(html, overwrite=overwrite, inputs=inputs)
+        summary = summarise(file)
+        if html is not None:
+            from tofmix.report.page import render_page
+
+            page = render_page(file, recording=source, window=window, summary=summary)
+            write_text(html, page, overwrite=overwrite, inputs=inputs)
+        if as_json:
+            click.echo(json.dumps(summary.as_dict(), indent=2, allow_nan=False))
+        else:
+            click.echo(format_table(summary))
+        if html is not None:
+            click.echo(f"page: {html}", err=as_json)
+
+
+def _check_recording(file: "LayersFile", source: "RecordingFile") -> None:
+    """Refuse a recording of another size; say so where it is merely another one."""
+    from tofmix.errors import BadInputError
+    from tofmix.io.recording_file import file_sha256
+
+    if source.shape[1:] != file.shape[1:] or source.shape[0] < int(file.window_stop[-1]):
+        raise BadInputError(
+            f"{source.path}: range: shape {source.shape} does not go with {file.path}, which has"
+            f" {file.shape[1]} x {file.shape[2]} pixels and windows up to frame {int(file.window_stop[-1])}"
+        )
+    if file_sha256(source.path) != file.provenance.source_sha256:
+        click.echo(f"tofmix: {source.path} is not the recording that {file.path} was made from", err=True)

@@ -1,0 +1,115 @@
+"""``tofmix simulate``: a model in, a synthetic recording out."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tofmix.cli.options import PATH, default_workers, examples, overwrite_option, progress_bar
+
+if TYPE_CHECKING:
+    from tofmix.simulation.model import Model
+
+
+def _list_models(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if not wanted or context.resilient_parsing:
+        return
+    from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_description
+
+    for name in BUILTIN_MODELS:
+        click.echo(f"{name:14s} {builtin_description(name)}")
+    context.exit()
+
+
+@examples(
+    """
+tofmix simulate three-boards -o boards.h5
+tofmix simulate three-boards --averaged -o averaged.h5
+tofmix simulate corridor --print-model > my_scene.toml
+tofmix simulate my_scene.toml -o my_scene.h5 --frames 500 --seed 7
+"""
+)
+@click.command(short_help="Write a synthetic recording of a model scene.")
+@click.argument("model")
+@click.option("-o", "--output", type=PATH, help="Recording to write.")
+@click.option("--frames", type=click.IntRange(1), help="Frames.  [default: the model's]")
+@click.option("--seed", type=click.IntRange(0), help="Seed; the same seed gives the same file.  [default: the model's]")
+@click.option(
+    "--averaged", is_flag=True, help="Frames as the camera's on-board averaging returns them: the comet tail."
+)
+@click.option("--print-model", is_flag=True, help="Print the model as TOML, to start your own from.")
+@click.option(
+    "--list", is_flag=True, is_eager=True, expose_value=False, callback=_list_models, help="List the built-in models."
+)
+@overwrite_option
+def simulate(
+    model: str,
+    output: Path | None,
+    frames: int | None,
+    seed: int | None,
+    averaged: bool,
+    print_model: bool,
+    overwrite: bool,
+) -> None:
+    """Write a synthetic recording of MODEL, a TOML file or a built-in model.
+
+    A model describes a camera and the boards that it looks at. Each sample is one
+    event: a surface with its share of the pixel's beam, no return, or a random
+    value; with the camera's noise at that range. The recording carries the truth.
+    """
+    if print_model:
+        from tofmix.io.model_file import load_model_text
+
+        click.echo(load_model_text(model), nl=False)
+        return
+    if output is None:
+        raise click.UsageError("Missing option '-o' / '--output'.")
+
+    from tofmix.io.model_file import load_model
+    from tofmix.io.storage import check_output
+
+    scene = load_model(model)
+    check_output(output, overwrite=overwrite, inputs=(Path(model),))
+    recording = scene.recording
+    chosen = replace(
+        recording,
+        frames=recording.frames if frames is None else frames,
+        seed=recording.seed if seed is None else seed,
+    )
+    _write(replace(scene, recording=chosen), model, output, averaged, overwrite)
+
+
+def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: bool) -> None:
+    from tofmix.io.recording_file import CHUNK_FRAMES, RecordingWriter
+    from tofmix.simulation.cast import cast_scene
+    from tofmix.simulation.render import recording_sensor, render_blocks
+
+    n_frames, seed = model.recording.frames, model.recording.seed
+    shape = (n_frames, model.sensor.rows, model.sensor.cols)
+    sensor = recording_sensor(model, averaged=averaged)
+    truth = cast_scene(model)
+    writer = RecordingWriter(
+        output,
+        shape=shape,
+        sensor=sensor,
+        truth=truth,
+        model_text=model.text,
+        title=f"synthetic recording of {Path(name).name}",
+        attributes={"seed": seed, "averaged": int(averaged)},
+        overwrite=overwrite,
+    )
+    with writer, progress_bar(n_frames, "simulate", "frame") as bar:
+        for block in render_blocks(
+            model,
+            truth,
+            n_frames=n_frames,
+            seed=seed,
+            averaged=averaged,
+            block_frames=CHUNK_FRAMES,
+            threads=default_workers(),
+        ):
+            writer.write(block.start, block.range_mm, time_s=block.time_s, amplitude=block.amplitude)
+            bar.update(len(block.range_mm))
+    kind = "averaged frames" if averaged else "frames"
+    click.echo(f"{output}: {n_frames} {kind} of {shape[1]} x {shape[2]} pixels, seed {seed}")

@@ -1,0 +1,59 @@
+"""The errors that users meet, each with its exit code.
+
+Raise one of these wherever the fault lies outside the program: the command line
+prints its text as one line on stderr and leaves with its exit code. Any other
+exception is a bug of ours and exits with 1.
+"""
+
+from enum import IntEnum
+from pathlib import Path
+
+
+class ExitCode(IntEnum):
+    """What each command of ``tofmix`` returns to the shell."""
+
+    DONE = 0
+    BUG = 1
+    USAGE = 2
+    BAD_INPUT = 3
+    STORAGE = 4
+    INTERRUPTED = 130
+
+
+EXIT_CODE_MEANINGS: dict[ExitCode, str] = {
+    ExitCode.DONE: "done",
+    ExitCode.BUG: "a bug of ours; please report it",
+    ExitCode.USAGE: "usage: an unknown option or value, or an output that exists (pass --overwrite)",
+    ExitCode.BAD_INPUT: "bad input: a missing, damaged or unfit recording, layers file or model",
+    ExitCode.STORAGE: "disk or I/O: the output cannot be written",
+    ExitCode.INTERRUPTED: "interrupted (Ctrl-C)",
+}
+
+
+class TofmixError(Exception):
+    """A fault that the user can mend. Its text is one line: what, where, and the remedy."""
+
+    exit_code = ExitCode.BUG
+
+
+class UsageError(TofmixError):
+    """The call does not fit, for example an output that exists."""
+
+    exit_code = ExitCode.USAGE
+
+
+class BadInputError(TofmixError):
+    """A file that was read is missing, damaged, or not what it must be."""
+
+    exit_code = ExitCode.BAD_INPUT
+
+
+class StorageError(TofmixError):
+    """A file could not be written: no space, no permission, no such folder."""
+
+    exit_code = ExitCode.STORAGE
+
+
+def os_error_text(error: OSError, path: Path | str) -> str:
+    """``path: reason`` of an operating system error, without its number."""
+    return f"{path}: {error.strerror or error}"

@@ -1,0 +1,200 @@
+"""From the samples of many pixels to their layers: steps 1 and 2, pixel by pixel.
+
+Use `layer_pixels` on a block of samples in memory. It is a pure function of
+each pixel's samples: neither the neighbours, nor the block's size, nor the order
+of the frames changes a result.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.estimation.counting import count_surfaces, drop_unsupported
+from tofmix.estimation.density import sigma_at
+from tofmix.estimation.mixture import (
+    Components,
+    expectation_maximisation,
+    log_likelihood,
+    new_components,
+    start_at,
+)
+from tofmix.estimation.modes import MAX_PEAKS, find_peaks
+from tofmix.estimation.settings import MODE_TIED, Beam, EstimateOptions, Knobs, beam_of, knobs_of
+from tofmix.estimation.uncertainty import range_errors
+from tofmix.flags import Status
+from tofmix.jit import jit
+from tofmix.layers import Layers
+from tofmix.sensor import NoiseCurve, Sensor
+
+CLEAR_SIGMAS = 4.0
+"""One peak and no sample farther from the mean than this: the mean is the fit, no EM is needed."""
+
+NO_RETURN_REACH = 6.0
+"""Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""
+
+FARTHEST_MM = 1.0e9
+"""A value beyond this is no range of any camera, and is skipped as invalid."""
+
+_OK = int(Status.OK)
+_TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
+_NOT_CONVERGED = int(Status.NOT_CONVERGED)
+_NO_SURFACE = int(Status.NO_SURFACE)
+_DEGENERATE = int(Status.DEGENERATE)
+
+
+@jit
+def _gather(block: Float32Array, pixel: int, samples: FloatArray) -> int:
+    """Copy a pixel's valid samples to the front of `samples`; return how many."""
+    n = 0
+    for frame in range(block.shape[0]):
+        value = block[frame, pixel]
+        if abs(value) <= FARTHEST_MM:  # false for NaN
+            samples[n] = value
+            n += 1
+    return n
+
+
+@jit
+def _split_no_return(places: FloatArray, heights: FloatArray, k: int, beam: Beam) -> tuple[int, float]:
+    """Take the peaks that belong to c_0 off the end; return the surfaces' number and c_0's height."""
+    no_return = 0.0
+    while k > 0 and places[k - 1] > beam.no_return_from:
+        k -= 1
+        no_return += heights[k]
+    return k, no_return
+
+
+@jit
+def _fit_clear(samples: FloatArray, fit: Components, beam: Beam, mode: int) -> bool:
+    """Fit one surface by the mean of all samples, if none is far from it (paper, section V: no EM is needed)."""
+    n = len(samples)
+    mean = np.sum(samples) / n
+    sigma = sigma_at(mean, beam.curve_range, beam.curve_sigma)
+    if max(samples[n - 1] - mean, mean - samples[0]) > CLEAR_SIGMAS * sigma or mean > beam.no_return_from:
+        return False
+    fit.mean[0], fit.sigma[0], fit.weight[0], fit.no_return[0] = mean, sigma, 1.0 - beam.p_outlier, 0.0
+    if mode != MODE_TIED:
+        # All samples are the surface's: one EM iteration is the solution, sigma included.
+        expectation_maximisation(samples, 1, fit, beam, mode, 1, 1.0)
+    fit.support[0], fit.no_return[1] = n, 0.0
+    return True
+
+
+@jit
+def _fit_pixel(
+    samples: FloatArray,
+    places: FloatArray,
+    heights: FloatArray,
+    work: tuple[Components, Components, Components],
+    orphans: FloatArray,
+    beam: Beam,
+    knobs: Knobs,
+) -> tuple[int, int, int]:
+    """Return surfaces found, peaks found, and EM iterations (negative: not converged); the fit is work[0]."""
+    fit = work[0]
+    found = find_peaks(samples, beam.curve_range, beam.curve_sigma, knobs.gamma, knobs.epsilon, places, heights)
+    start, no_return = _split_no_return(places, heights, max(found, 1), beam)
+    n_peaks = min(start, found)
+    if start == 1 and no_return == 0.0 and _fit_clear(samples, fit, beam, knobs.mode):
+        return 1, n_peaks, 0
+    near = samples[len(samples) - 1] > beam.range_max - NO_RETURN_REACH * beam.sigma_max
+    no_return = max(no_return, 1.0 / len(samples)) if near else 0.0
+    start_at(places, heights, start, no_return, fit, beam)
+    k, before = count_surfaces(samples, start, work, orphans, beam, knobs)
+    while True:
+        # Counting has brought the tied fit near its end: the last fit has what is left of the iterations.
+        rest = max(knobs.max_iter - before, 1)
+        n_iter = expectation_maximisation(samples, k, fit, beam, knobs.mode, rest, knobs.tol)
+        left = drop_unsupported(k, fit, beam)
+        if left == k:
+            total = min(before + abs(n_iter), knobs.max_iter)
+            return k, n_peaks, total if n_iter > 0 else -total
+        k = left
+
+
+@jit
+def _sort_surfaces(k: int, fit: Components) -> None:
+    """Put the surfaces in order, near to far."""
+    for i in range(1, k):
+        for j in range(i, 0, -1):
+            if fit.mean[j - 1] <= fit.mean[j]:
+                break
+            for values in (fit.mean, fit.sigma, fit.weight, fit.support):
+                values[j - 1], values[j] = values[j], values[j - 1]
+
+
+@jit
+def _layer_block(block: Float32Array, out: tuple[NDArray[Any], ...], beam: Beam, knobs: Knobs) -> None:
+    """Fill `out`, the arrays of `Layers` in their order, for the pixels of block (frame, pixel)."""
+    n_modes, n_peaks, mean, sigma, weight, stderr, no_return, outlier, likelihood, n_samples, n_iter, status = out
+    scratch, orphans = np.zeros(block.shape[0]), np.zeros(block.shape[0])
+    places, heights, errors = np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)
+    work = new_components(MAX_PEAKS), new_components(MAX_PEAKS), new_components(MAX_PEAKS)
+    fit = work[0]
+    for pixel in range(block.shape[1]):
+        n = _gather(block, pixel, scratch)
+        n_samples[pixel] = n
+        if n < knobs.min_samples:
+            status[pixel] = _TOO_FEW_SAMPLES
+            continue
+        samples = scratch[:n]
+        samples.sort()
+        k, peaks, iterations = _fit_pixel(samples, places, heights, work, orphans, beam, knobs)
+        _sort_surfaces(k, fit)
+        known = range_errors(samples, k, fit, beam, errors)
+        n_modes[pixel], n_peaks[pixel] = k, peaks
+        n_iter[pixel] = abs(iterations)
+        for i in range(k):
+            mean[pixel, i], sigma[pixel, i] = fit.mean[i], fit.sigma[i]
+            weight[pixel, i], stderr[pixel, i] = fit.weight[i], errors[i]
+        no_return[pixel] = fit.no_return[0]
+        outlier[pixel] = beam.p_outlier if k > 0 or fit.no_return[0] > 0.0 else 1.0
+        likelihood[pixel] = log_likelihood(samples, k, fit, beam)
+        if k == 0:
+            status[pixel] = _NO_SURFACE
+        elif iterations < 0:
+            status[pixel] = _NOT_CONVERGED
+        else:
+            status[pixel] = _OK if known else _DEGENERATE
+
+
+def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: EstimateOptions | None = None) -> Layers:
+    """Layers of each pixel of a block.
+
+    Parameters
+    ----------
+    range_mm : (frame, pixel) or (frame, row, col) array of float
+        Samples, mm; values that are not finite, or beyond 10^9 mm, are skipped.
+    sensor : Sensor
+        Noise curve, working range and p(c_r).
+    options : EstimateOptions, optional
+        Defaults without it.
+
+    Returns
+    -------
+    Layers
+        Of the leading shape (pixel,) or (row, col).
+
+    Raises
+    ------
+    ValueError
+        If the samples have another number of dimensions or no frame, or the sensor has no noise curve.
+    """
+    samples = np.asarray(range_mm, dtype=np.float32)
+    if samples.ndim not in (2, 3) or samples.shape[0] == 0:
+        raise ValueError(f"range: expected (frame, pixel) or (frame, row, col), got shape {samples.shape}")
+    options = options or EstimateOptions()
+    block = np.ascontiguousarray(samples).reshape(samples.shape[0], math.prod(samples.shape[1:]))
+    out = Layers.empty((block.shape[1],), options.max_layers)
+    _layer_block(block, out.arrays(), beam_of(sensor), knobs_of(options))
+    return out.reshaped(samples.shape[1:])
+
+
+def warm_up(options: EstimateOptions) -> None:
+    """Compile the kernels, or load them from their cache, by fitting one made-up pixel."""
+    noise = NoiseCurve(np.array([1000.0]), np.array([10.0]))
+    sensor = Sensor(name="warm-up", range_max_mm=2000.0, noise=noise)
+    layer_pixels(np.full((options.min_samples, 1), 1000.0), sensor, options)

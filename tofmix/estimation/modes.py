@@ -1,0 +1,140 @@
+"""Step 1, second half: the peaks of the density, test (5).
+
+A peak is a run of places with p > gamma, |dp/dr| < epsilon and d2p/dr2 < 0. The
+walk goes over the samples in steps of sigma / 8; where dp/dr changes its sign
+between two steps, the run holds that place, so that a strict peak is found
+however small epsilon is. Peaks give a *minimum* of the number of surfaces, and
+positions that neighbours displace; `mixture` and `counting` go on from them.
+
+In the derivatives the bandwidth is held at its local value. The full derivative
+of (4) jumps at the corners of a noise curve, which can split one peak in two.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tofmix.arrays import FloatArray
+from tofmix.estimation.density import BANDWIDTH, REACH, kernel_sums, sigma_at, within_reach
+from tofmix.estimation.settings import EstimateOptions
+from tofmix.jit import jit
+from tofmix.sensor import NoiseCurve
+
+STEP = 0.125
+"""Step of the walk in units of sigma(r): a quarter of the bandwidth."""
+
+PEAK_OF_SHARE = 1.0 / math.sqrt(1.0 + 1.0 / BANDWIDTH**2)
+"""Height of the smoothed peak of a surface of share 1, in units of one kernel's peak."""
+
+LONE_SAMPLES = 3.0
+"""A peak must be as high as that of a surface of 3 samples: one sample alone, as high as one of 2.2, is none."""
+
+MAX_PEAKS = 64
+"""Most peaks whose places are kept; more than that in one pixel is noise."""
+
+
+@jit
+def find_peaks(
+    samples: FloatArray,
+    curve_range: FloatArray,
+    curve_sigma: FloatArray,
+    gamma: float,
+    epsilon: float,
+    places: FloatArray,
+    heights: FloatArray,
+) -> int:
+    """Fill `places` (mm) and `heights` (share) with the peaks, ascending; return how many.
+
+    `samples` are sorted. The highest place is kept even where no peak passes gamma,
+    with the count 0, as the start of a fit: few samples may not pile up.
+    """
+    n = len(samples)
+    threshold = max(gamma * n, LONE_SAMPLES) * PEAK_OF_SHARE
+    count, in_run = 0, False
+    place, height, flattest = 0.0, 0.0, math.inf
+    best_place, best_height = samples[0], 0.0
+    first, stop, before = 0, 0, math.nan
+    r = samples[0] - sigma_at(samples[0], curve_range, curve_sigma)
+    # The walk ends past the last kernel's reach, where every run has ended.
+    end = samples[n - 1] + (BANDWIDTH * REACH + 1.0) * sigma_at(samples[n - 1], curve_range, curve_sigma)
+    while r <= end:
+        sigma = sigma_at(r, curve_range, curve_sigma)
+        h = BANDWIDTH * sigma
+        first, stop = within_reach(samples, first, stop, r - REACH * h, r + REACH * h)
+        turns, flat, slope, total, next_r = False, False, math.nan, 0.0, r + STEP * sigma
+        if first < stop:
+            total, moment1, moment2 = kernel_sums(samples, first, stop, r, h)
+            slope = -moment1 / total  # dp/dr in units of p / h
+            turns = before > 0.0 >= slope
+            flat = abs(slope) < epsilon and moment2 < total  # |dp/dr| < epsilon and d2p/dr2 < 0
+        elif first < n:
+            next_r = max(next_r, samples[first] - REACH * h)  # nothing near: go to the next sample
+        if turns or flat:
+            if not in_run:
+                in_run, height, flattest = True, 0.0, math.inf
+            if turns:
+                place, flattest = r - STEP * sigma * slope / (slope - before), 0.0
+            elif abs(slope) < flattest:
+                place, flattest = r, abs(slope)
+            height = max(height, total)
+        if total > best_height:
+            best_place, best_height = r, total
+        if in_run and not flat:
+            in_run = False
+            if height > threshold:  # p > gamma
+                count = _keep(places, heights, count, place, height / (n * PEAK_OF_SHARE))
+        before, r = slope, next_r
+    if count == 0:
+        places[0], heights[0] = best_place, best_height / (n * PEAK_OF_SHARE)
+    return count
+
+
+@jit
+def _keep(places: FloatArray, heights: FloatArray, count: int, place: float, height: float) -> int:
+    """Append a peak; where there is no room, the lowest one gives way."""
+    if count < len(places):
+        places[count], heights[count] = place, height
+        return count + 1
+    lowest = int(np.argmin(heights))
+    if height > heights[lowest]:
+        places[lowest:-1] = places[lowest + 1 :].copy()
+        heights[lowest:-1] = heights[lowest + 1 :].copy()
+        places[-1], heights[-1] = place, height
+    return count
+
+
+def find_modes(samples_mm: ArrayLike, noise: NoiseCurve, options: EstimateOptions) -> FloatArray:
+    """Peaks of one pixel's density, test (5).
+
+    Parameters
+    ----------
+    samples_mm : (n,) array_like
+        Samples, mm; values that are not finite are left out.
+    noise : NoiseCurve
+        sigma(r).
+    options : EstimateOptions
+        `gamma` and `epsilon` are used.
+
+    Returns
+    -------
+    (k,) float64
+        Places of the peaks, mm, near to far; k may be 0, and at most `MAX_PEAKS`.
+
+    Raises
+    ------
+    ValueError
+        If there is no finite sample.
+
+    References
+    ----------
+    Pathak, Birk and Poppinga, IROS 2008, equation (5).
+    """
+    samples = np.asarray(samples_mm, dtype=np.float64).ravel()
+    samples = np.sort(samples[np.isfinite(samples)])
+    if samples.size == 0:
+        raise ValueError("samples: none is finite")
+    places, heights = np.empty(MAX_PEAKS), np.empty(MAX_PEAKS)
+    curve = np.array(noise.range_mm), np.array(noise.sigma_mm)
+    count = find_peaks(samples, *curve, options.gamma, options.epsilon, places, heights)
+    return places[:count].copy()

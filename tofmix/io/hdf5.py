@@ -1,0 +1,259 @@
+"""What recordings and layers files have in common: named dimensions, attributes, checked reading.
+
+Files written here follow HDF5 dimension scales and CF-1.11, so that xarray and
+netCDF-4 open them with named dimensions, and NeXus, so that its viewers find a
+default signal. Every chunk has a checksum: without one, a flipped bit is read
+back as a wrong number in silence.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tofmix.errors import BadInputError, os_error_text
+from tofmix.io.storage import AtomicFile
+from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
+
+FORMAT_VERSION = "1.0"
+CONVENTIONS = "CF-1.11"
+
+# Readable by h5dump of Debian 12 and by netCDF-C; "latest" is not.
+_LIBVER = ("v108", "v110")
+
+_SENSOR_NUMBERS = (
+    "modulation_frequency_hz",
+    "integration_time_ms",
+    "range_min_mm",
+    "range_max_mm",
+    "fov_horizontal_deg",
+    "fov_vertical_deg",
+    "outlier_probability",
+)
+
+
+@contextmanager
+def create(file: AtomicFile, *, kind: str, title: str, history: str) -> Iterator[h5py.File]:
+    """Open a new HDF5 file of a tofmix format over `file`, with its root attributes.
+
+    `file` is committed when the block ends without an exception.
+    """
+    with h5py.File(file.sink, "w", libver=_LIBVER) as root:
+        root.attrs["format"] = kind
+        root.attrs["format_version"] = FORMAT_VERSION
+        root.attrs["Conventions"] = CONVENTIONS
+        root.attrs["title"] = title
+        root.attrs["history"] = history
+        yield root
+    file.commit()
+
+
+def add_scale(group: h5py.Group, name: str, length: int) -> None:
+    """Add a dimension scale `name` that counts from 0."""
+    scale = group.create_dataset(name, data=np.arange(length, dtype=np.uint32))
+    scale.attrs["units"] = "1"
+    scale.attrs["long_name"] = f"{name} index"
+    scale.make_scale(name)
+
+
+def add_variable(
+    group: h5py.Group,
+    name: str,
+    *,
+    dims: Mapping[str, int],
+    dtype: str,
+    units: str,
+    long_name: str,
+    chunks: tuple[int, ...] | None = None,
+    fill: float | None = None,
+    data: ArrayLike | None = None,
+) -> h5py.Dataset:
+    """Add a dataset attached to the dimension scales `dims` (name -> length) of the root or of `group`."""
+    shape = tuple(dims.values())
+    options = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
+    dataset = group.create_dataset(
+        name,
+        shape=shape,
+        dtype=dtype,
+        data=data,
+        chunks=chunks or tuple(max(1, n) for n in shape),
+        fillvalue=fill,
+        **options,
+    )
+    dataset.attrs["units"] = units
+    dataset.attrs["long_name"] = long_name
+    if fill is not None:
+        dataset.attrs["_FillValue"] = np.array([fill], dtype=dtype)
+    for axis, dim in enumerate(dims):
+        dataset.dims[axis].attach_scale(group[dim] if dim in group else group.file[dim])
+    return dataset
+
+
+def add_nexus_view(root: h5py.File, *, name: str, signal: str, axes: tuple[str, ...]) -> None:
+    """Add /entry/NAME, soft links that tell NeXus viewers which signal to show."""
+    root.attrs["NX_class"] = "NXroot"
+    root.attrs["default"] = "entry"
+    entry = root.create_group("entry")
+    entry.attrs["NX_class"] = "NXentry"
+    entry.attrs["default"] = name
+    view = entry.create_group(name)
+    view.attrs["NX_class"] = "NXdata"
+    view.attrs["signal"] = signal
+    view.attrs["axes"] = list(axes)
+    for link in (signal, *axes):
+        view[link] = h5py.SoftLink(f"/{link}")
+
+
+def write_sensor(root: h5py.File, sensor: Sensor) -> None:
+    """Write the group `sensor`; a number that is not known is NaN."""
+    group = root.create_group("sensor")
+    group.attrs["name"] = sensor.name
+    for key in _SENSOR_NUMBERS:
+        value = getattr(sensor, key)
+        group.attrs[key] = np.nan if value is None else float(value)
+    if sensor.noise is not None:
+        curve = {"noise_range": sensor.noise.range_mm, "noise_sigma": sensor.noise.sigma_mm}
+        for name, values in curve.items():
+            group.create_dataset(name, data=values).attrs["units"] = "mm"
+
+
+def read_sensor(root: h5py.File, path: Path) -> Sensor:
+    """Read the group `sensor`; a file without one gives a sensor of which nothing is known.
+
+    Raises
+    ------
+    BadInputError
+        If an attribute is not a number or out of bounds, or the noise curve is unfit.
+    """
+    group = root.get("sensor")
+    if group is None:
+        return Sensor(name="unknown")
+    if not isinstance(group, h5py.Group):
+        raise BadInputError(f"{path}: sensor: expected a group, got a dataset")
+    numbers = {key: _number(group, key, path) for key in _SENSOR_NUMBERS}
+    # NaN: not known; inf: no such limit, as for a stereo camera's [686, inf).
+    known = {key: value for key, value in numbers.items() if value is not None and np.isfinite(value)}
+    known.setdefault("outlier_probability", DEFAULT_OUTLIER_PROBABILITY)
+    try:
+        noise = _read_noise(group, path)
+        return Sensor(name=text_attribute(group, "name") or "unknown", noise=noise, **known)
+    except ValueError as error:
+        raise BadInputError(f"{path}: sensor: {error}") from error
+
+
+def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:
+    present = [name for name in ("noise_range", "noise_sigma") if name in group]
+    if not present:
+        return None
+    if len(present) == 1:
+        raise BadInputError(f"{path}: sensor: {present[0]} without its twin; noise_range and noise_sigma go together")
+    curve = []
+    for name in present:
+        dataset = checked_dataset(group, name, path)
+        if dataset.dtype.kind not in "iuf":
+            raise BadInputError(f"{path}: sensor/{name}: expected numbers, got {dataset.dtype}")
+        with reading(path, f"sensor/{name}"):
+            curve.append(np.asarray(dataset[...], dtype=np.float64))
+    return NoiseCurve(*curve)
+
+
+def _number(group: h5py.Group, key: str, path: Path) -> float | None:
+    if key not in group.attrs:
+        return None
+    value = np.asarray(group.attrs[key])
+    if value.size != 1 or value.dtype.kind not in "iuf":
+        raise BadInputError(f"{path}: sensor: {key}: expected one number, got {group.attrs[key]!r}")
+    return float(value.reshape(-1)[0])
+
+
+def text_attribute(item: h5py.Group | h5py.Dataset, key: str) -> str | None:
+    """Return a text attribute, fixed or variable length, or None where there is none."""
+    value = item.attrs.get(key)
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.reshape(-1)[0]
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return value if isinstance(value, str) else None
+
+
+@contextmanager
+def open_for_reading(path: Path) -> Iterator[h5py.File]:
+    """Open an HDF5 file, with one clear error for each way in which it can be unfit.
+
+    Raises
+    ------
+    BadInputError
+        If the file is missing, cannot be read, is not HDF5 or is cut short.
+    """
+    try:
+        with path.open("rb") as probe:
+            probe.read(1)
+        if not h5py.is_hdf5(path):
+            raise BadInputError(f"{path}: not an HDF5 file")
+        file = h5py.File(path, "r")
+    except OSError as error:
+        reason = os_error_text(error, path) if error.errno else f"{path}: {_library_reason(error)}"
+        raise BadInputError(reason) from error
+    with file:
+        yield file
+
+
+@contextmanager
+def reading(path: Path, name: str) -> Iterator[None]:
+    """Turn what h5py raises while data are read into one `BadInputError` that names the dataset."""
+    try:
+        yield
+    except (OSError, RuntimeError, KeyError) as error:
+        raise BadInputError(f"{path}: {name}: cannot be read: {_library_reason(error)}") from error
+
+
+def checked_dataset(group: h5py.Group, name: str, path: Path) -> h5py.Dataset:
+    """Return the dataset `name`.
+
+    Raises
+    ------
+    BadInputError
+        If there is none, or it is a group.
+    """
+    with reading(path, name):
+        item = group.get(name)
+    if item is None:
+        raise BadInputError(f"{path}: no dataset {name}")
+    if not isinstance(item, h5py.Dataset):
+        raise BadInputError(f"{path}: {name}: expected a dataset, got a group")
+    return item
+
+
+def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> None:
+    """Refuse a file of another tofmix format, or of a later version of it.
+
+    Raises
+    ------
+    BadInputError
+        If the root attributes say so; or if they are missing and `required`.
+    """
+    found = text_attribute(root, "format")
+    if found is None and not required:
+        return
+    if found != kind:
+        raise BadInputError(f"{path}: expected a {kind} file, its format attribute is {found!r}")
+    version = text_attribute(root, "format_version") or ""
+    if version.split(".")[0] != FORMAT_VERSION.split(".")[0]:
+        raise BadInputError(f"{path}: format_version {version!r}; this version reads {FORMAT_VERSION}")
+
+
+def fill_value(dataset: h5py.Dataset) -> NDArray[np.generic] | None:
+    """Return `_FillValue` as an array of length 1, or None where there is none."""
+    value = dataset.attrs.get("_FillValue")
+    return None if value is None else np.asarray(value).reshape(-1)[:1]
+
+
+def _library_reason(error: BaseException) -> str:
+    """Shorten the HDF5 library's message to its reason: the text in its last brackets."""
+    text = " ".join(str(error).split())
+    if "truncated file" in text:
+        return "truncated HDF5 file; the rest of it is missing"
+    return text[text.rfind("(") + 1 : -1] if text.endswith(")") else text

@@ -1,0 +1,222 @@
+"""Layers files (`*.layers.h5`): what `estimate` writes and `report` reads.
+
+The datasets are those of `tofmix.layers.LAYER_FIELDS`. The same layers and the
+same provenance give the same bytes, in whatever blocks they are written.
+"""
+
+import json
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.errors import BadInputError
+from tofmix.flags import Status, status_name
+from tofmix.io import hdf5
+from tofmix.io.storage import AtomicFile
+from tofmix.layers import LAYER_FIELDS, LayerField, Layers, Provenance
+from tofmix.windows import Windows
+
+FORMAT = "tofmix-layers"
+_DIMS = ("window", "row", "col", "layer")
+
+
+class LayersWriter:
+    """Writes a layers file block by block; the file gets its name when all is in.
+
+    Use it as a context manager. Blocks must come in one order whatever the number of workers.
+
+    Parameters
+    ----------
+    path : Path
+        The new file.
+    windows : Windows
+        The windows of the recording.
+    image : (int, int)
+        Rows, columns.
+    max_layers : int
+        Length of the layer axis.
+    tile : (int, int)
+        Windows and rows of one stored chunk.
+    provenance : Provenance
+        What the layers are made from and with.
+    overwrite, inputs
+        As for `AtomicFile`.
+
+    Raises
+    ------
+    UsageError, StorageError
+        As for `AtomicFile`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        windows: Windows,
+        image: tuple[int, int],
+        max_layers: int,
+        tile: tuple[int, int],
+        provenance: Provenance,
+        overwrite: bool = False,
+        inputs: tuple[Path, ...] = (),
+    ) -> None:
+        self._windows = windows
+        self._dims = dict(zip(_DIMS, (windows.count, *image, max_layers), strict=True))
+        self._tile = tile
+        self._provenance = provenance
+        self._stack = ExitStack()
+        self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs)
+
+    def __enter__(self) -> Self:
+        self._stack.enter_context(self._file)
+        history = f"tofmix {self._provenance.version} estimate {self._provenance.source}"
+        root = self._stack.enter_context(
+            hdf5.create(self._file, kind=FORMAT, title=f"surfaces of {self._provenance.source}", history=history)
+        )
+        self._root = root
+        _write_provenance(root, self._provenance)
+        for name, length in self._dims.items():
+            hdf5.add_scale(root, name, length)
+        for spec in LAYER_FIELDS:
+            self._add(spec)
+        self._add_windows()
+        hdf5.write_sensor(root, self._provenance.sensor)
+        hdf5.add_nexus_view(root, name="layers", signal="range", axes=_DIMS)
+        return self
+
+    def _add(self, spec: LayerField) -> None:
+        dims = dict(list(self._dims.items())[: 4 if spec.per_layer else 3])
+        whole = tuple(dims.values())
+        chunks = (min(self._tile[0], whole[0]), min(self._tile[1], whole[1]), *whole[2:])
+        fill = np.nan if spec.dtype.startswith("f") else None
+        dataset = hdf5.add_variable(
+            self._root, spec.name, dims=dims, dtype=spec.dtype, units=spec.units, long_name=spec.long_name,
+            chunks=chunks, fill=fill,
+        )  # fmt: skip
+        if spec.name == "status":
+            dataset.attrs["flag_values"] = np.array([int(s) for s in Status], dtype=spec.dtype)
+            dataset.attrs["flag_meanings"] = " ".join(status_name(s) for s in Status)
+
+    def _add_windows(self) -> None:
+        plan = self._windows
+        starts = np.arange(plan.count, dtype=np.uint64) * np.uint64(plan.stride)
+        for name, values, text in (
+            ("window_start", starts, "first frame of the window"),
+            ("window_stop", starts + np.uint64(plan.length), "one past the last frame of the window"),
+        ):
+            hdf5.add_variable(
+                self._root, name, dims={"window": plan.count}, dtype="u8", units="1", long_name=text, data=values
+            )
+
+    def write(self, windows: slice, rows: slice, layers: Layers) -> None:
+        """Write layers of the leading shape (window, row, col).
+
+        Raises
+        ------
+        StorageError
+            If the disk is full or fails.
+        """
+        for spec in LAYER_FIELDS:
+            self._root[spec.name][windows, rows] = getattr(layers, spec.name)
+        self._file.check()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+
+class LayersFile:
+    """An open layers file; made by `open_layers`."""
+
+    def __init__(self, root: h5py.File, path: Path) -> None:
+        self.path = path
+        self._datasets = {spec.name: _checked(root, spec, path) for spec in LAYER_FIELDS}
+        shape = self._datasets["range"].shape
+        self.shape: tuple[int, int, int] = shape[:3]
+        self.max_layers = int(shape[3])
+        for name, dataset in self._datasets.items():
+            if dataset.shape != shape[: dataset.ndim]:
+                raise BadInputError(f"{path}: {name}: shape {dataset.shape} does not go with range {shape}")
+        self.window_start = _window_bounds(root, "window_start", shape[0], path)
+        self.window_stop = _window_bounds(root, "window_stop", shape[0], path)
+        self.provenance = _read_provenance(root, path)
+
+    def read_window(self, window: int) -> Layers:
+        """Read the layers of one window, of the leading shape (row, col).
+
+        Raises
+        ------
+        BadInputError
+            If they cannot be read, for example because the file is damaged.
+        """
+        arrays: dict[str, Any] = {}
+        for name, dataset in self._datasets.items():
+            with hdf5.reading(self.path, name):
+                arrays[name] = dataset[window]
+        return Layers(**arrays)
+
+
+@contextmanager
+def open_layers(path: Path) -> Iterator[LayersFile]:
+    """Open a layers file for reading.
+
+    Raises
+    ------
+    BadInputError
+        If the file is missing, not HDF5 or cut short, or is no layers file.
+    """
+    with hdf5.open_for_reading(path) as root:
+        with hdf5.reading(path, "header"):
+            hdf5.check_format(root, path, kind=FORMAT, required=True)
+            layers = LayersFile(root, path)
+        yield layers
+
+
+def _checked(root: h5py.File, spec: LayerField, path: Path) -> h5py.Dataset:
+    dataset = hdf5.checked_dataset(root, spec.name, path)
+    rank = 4 if spec.per_layer else 3
+    if dataset.ndim != rank or dataset.dtype != np.dtype(spec.dtype):
+        raise BadInputError(
+            f"{path}: {spec.name}: expected {spec.dtype} {_DIMS[:rank]}, got {dataset.dtype} of shape {dataset.shape}"
+        )
+    return dataset
+
+
+def _window_bounds(root: h5py.File, name: str, count: int, path: Path) -> NDArray[np.uint64]:
+    dataset = hdf5.checked_dataset(root, name, path)
+    if dataset.shape != (count,):
+        raise BadInputError(f"{path}: {name}: shape {dataset.shape}, expected ({count},)")
+    with hdf5.reading(path, name):
+        return np.asarray(dataset[...], dtype=np.uint64)
+
+
+def _write_provenance(root: h5py.File, provenance: Provenance) -> None:
+    root.attrs["source"] = provenance.source
+    root.attrs["source_sha256"] = provenance.source_sha256
+    root.attrs["tofmix_version"] = provenance.version
+    root.attrs["options"] = json.dumps(provenance.options, sort_keys=True)
+    root.attrs["frames_left_out"] = provenance.frames_left_out
+
+
+def _read_provenance(root: h5py.File, path: Path) -> Provenance:
+    try:
+        options = json.loads(hdf5.text_attribute(root, "options") or "{}")
+    except ValueError as error:
+        raise BadInputError(f"{path}: attribute options: not JSON ({error})") from error
+    if not isinstance(options, dict):
+        raise BadInputError(f"{path}: attribute options: expected an object")
+    return Provenance(
+        source=hdf5.text_attribute(root, "source") or "unknown",
+        source_sha256=hdf5.text_attribute(root, "source_sha256") or "unknown",
+        version=hdf5.text_attribute(root, "tofmix_version") or "unknown",
+        sensor=hdf5.read_sensor(root, path),
+        options=options,
+        frames_left_out=int(root.attrs.get("frames_left_out", 0)),
+    )

@@ -1,0 +1,283 @@
+"""Recordings (`*.h5`): reading any that fits the contract, writing ours.
+
+Use `open_recording` for samples in blocks and `RecordingWriter` to stream frames
+into a new file. The contract is docs/formats.md.
+"""
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix import __version__
+from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.errors import BadInputError, os_error_text
+from tofmix.io import hdf5
+from tofmix.io.storage import AtomicFile
+from tofmix.sensor import Sensor
+from tofmix.simulation.truth import Truth
+
+FORMAT = "tofmix-recording"
+CHUNK_FRAMES = 100
+"""Frames stored together; also what `simulate` holds in memory at once."""
+
+_CHUNK_ROWS = 8
+_CHUNK_COLS = 22
+_NO_SAMPLE = 0
+
+
+class RecordingFile:
+    """An open recording. It is a `tofmix.recording.SampleSource`.
+
+    Made by `open_recording`; reads are in blocks, nothing is kept.
+    """
+
+    def __init__(self, root: h5py.File, path: Path) -> None:
+        self.path = path
+        self.sensor: Sensor = hdf5.read_sensor(root, path)
+        self._range = _samples(root, "range", path)
+        frames, rows, cols = self._range.shape
+        self.shape: tuple[int, int, int] = (frames, rows, cols)
+        self._amplitude = _samples(root, "amplitude", path) if "amplitude" in root else None
+        if self._amplitude is not None and self._amplitude.shape != self.shape:
+            raise BadInputError(f"{path}: amplitude: shape {self._amplitude.shape} differs from range {self.shape}")
+
+    @property
+    def has_amplitude(self) -> bool:
+        """Whether the recording holds amplitudes."""
+        return self._amplitude is not None
+
+    @property
+    def row_step(self) -> int:
+        """Rows of a stored chunk, so that no chunk is unpacked twice."""
+        return int(self._range.chunks[1]) if self._range.chunks else 1
+
+    def read_range(self, frames: slice, rows: slice) -> Float32Array:
+        """Read samples (frame, row, col) float32 in mm, NaN where invalid.
+
+        Raises
+        ------
+        BadInputError
+            If the block cannot be read, for example because it is damaged.
+        """
+        with hdf5.reading(self.path, "range"):
+            raw = self._range[frames, rows]
+        samples: Float32Array = raw.astype(np.float32)
+        samples[_invalid(raw, hdf5.fill_value(self._range))] = np.nan
+        return samples
+
+    def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
+        """Read amplitudes (frame, row, col) float32.
+
+        Raises
+        ------
+        BadInputError
+            If there are none, or the block cannot be read.
+        """
+        if self._amplitude is None:
+            raise BadInputError(f"{self.path}: no dataset amplitude")
+        with hdf5.reading(self.path, "amplitude"):
+            amplitude: Float32Array = self._amplitude[frames, rows].astype(np.float32)
+        return amplitude
+
+
+@contextmanager
+def open_recording(path: Path) -> Iterator[RecordingFile]:
+    """Open a recording for reading.
+
+    Raises
+    ------
+    BadInputError
+        If the file is missing, not HDF5 or cut short, is no recording, or does not fit the contract.
+    """
+    with hdf5.open_for_reading(path) as root:
+        with hdf5.reading(path, "header"):
+            hdf5.check_format(root, path, kind=FORMAT, required=False)
+            recording = RecordingFile(root, path)
+        yield recording
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file's bytes, in hexadecimal.
+
+    Raises
+    ------
+    BadInputError
+        If it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise BadInputError(os_error_text(error, path)) from error
+
+
+def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
+    dataset = hdf5.checked_dataset(root, name, path)
+    if dataset.ndim != 3:
+        raise BadInputError(f"{path}: {name}: expected (frame, row, col), got shape {dataset.shape}")
+    if 0 in dataset.shape:
+        raise BadInputError(f"{path}: {name}: shape {dataset.shape} holds no sample")
+    if dataset.dtype.kind not in "iuf":
+        raise BadInputError(f"{path}: {name}: expected integers or floats, got {dataset.dtype}")
+    units = hdf5.text_attribute(dataset, "units")
+    if name == "range" and units not in (None, "mm", "millimeter", "millimetre"):
+        raise BadInputError(f"{path}: range: units {units!r}, expected 'mm'")
+    return dataset
+
+
+def _invalid(raw: NDArray[np.generic], fill: NDArray[np.generic] | None) -> BoolArray:
+    """Which values are no samples: `_FillValue`, NaN and infinities; without it, an integer 0."""
+    if raw.dtype.kind == "f":
+        invalid: BoolArray = ~np.isfinite(raw)
+        return invalid if fill is None else invalid | (raw == fill)
+    return np.asarray(raw == (0 if fill is None else fill), dtype=np.bool_)
+
+
+class RecordingWriter:
+    """Streams frames into a new recording, which gets its name when the last one is in.
+
+    Use it as a context manager; write every frame, in order, in blocks of `CHUNK_FRAMES`.
+
+    Parameters
+    ----------
+    path : Path
+        The new file.
+    shape : (int, int, int)
+        Frames, rows, columns.
+    sensor : Sensor
+        The camera, with the noise curve at this recording's integration time.
+    truth : Truth, optional
+        Ground truth of a synthetic recording.
+    model_text : str
+        Text of the model file that a synthetic recording is made from; goes with `truth`.
+    title : str
+        The file's title.
+    has_amplitude, has_temperature : bool
+        Whether amplitudes, and temperatures, will be written.
+    attributes : dict, optional
+        Further root attributes.
+    overwrite, inputs
+        As for `AtomicFile`.
+
+    Raises
+    ------
+    UsageError, StorageError
+        As for `AtomicFile`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        shape: tuple[int, int, int],
+        sensor: Sensor,
+        truth: Truth | None = None,
+        model_text: str = "",
+        title: str = "time-of-flight recording",
+        has_amplitude: bool = True,
+        has_temperature: bool = False,
+        attributes: dict[str, str | int | float] | None = None,
+        overwrite: bool = False,
+        inputs: tuple[Path, ...] = (),
+    ) -> None:
+        self._shape = shape
+        self._sensor = sensor
+        self._truth = truth
+        self._model_text = model_text
+        self._title = title
+        self._has_amplitude = has_amplitude
+        self._has_temperature = has_temperature
+        self._attributes = attributes or {}
+        self._stack = ExitStack()
+        self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs)
+
+    def __enter__(self) -> Self:
+        self._stack.enter_context(self._file)
+        history = f"written by tofmix {__version__}"
+        root = self._stack.enter_context(hdf5.create(self._file, kind=FORMAT, title=self._title, history=history))
+        root.attrs.update(self._attributes)
+        self._root = root
+        frames, rows, cols = self._shape
+        dims = {"frame": frames, "row": rows, "col": cols}
+        for name, length in dims.items():
+            hdf5.add_scale(root, name, length)
+        chunks = (min(frames, CHUNK_FRAMES), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS))
+        hdf5.add_variable(
+            root, "range", dims=dims, dtype="u2", units="mm", long_name="radial range", chunks=chunks, fill=_NO_SAMPLE
+        )
+        if self._has_amplitude:
+            hdf5.add_variable(
+                root, "amplitude", dims=dims, dtype="f4", units="1", long_name="amplitude", chunks=chunks
+            )
+        frame = {"frame": frames}
+        hdf5.add_variable(root, "time", dims=frame, dtype="f8", units="s", long_name="start of the frame")
+        if self._has_temperature:
+            hdf5.add_variable(root, "temperature", dims=frame, dtype="f4", units="degC", long_name="temperature")
+        hdf5.write_sensor(root, self._sensor)
+        if self._truth is not None:
+            _write_truth(root, self._truth, self._model_text)
+        hdf5.add_nexus_view(root, name="recording", signal="range", axes=("frame", "row", "col"))
+        return self
+
+    def write(
+        self,
+        start: int,
+        range_mm: NDArray[np.uint16],
+        *,
+        time_s: FloatArray,
+        amplitude: Float32Array | None = None,
+        temperature_c: Float32Array | None = None,
+    ) -> None:
+        """Write frames [start, start + n).
+
+        range_mm (n, row, col) uint16, 0 where invalid; amplitude (n, row, col); time_s and temperature_c (n,).
+
+        Raises
+        ------
+        StorageError
+            If the disk is full or fails.
+        """
+        stop = start + len(range_mm)
+        self._root["range"][start:stop] = range_mm
+        self._root["time"][start:stop] = time_s
+        if amplitude is not None:
+            self._root["amplitude"][start:stop] = amplitude
+        if temperature_c is not None:
+            self._root["temperature"][start:stop] = temperature_c
+        self._file.check()
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.__exit__(kind, error, trace)
+
+
+def _write_truth(root: h5py.File, truth: Truth, model_text: str) -> None:
+    group = root.create_group("truth")
+    group.attrs["model"] = model_text
+    rows, cols, layers = truth.range_true.shape
+    hdf5.add_scale(group, "layer", layers)
+    image = {"row": rows, "col": cols}
+    layered = {**image, "layer": layers}
+    hdf5.add_variable(
+        group, "n_modes", dims=image, dtype="u1", units="1", long_name="surfaces in the beam", data=truth.n_modes
+    )
+    hdf5.add_variable(
+        group, "range_true", dims=layered, dtype="f4", units="mm", long_name="range of each surface, near to far",
+        fill=np.nan, data=truth.range_true,
+    )  # fmt: skip
+    hdf5.add_variable(
+        group, "weight_true", dims=layered, dtype="f4", units="1", long_name="share of the beam, p(c_i)",
+        fill=np.nan, data=truth.weight_true,
+    )  # fmt: skip
+    hdf5.add_variable(
+        group, "weight_no_return", dims=image, dtype="f4", units="1", long_name="share without a return, p(c_0)",
+        data=truth.weight_no_return,
+    )  # fmt: skip

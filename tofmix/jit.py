@@ -1,0 +1,73 @@
+"""The one JIT decorator, with the reasons for its options.
+
+``cache=True``: a second run compiles nothing. numba checks only the file in which
+a cached function stands, not those of the functions it calls, so a change to one
+kernel would leave its callers running the old one. The cache folder therefore
+carries a fingerprint of all kernel sources. It lies in the package folder, or where
+that is not writable in the user's cache folder, or else in the temporary folder;
+``NUMBA_CACHE_DIR`` overrides all three.
+``nogil=True``: threads run kernels side by side on one process's memory.
+``error_model="numpy"``: a division by zero gives inf or NaN as in NumPy, and the
+loop vectorises; kernels never rely on an exception.
+No ``fastmath``: sums must not depend on how the compiler reorders them on another
+machine.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import numba
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_PACKAGE = Path(__file__).parent
+_KERNEL_FOLDERS = ("estimation", "simulation")
+
+
+def jit(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` in nopython mode with the package's options."""
+    theirs = numba.config.CACHE_DIR  # numba reads it while it decorates; other packages keep their own
+    numba.config.CACHE_DIR = str(cache_folder())
+    try:
+        compiled: Callable[P, R] = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    finally:
+        numba.config.CACHE_DIR = theirs
+    return compiled
+
+
+@cache
+def cache_folder() -> Path:
+    """Folder in which compiled kernels are kept."""
+    return _base_folder() / f"tofmix-kernels-{_fingerprint()}"
+
+
+def _base_folder() -> Path:
+    if chosen := os.environ.get("NUMBA_CACHE_DIR"):
+        return Path(chosen)
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+    for folder in (_PACKAGE / "__pycache__", home):
+        if _writable(folder):
+            return folder
+    return Path(tempfile.gettempdir()) / f"tofmix-{os.getuid()}"
+
+
+def _writable(folder: Path) -> bool:
+    """Whether `folder` exists and can be written, or could be made."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    return os.access(folder, os.W_OK | os.X_OK)
+
+
+def _fingerprint() -> str:
+    """Hash of every source file that may hold a kernel."""
+    digest = hashlib.sha256(Path(__file__).read_bytes())
+    for name in _KERNEL_FOLDERS:
+        for source in sorted((_PACKAGE / name).rglob("*.py")):
+            digest.update(source.name.encode() + source.read_bytes())
+    return digest.hexdigest()[:16]

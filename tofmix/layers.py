@@ -1,0 +1,119 @@
+"""What `estimate` finds: the layers of each pixel, and the names they have in a file.
+
+`LAYER_FIELDS` is the one list of datasets. The estimator fills a `Layers`, the
+layers file stores one, the report reads one; all three follow this list.
+"""
+
+from dataclasses import dataclass, field, fields
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.sensor import Sensor
+
+MAX_LAYERS_LIMIT = 32
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LayerField:
+    """One dataset of a layers file.
+
+    `per_layer` datasets have the dimensions (window, row, col, layer), the others (window, row, col).
+    """
+
+    name: str
+    dtype: str
+    units: str
+    long_name: str
+    per_layer: bool = False
+
+
+LAYER_FIELDS: tuple[LayerField, ...] = (
+    LayerField(name="n_modes", dtype="u1", units="1", long_name="surfaces found in the pixel"),
+    LayerField(name="n_peaks", dtype="u1", units="1", long_name="peaks of the density in step 1, before any refinement"),
+    LayerField(name="range", dtype="f4", units="mm", long_name="range of each surface, near to far", per_layer=True),
+    LayerField(name="sigma", dtype="f4", units="mm", long_name="standard deviation of the component", per_layer=True),
+    LayerField(name="weight", dtype="f4", units="1", long_name="share of the beam, p(c_i)", per_layer=True),
+    LayerField(name="range_stderr", dtype="f4", units="mm", long_name="standard error of range", per_layer=True),
+    LayerField(name="weight_no_return", dtype="f4", units="1", long_name="share without a return, p(c_0)"),
+    LayerField(name="weight_outlier", dtype="f4", units="1", long_name="share of random values, p(c_r)"),
+    LayerField(name="log_likelihood", dtype="f4", units="nat", long_name="log likelihood of the window's samples"),
+    LayerField(name="n_samples", dtype="u4", units="1", long_name="valid samples used"),
+    LayerField(name="n_iter", dtype="u2", units="1", long_name="EM iterations"),
+    LayerField(name="status", dtype="u1", units="1", long_name="outcome of the estimator"),
+)
+"""Every dataset with a pixel dimension, in the order of the file."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Layers:
+    """The layers of pixels in any arrangement.
+
+    Every array has the same leading shape (...): (pixel,) inside the estimator,
+    (window, row, col) in a file. Those marked `per_layer` in `LAYER_FIELDS` have
+    one more axis of length `max_layers`, near to far, NaN past `n_modes`.
+    """
+
+    n_modes: NDArray[np.uint8]
+    n_peaks: NDArray[np.uint8]
+    range: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+    weight: NDArray[np.float32]
+    range_stderr: NDArray[np.float32]
+    weight_no_return: NDArray[np.float32]
+    weight_outlier: NDArray[np.float32]
+    log_likelihood: NDArray[np.float32]
+    n_samples: NDArray[np.uint32]
+    n_iter: NDArray[np.uint16]
+    status: NDArray[np.uint8]
+
+    @classmethod
+    def empty(cls, shape: tuple[int, ...], max_layers: int) -> Self:
+        """Layers without a surface: counts 0, numbers NaN."""
+        arrays: dict[str, Any] = {}
+        for spec in LAYER_FIELDS:
+            full = (*shape, max_layers) if spec.per_layer else shape
+            arrays[spec.name] = np.full(full, np.nan if spec.dtype.startswith("f") else 0, dtype=spec.dtype)
+        return cls(**arrays)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The leading shape, without the layer axis."""
+        return self.n_modes.shape
+
+    @property
+    def max_layers(self) -> int:
+        """Length of the layer axis."""
+        return int(self.range.shape[-1])
+
+    def arrays(self) -> tuple[NDArray[Any], ...]:
+        """The arrays in the order of `LAYER_FIELDS`, for a kernel to fill."""
+        return tuple(getattr(self, spec.name) for spec in LAYER_FIELDS)
+
+    def reshaped(self, shape: tuple[int, ...]) -> Self:
+        """The same pixels in another arrangement, as `numpy.reshape`; arrays are shared."""
+        arrays: dict[str, Any] = {}
+        for spec in LAYER_FIELDS:
+            full = (*shape, self.max_layers) if spec.per_layer else shape
+            arrays[spec.name] = getattr(self, spec.name).reshape(full)
+        return type(self)(**arrays)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Provenance:
+    """What layers were made from and with; nothing here depends on when, where or how many workers.
+
+    `options` holds every option that affects values, by its name on the command line.
+    """
+
+    source: str
+    source_sha256: str
+    version: str
+    sensor: Sensor
+    options: dict[str, str | int | float] = field(default_factory=dict)
+    frames_left_out: int = 0
+
+
+if tuple(f.name for f in fields(Layers)) != tuple(spec.name for spec in LAYER_FIELDS):
+    raise AssertionError("Layers and LAYER_FIELDS differ")

@@ -1,0 +1,81 @@
+"""What travels as a recording: its sizes, its sensor, and blocks of samples.
+
+Anything with the methods of `SampleSource` can be estimated: a file
+(`tofmix.io.recording_file`), or an array in memory (`ArrayRecording`).
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tofmix.arrays import Float32Array
+from tofmix.sensor import Sensor
+
+
+class SampleSource(Protocol):
+    """A recording that can be read in blocks."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Frames, rows, columns."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """The camera."""
+
+    @property
+    def row_step(self) -> int:
+        """Rows that are stored together: blocks of a multiple of it are read fastest."""
+
+    def read_range(self, frames: slice, rows: slice) -> Float32Array:
+        """Samples (frame, row, col) float32 in mm, NaN where invalid."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArrayRecording:
+    """A recording in memory.
+
+    Parameters
+    ----------
+    range_mm : (frame, row, col) array_like of float32
+        Samples, mm; NaN or infinite where invalid.
+    sensor : Sensor
+        The camera.
+
+    Raises
+    ------
+    ValueError
+        If the samples do not have three dimensions, or there are none.
+    """
+
+    range_mm: ArrayLike
+    sensor: Sensor
+
+    def __post_init__(self) -> None:
+        samples = np.array(self.range_mm, dtype=np.float32, copy=True)
+        if samples.ndim != 3 or samples.size == 0:
+            raise ValueError(f"range: expected (frame, row, col), got shape {samples.shape}")
+        samples[~np.isfinite(samples)] = np.nan
+        object.__setattr__(self, "range_mm", samples)
+
+    @property
+    def _samples(self) -> Float32Array:
+        assert isinstance(self.range_mm, np.ndarray)
+        return self.range_mm
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Frames, rows, columns."""
+        frames, rows, cols = self._samples.shape
+        return frames, rows, cols
+
+    @property
+    def row_step(self) -> int:
+        """Any number of rows is as good."""
+        return 1
+
+    def read_range(self, frames: slice, rows: slice) -> Float32Array:
+        """Samples (frame, row, col) float32 in mm, NaN where invalid."""
+        return self._samples[frames, rows]

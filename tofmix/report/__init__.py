@@ -1,0 +1,1 @@
+"""Reading a layers file for people: numbers (`summary`, `tables`) and pictures (`page`)."""

@@ -1,0 +1,151 @@
+"""The range image that averaging gives, for comparison with the layers.
+
+This is what a camera returns at a long integration time: where a beam meets two
+surfaces the mean lies between them, the comet tail. Use it to show that tail,
+never as a range to trust.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.errors import UsageError
+from tofmix.layers import Layers
+from tofmix.ranging import unambiguous_range_mm
+from tofmix.recording import SampleSource
+from tofmix.report.sources import AmplitudeSource
+
+BLOCK_SAMPLES = 1 << 19
+"""Samples read at once: about 40 MB with the phasors."""
+
+
+class Averaging(StrEnum):
+    """How an averaged image was made."""
+
+    PHASOR = "phasor mean of the samples, weighted by amplitude"
+    PLAIN = "plain mean of the samples"
+    LAYERS = "mean of the layers, weighted by their shares"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AveragedImage:
+    """An averaged range image.
+
+    range_mm (row, col) float64 mm, NaN where there is nothing to average; averaging, how it was made.
+    """
+
+    range_mm: FloatArray
+    averaging: Averaging
+
+
+def average_samples(recording: SampleSource, *, start: int, stop: int) -> AveragedImage:
+    """Average the samples of frames [start, stop), a block of frames and rows at a time.
+
+    With amplitudes A and a modulation frequency, the mean is that of the phasors,
+    ``d_u arg(sum A exp(2 pi i r / d_u)) / (2 pi)`` on the turn nearest the plain
+    mean; without them it is the plain mean.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        Samples; amplitudes too if it is an `AmplitudeSource`.
+    start, stop : int
+        Frames, 0 <= start < stop.
+
+    Returns
+    -------
+    AveragedImage
+        (row, col), NaN where no sample is valid.
+
+    Raises
+    ------
+    UsageError
+        If the recording has no such frames.
+    """
+    n_frames, rows, cols = recording.shape
+    if not 0 <= start < stop <= n_frames:
+        raise UsageError(
+            f"recording: frames {start} to {stop} asked for, it has {n_frames}; pass the one the layers were made from"
+        )
+    amplitudes = _amplitudes(recording)
+    band, depth = _block(recording, stop - start)
+    range_mm = np.empty((rows, cols))
+    for row in range(0, rows, band):
+        rows_read = slice(row, min(row + band, rows))
+        range_mm[rows_read] = _band_mean(recording, amplitudes, rows_read, (start, stop, depth))
+    return AveragedImage(range_mm=range_mm, averaging=Averaging.PLAIN if amplitudes is None else Averaging.PHASOR)
+
+
+def average_layers(layers: Layers) -> AveragedImage:
+    """Average the layers of each pixel by their shares, sum(w r) / sum(w).
+
+    Use it where the recording is not at hand. It has the comet tail, but neither
+    the samples without a return nor the weighting by amplitude.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col).
+
+    Returns
+    -------
+    AveragedImage
+        (row, col), NaN where there is no layer.
+    """
+    weight = np.where(np.isfinite(layers.range), layers.weight, 0.0).astype(np.float64)
+    range_mm = np.where(np.isfinite(layers.range), layers.range, 0.0).astype(np.float64)
+    weight = np.where(np.isfinite(weight), weight, 0.0)
+    total = weight.sum(axis=-1)
+    return AveragedImage(range_mm=_ratio((weight * range_mm).sum(axis=-1), total), averaging=Averaging.LAYERS)
+
+
+def _amplitudes(recording: SampleSource) -> AmplitudeSource | None:
+    """Return the recording itself where it knows what phasors need."""
+    if recording.sensor.modulation_frequency_hz is None or not isinstance(recording, AmplitudeSource):
+        return None
+    return recording if recording.has_amplitude else None
+
+
+def _block(recording: SampleSource, n_frames: int) -> tuple[int, int]:
+    """Rows and frames of one read: whole chunks of rows, and no more than `BLOCK_SAMPLES` where they allow it."""
+    _, rows, cols = recording.shape
+    step = min(max(1, recording.row_step), rows)
+    band = step * max(1, BLOCK_SAMPLES // (step * cols * n_frames))
+    return min(band, rows), max(1, min(n_frames, BLOCK_SAMPLES // (min(band, rows) * cols)))
+
+
+def _band_mean(
+    recording: SampleSource, amplitudes: AmplitudeSource | None, rows: slice, frames: tuple[int, int, int]
+) -> FloatArray:
+    start, stop, depth = frames
+    shape = (rows.stop - rows.start, recording.shape[2])
+    total, count, phasor = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.complex128)
+    frequency = recording.sensor.modulation_frequency_hz
+    period = unambiguous_range_mm(frequency) if frequency else math.inf
+    for first in range(start, stop, depth):
+        block = slice(first, min(first + depth, stop))
+        samples = recording.read_range(block, rows).astype(np.float64)
+        valid = np.isfinite(samples)
+        samples = np.where(valid, samples, 0.0)
+        total += samples.sum(axis=0)
+        count += valid.sum(axis=0)
+        if amplitudes is not None:
+            amplitude = amplitudes.read_amplitude(block, rows).astype(np.float64)
+            amplitude = np.where(valid & np.isfinite(amplitude), amplitude, 0.0)
+            phasor += (amplitude * np.exp(2j * np.pi / period * samples)).sum(axis=0)
+    mean = _ratio(total, count)
+    if amplitudes is None:
+        return mean
+    turn = np.angle(phasor) * period / (2 * np.pi)
+    turn += period * np.rint((mean - turn) / period)
+    # A sum of 0 has no phase: without any light the plain mean is all there is.
+    return np.where((np.abs(phasor) > 0) & (count > 0), turn, mean)
+
+
+def _ratio(numerator: FloatArray, denominator: FloatArray) -> FloatArray:
+    """Quotient, NaN where the denominator is 0."""
+    known = denominator > 0
+    return np.where(known, numerator / np.where(known, denominator, 1.0), np.nan)

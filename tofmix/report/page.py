@@ -1,0 +1,167 @@
+"""The report as one HTML page that needs nothing else, not even a network.
+
+For the terminal use `tofmix.report.tables`, for scripts `Summary.as_dict`. This
+is the one module that needs the extra ``report``, and only when it is called.
+"""
+
+from importlib import import_module, resources
+from typing import TYPE_CHECKING
+
+from tofmix.errors import UsageError
+from tofmix.layers import Layers, Provenance
+from tofmix.recording import SampleSource
+from tofmix.report.averaging import AveragedImage, average_layers, average_samples
+from tofmix.report.sources import LayersSource
+from tofmix.report.summary import Summary, summarise
+from tofmix.report.tables import ordinal
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+    from tofmix.report.pictures import Gallery
+
+_MISSING_EXTRA = "the page needs matplotlib and jinja2: pip install 'tofmix[report]'"
+
+Row = tuple[str, str]
+
+
+def render_page(
+    layers_file: LayersSource,
+    *,
+    recording: SampleSource | None = None,
+    window: int = 0,
+    summary: Summary | None = None,
+) -> str:
+    """Render the page of a layers file.
+
+    Parameters
+    ----------
+    layers_file : LayersSource
+        For example an open `tofmix.io.layers_file.LayersFile`.
+    recording : SampleSource, optional
+        What the layers were made from, for the averaged image; without it that image is the mean of the layers.
+    window : int
+        The window of the pictures, from 0.
+    summary : Summary, optional
+        From `summarise`, if it is at hand; all windows are read for it otherwise.
+
+    Returns
+    -------
+    str
+        HTML. The same input gives the same text.
+
+    Raises
+    ------
+    UsageError
+        If matplotlib or jinja2 is missing, there is no such window, or the recording is not of the layers' size.
+    """
+    n_windows, rows, cols = layers_file.shape
+    if not 0 <= window < n_windows:
+        raise UsageError(f"window {window}: the file has windows 0 to {n_windows - 1}")
+    if recording is not None and recording.shape[1:] != (rows, cols):
+        raise UsageError(
+            f"recording: {recording.shape[1]} x {recording.shape[2]} pixels, the layers have {rows} x {cols}; "
+            "pass the one the layers were made from"
+        )
+    template = _template()
+    layers = layers_file.read_window(window)
+    frames = int(layers_file.window_start[window]), int(layers_file.window_stop[window])
+    averaged = (
+        average_layers(layers) if recording is None else average_samples(recording, start=frames[0], stop=frames[1])
+    )
+    summary = summary or summarise(layers_file)
+    provenance = layers_file.provenance
+    return template.render(
+        source=provenance.source,
+        headline=headline(summary),
+        window_text=_window_text(summary, window, frames),
+        averaged_text=_averaged_text(averaged, recorded=recording is not None),
+        summary=summary,
+        ordinal=ordinal,
+        gallery=_gallery(layers, averaged, provenance),
+        options=[(name, str(value)) for name, value in sorted(provenance.options.items())],
+        sensor=_sensor_rows(provenance),
+        noise=_noise_rows(provenance),
+        provenance=_provenance_rows(summary),
+    )
+
+
+def headline(summary: Summary) -> str:
+    """Say in one sentence what was found, for example ``25,344 pixels, 1 window of 100 frames: 13 % see ...``."""
+    windows = f"{summary.windows:,} window{'s' if summary.windows != 1 else ''} of {summary.window_frames:,} frames"
+    pixels = f"{summary.rows * summary.cols:,} pixel{'s' if summary.rows * summary.cols != 1 else ''}"
+    several = percent(summary.share_several_surfaces)
+    return f"{pixels}, {windows}: {several} see more than one surface, {percent(summary.share_no_surface)} see none."
+
+
+def percent(share: float) -> str:
+    """Write a share as ``13 %``; ``less than 1 %`` and ``more than 99 %`` where rounding would give none or all."""
+    if share <= 0:
+        return "0 %"
+    per_cent = f"{100 * share:.0f} %"
+    return {"0 %": "less than 1 %", "100 %": "100 %" if share == 1 else "more than 99 %"}.get(per_cent, per_cent)
+
+
+def _template() -> "Template":
+    try:
+        import_module("matplotlib")  # told here, before minutes are spent on the numbers
+        jinja2 = import_module("jinja2")
+    except ImportError as error:
+        raise UsageError(_MISSING_EXTRA) from error
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    text = resources.files("tofmix.report").joinpath("page.html").read_text(encoding="utf-8")
+    template: Template = environment.from_string(text)
+    return template
+
+
+def _gallery(layers: Layers, averaged: AveragedImage, provenance: Provenance) -> "Gallery":
+    pictures = import_module("tofmix.report.pictures")
+    gallery: Gallery = pictures.draw_gallery(layers, averaged, provenance.sensor)
+    return gallery
+
+
+def _window_text(summary: Summary, window: int, frames: tuple[int, int]) -> str:
+    text = f"frames {frames[0]} to {frames[1] - 1}"
+    if summary.windows == 1:
+        return f"The pictures show the one window, {text}."
+    return f"The pictures show window {window} of 0 to {summary.windows - 1}, {text}; the tables count all windows."
+
+
+def _averaged_text(averaged: AveragedImage, *, recorded: bool) -> str:
+    text = f"The averaged image is the {averaged.averaging}."
+    return text if recorded else f"{text} With --recording it is made from the samples themselves."
+
+
+def _sensor_rows(provenance: Provenance) -> list[Row]:
+    sensor = provenance.sensor
+    values = (
+        ("modulation frequency", sensor.modulation_frequency_hz, 1e-6, "MHz"),
+        ("integration time", sensor.integration_time_ms, 1.0, "ms"),
+        ("least range", sensor.range_min_mm, 1.0, "mm"),
+        ("largest range", sensor.range_max_mm, 1.0, "mm"),
+        ("field of view, horizontal", sensor.fov_horizontal_deg, 1.0, "degrees"),
+        ("field of view, vertical", sensor.fov_vertical_deg, 1.0, "degrees"),
+        ("outlier probability p(c_r)", sensor.outlier_probability, 1.0, ""),
+    )
+    rows = [(name, "not known" if v is None else f"{v * factor:g} {unit}".strip()) for name, v, factor, unit in values]
+    return [("name", sensor.name), *rows]
+
+
+def _noise_rows(provenance: Provenance) -> list[Row]:
+    curve = provenance.sensor.noise
+    if curve is None:
+        return []
+    return [(f"{r:g}", f"{s:g}") for r, s in zip(curve.range_mm.tolist(), curve.sigma_mm.tolist(), strict=True)]
+
+
+def _provenance_rows(summary: Summary) -> list[Row]:
+    return [
+        ("recording", summary.source),
+        ("SHA-256 of the recording", summary.source_sha256),
+        ("estimated by tofmix", summary.version),
+        ("image", f"{summary.rows} rows x {summary.cols} columns"),
+        ("windows", f"{summary.windows} of {summary.window_frames} frames"),
+        ("frames left out at the end", f"{summary.frames_left_out}"),
+    ]

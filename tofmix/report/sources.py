@@ -1,0 +1,51 @@
+"""What the report needs of a layers file and of a recording, whoever provides it.
+
+`tofmix.io` has the files; anything else with these members does as well.
+"""
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import Float32Array
+from tofmix.layers import Layers, Provenance
+
+
+class LayersSource(Protocol):
+    """Layers of an image sequence, read window by window."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Windows, rows, columns."""
+
+    @property
+    def max_layers(self) -> int:
+        """Length of the layer axis."""
+
+    @property
+    def window_start(self) -> NDArray[np.uint64]:
+        """First frame of each window, (window,)."""
+
+    @property
+    def window_stop(self) -> NDArray[np.uint64]:
+        """One past the last frame of each window, (window,)."""
+
+    @property
+    def provenance(self) -> Provenance:
+        """What the layers were made from and with."""
+
+    def read_window(self, window: int) -> Layers:
+        """Layers of one window, of the leading shape (row, col)."""
+
+
+@runtime_checkable
+class AmplitudeSource(Protocol):
+    """A recording that may know the amplitude of its samples."""
+
+    @property
+    def has_amplitude(self) -> bool:
+        """Whether it does."""
+
+    def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
+        """Amplitudes (frame, row, col) float32."""

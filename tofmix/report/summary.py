@@ -1,0 +1,241 @@
+"""The numbers of a layers file: what was found, how well, and what to be wary of.
+
+`summarise` reads window by window, so a sequence of any length fits in memory.
+For one pixel or one window read the file itself.
+"""
+
+from dataclasses import asdict, dataclass
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+
+from tofmix.flags import Status, status_name
+from tofmix.layers import Layers
+from tofmix.report.findings import Finding, count_findings, sigma_findings
+from tofmix.report.quantiles import ValueCounts
+from tofmix.report.sources import LayersSource
+from tofmix.sensor import NoiseCurve
+
+DOMINANT_WEIGHT = 0.5
+"""Components above this share tell of the noise curve; weak ones tell of the fit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantiles:
+    """How values spread: their count, and the values below which 5, 50 and 95 % lie (None without a value)."""
+
+    count: int
+    q05: float | None
+    q50: float | None
+    q95: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LayerSummary:
+    """One layer over all pixels and windows. None stands where there is no such value.
+
+    Medians are over the layer's `count` components; `sigma_over_curve_median` is sigma divided by the sensor's
+    sigma(r) at the component's range.
+    """
+
+    layer: int
+    count: int
+    range_mm: Quantiles
+    weight_median: float | None
+    range_stderr_median_mm: float | None
+    sigma_median_mm: float | None
+    sigma_over_curve_median: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """A layers file in numbers. Pixels are counted once a window.
+
+    Parameters
+    ----------
+    source, source_sha256, version, options
+        From the file's provenance.
+    windows, window_frames, rows, cols, max_layers, frames_left_out : int
+        Its sizes; `window_frames` is the length of the first window.
+    pixels : int
+        windows * rows * cols.
+    pixels_by_surfaces, pixels_by_peaks : tuple of int
+        Entry n counts pixels with n surfaces; with n peaks of the density in step 1.
+    pixels_by_status : dict
+        By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
+    share_several_surfaces, share_no_surface : float
+        Shares of `pixels` with more than one surface, and with none.
+    layers : tuple of LayerSummary
+        One entry for each of `max_layers`, near to far.
+    weight_no_return : Quantiles
+        p(c_0) over the pixels where it is known.
+    sigma_over_curve : Quantiles
+        sigma / sigma(r) over components with a share above 0.5.
+    samples : Quantiles
+        Valid samples a pixel.
+    warnings : tuple of Finding
+        What to be wary of.
+    """
+
+    source: str
+    source_sha256: str
+    version: str
+    options: dict[str, str | int | float | None]
+    windows: int
+    window_frames: int
+    rows: int
+    cols: int
+    max_layers: int
+    frames_left_out: int
+    pixels: int
+    pixels_by_surfaces: tuple[int, ...]
+    pixels_by_peaks: tuple[int, ...]
+    pixels_by_status: dict[str, int]
+    share_several_surfaces: float
+    share_no_surface: float
+    layers: tuple[LayerSummary, ...]
+    weight_no_return: Quantiles
+    sigma_over_curve: Quantiles
+    samples: Quantiles
+    warnings: tuple[Finding, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the same as dicts and lists under the same names, for JSON; never NaN, None instead."""
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+
+
+def summarise(layers_file: LayersSource) -> Summary:
+    """Summarise a layers file, reading one window at a time.
+
+    Quantiles are exact up to 65,536 different values and bounded in memory past
+    that (see `ValueCounts`); all counts are exact.
+
+    Parameters
+    ----------
+    layers_file : LayersSource
+        For example an open `tofmix.io.layers_file.LayersFile`.
+
+    Returns
+    -------
+    Summary
+        Over all windows.
+    """
+    tally = _Tally(layers_file.max_layers, layers_file.provenance.sensor.noise)
+    windows, rows, cols = layers_file.shape
+    for k in range(windows):
+        tally.add(layers_file.read_window(k))
+    provenance = layers_file.provenance
+    pixels = windows * rows * cols
+    summaries = tally.layer_summaries()
+    by_status = tally.by_status()
+    sigma_over_curve = _quantiles(tally.dominant_ratio)
+    of_sigma = sigma_findings(
+        count=sigma_over_curve.count, median=sigma_over_curve.q50, has_curve=provenance.sensor.noise is not None
+    )
+    of_counts = count_findings(
+        pixels=pixels, by_status=by_status, by_surfaces=tally.surfaces, max_layers=layers_file.max_layers
+    )
+    return Summary(
+        source=provenance.source,
+        source_sha256=provenance.source_sha256,
+        version=provenance.version,
+        options={name: _no_nan(value) for name, value in sorted(provenance.options.items())},
+        windows=windows,
+        window_frames=int(layers_file.window_stop[0] - layers_file.window_start[0]) if windows else 0,
+        rows=rows,
+        cols=cols,
+        max_layers=layers_file.max_layers,
+        frames_left_out=provenance.frames_left_out,
+        pixels=pixels,
+        pixels_by_surfaces=tuple(tally.surfaces),
+        pixels_by_peaks=tuple(tally.peaks),
+        pixels_by_status=by_status,
+        share_several_surfaces=sum(tally.surfaces[2:]) / max(1, pixels),
+        share_no_surface=sum(tally.surfaces[:1]) / max(1, pixels),
+        layers=summaries,
+        weight_no_return=_quantiles(tally.no_return),
+        sigma_over_curve=sigma_over_curve,
+        samples=_quantiles(tally.samples),
+        warnings=(*of_sigma, *of_counts),
+    )
+
+
+class _Tally:
+    """Running counts over windows."""
+
+    def __init__(self, max_layers: int, curve: NoiseCurve | None) -> None:
+        self._curve = curve
+        self.surfaces = [0] * (max_layers + 1)
+        self.peaks = [0]
+        self._status: dict[int, int] = {}
+        self._layers = [_LayerTally() for _ in range(max_layers)]
+        self.no_return = ValueCounts()
+        self.samples = ValueCounts()
+        self.dominant_ratio = ValueCounts()
+
+    def add(self, window: Layers) -> None:
+        self.surfaces = _added(self.surfaces, window.n_modes)
+        self.peaks = _added(self.peaks, window.n_peaks)
+        values, counts = np.unique(window.status, return_counts=True)
+        for value, count in zip(values.tolist(), counts.tolist(), strict=True):
+            self._status[value] = self._status.get(value, 0) + count
+        self.no_return.add(window.weight_no_return)
+        self.samples.add(window.n_samples.astype(np.float32))
+        range_mm = window.range.astype(np.float64)
+        ratio = np.full(range_mm.shape, np.nan)
+        if self._curve is not None:
+            known = np.isfinite(range_mm)
+            ratio[known] = window.sigma[known] / self._curve.sigma(range_mm[known])
+        self.dominant_ratio.add(ratio[window.weight > DOMINANT_WEIGHT])
+        for k, layer in enumerate(self._layers):
+            layer.range.add(window.range[..., k])
+            layer.weight.add(window.weight[..., k])
+            layer.stderr.add(window.range_stderr[..., k])
+            layer.sigma.add(window.sigma[..., k])
+            layer.ratio.add(ratio[..., k])
+
+    def by_status(self) -> dict[str, int]:
+        named = {status_name(s): self._status.get(int(s), 0) for s in Status}
+        unnamed = {f"status_{v}": n for v, n in sorted(self._status.items()) if v not in tuple(Status)}
+        return named | unnamed
+
+    def layer_summaries(self) -> tuple[LayerSummary, ...]:
+        return tuple(
+            LayerSummary(
+                layer=k,
+                count=tally.range.count,
+                range_mm=_quantiles(tally.range),
+                weight_median=tally.weight.quantiles(0.5)[0],
+                range_stderr_median_mm=tally.stderr.quantiles(0.5)[0],
+                sigma_median_mm=tally.sigma.quantiles(0.5)[0],
+                sigma_over_curve_median=tally.ratio.quantiles(0.5)[0],
+            )
+            for k, tally in enumerate(self._layers, start=1)
+        )
+
+
+class _LayerTally:
+    """The values of one layer."""
+
+    def __init__(self) -> None:
+        self.range = ValueCounts()
+        self.weight = ValueCounts()
+        self.stderr = ValueCounts()
+        self.sigma = ValueCounts()
+        self.ratio = ValueCounts()
+
+
+def _added(totals: list[int], values: np.ndarray[Any, np.dtype[np.uint8]]) -> list[int]:
+    """Add the counts of small integers to running ones, lengthening as needed."""
+    counts = np.bincount(values.ravel()).tolist()
+    return [a + b for a, b in zip_longest(totals, counts, fillvalue=0)]
+
+
+def _quantiles(values: ValueCounts) -> Quantiles:
+    q05, q50, q95 = values.quantiles(0.05, 0.5, 0.95)
+    return Quantiles(count=values.count, q05=q05, q50=q50, q95=q95)
+
+
+def _no_nan(value: str | float) -> str | int | float | None:
+    return None if isinstance(value, float) and not np.isfinite(value) else value

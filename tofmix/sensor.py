@@ -1,0 +1,116 @@
+"""What is known of a camera: its working range, its beam, and its noise curve sigma(r).
+
+Everything that reads samples or makes them shares these two types. A sensor
+described in a file is read by `tofmix.io`; the built-in ones are in
+`tofmix.sensors`.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+
+DEFAULT_OUTLIER_PROBABILITY = 1.0e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseCurve:
+    """Standard deviation of one sample against range, sigma(r).
+
+    Interpolated linearly between its points and held constant past its ends.
+
+    Parameters
+    ----------
+    range_mm : (n,) float64
+        Strictly ascending ranges, mm.
+    sigma_mm : (n,) float64
+        Standard deviation at each of them, mm, above 0.
+
+    Raises
+    ------
+    ValueError
+        If the two differ in length or are empty, if a value is not finite, the
+        ranges do not ascend or a sigma is not above 0.
+    """
+
+    range_mm: FloatArray
+    sigma_mm: FloatArray
+
+    def __post_init__(self) -> None:
+        range_mm = np.array(self.range_mm, dtype=np.float64, copy=True)
+        sigma_mm = np.array(self.sigma_mm, dtype=np.float64, copy=True)
+        if range_mm.ndim != 1 or range_mm.shape != sigma_mm.shape or range_mm.size == 0:
+            raise ValueError(
+                f"noise curve: range and sigma must be two lists of one length, got shapes {range_mm.shape} and {sigma_mm.shape}"
+            )
+        if not np.isfinite(range_mm).all():
+            raise ValueError("noise curve: a range is not finite")
+        if not (np.diff(range_mm) > 0).all():
+            raise ValueError("noise curve: its ranges do not ascend")
+        bad = ~(np.isfinite(sigma_mm) & (sigma_mm > 0))
+        if bad.any():
+            k = int(np.argmax(bad))
+            raise ValueError(f"noise curve: sigma is {sigma_mm[k]:g} mm at {range_mm[k]:g} mm; it must be finite and above 0")
+        range_mm.setflags(write=False)
+        sigma_mm.setflags(write=False)
+        object.__setattr__(self, "range_mm", range_mm)
+        object.__setattr__(self, "sigma_mm", sigma_mm)
+
+    def sigma(self, range_mm: FloatArray | float) -> FloatArray:
+        """sigma(r) in mm at ranges of any shape, mm."""
+        return np.asarray(np.interp(range_mm, self.range_mm, self.sigma_mm), dtype=np.float64)
+
+    def scaled(self, factor: float) -> Self:
+        """The same curve with every sigma times `factor`, as another integration time gives."""
+        return replace(self, sigma_mm=self.sigma_mm * factor)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """A camera as a recording describes it. None stands for what is not known.
+
+    Parameters
+    ----------
+    name : str
+        The camera's name.
+    modulation_frequency_hz, integration_time_ms : float or None
+        Modulation frequency; integration time of one sample.
+    range_min_mm, range_max_mm : float or None
+        Working range. Without `range_max_mm` there is no c_0 in equation (1).
+    fov_horizontal_deg, fov_vertical_deg : float or None
+        Full field of view.
+    outlier_probability : float
+        p(c_r) of equation (1), in [0, 1).
+    noise : NoiseCurve or None
+        sigma(r) at `integration_time_ms`.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite or outside its bounds.
+    """
+
+    name: str
+    modulation_frequency_hz: float | None = None
+    integration_time_ms: float | None = None
+    range_min_mm: float | None = None
+    range_max_mm: float | None = None
+    fov_horizontal_deg: float | None = None
+    fov_vertical_deg: float | None = None
+    outlier_probability: float = DEFAULT_OUTLIER_PROBABILITY
+    noise: NoiseCurve | None = None
+
+    def __post_init__(self) -> None:
+        for key in ("modulation_frequency_hz", "integration_time_ms", "range_max_mm", "fov_horizontal_deg", "fov_vertical_deg"):
+            value = getattr(self, key)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{key}: {value} is not a finite number above 0")
+        if self.range_min_mm is not None and not math.isfinite(self.range_min_mm):
+            raise ValueError(f"range_min_mm: {self.range_min_mm} is not finite")
+        if self.range_max_mm is not None and (self.range_min_mm or 0.0) >= self.range_max_mm:
+            raise ValueError(f"range_min_mm: {self.range_min_mm} is not below range_max_mm {self.range_max_mm}")
+        if not 0 <= self.outlier_probability < 1:
+            raise ValueError(f"outlier_probability: {self.outlier_probability} is not in [0, 1)")

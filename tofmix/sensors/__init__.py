@@ -1,0 +1,11 @@
+"""Built-in cameras: what is known of each, in one TOML file a camera.
+
+Use `load_profile` where a user names a camera (``--noise sr3000``, ``profile =
+"sr3000"``). A recording carries its own `tofmix.sensor.Sensor`; do not look a
+camera up here to read one.
+"""
+
+from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.registry import PROFILES, load_profile
+
+__all__ = ["PROFILES", "SensorProfile", "load_profile"]

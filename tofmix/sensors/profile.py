@@ -1,0 +1,146 @@
+"""A camera as a profile or a model describes it: its image, its range, its noise at any integration time.
+
+Use it to simulate a camera, or to take a noise curve at another integration
+time. A recording is of one integration time; there `tofmix.sensor.Sensor`
+suffices, which `SensorProfile.sensor` makes.
+"""
+
+import math
+from dataclasses import dataclass
+
+from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
+
+MAX_PIXELS_A_SIDE = 4096  # beyond any such camera; a typing error must not ask for terabytes
+MAX_RANGE_MM = 65_000.0  # ranges are stored as whole mm in 16 bits
+
+_ABOVE_ZERO = (
+    "fov_horizontal_deg",
+    "fov_vertical_deg",
+    "range_max_mm",
+    "modulation_frequency_hz",
+    "integration_time_ms",
+    "default_integration_time_ms",
+    "reference_integration_time_ms",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SensorProfile:
+    """A camera and the law by which its noise follows the integration time.
+
+    Parameters
+    ----------
+    name : str
+        The camera's name.
+    rows, cols : int
+        Size of the image, 1 to 4096 pixels each.
+    fov_horizontal_deg, fov_vertical_deg : float
+        Full field of view, above 0, up to 360 and 180.
+    range_min_mm, range_max_mm : float
+        Working range, 0 <= min < max <= 65,000.
+    modulation_frequency_hz : float
+        Modulation frequency, above 0.
+    integration_time_ms : float
+        Integration time tau of one sample, above 0.
+    default_integration_time_ms : float
+        What the camera integrates on board when nobody sets it, above 0.
+    outlier_probability : float
+        p(c_r) of equation (1), in [0, 1).
+    noise : NoiseCurve
+        sigma(r) at `reference_integration_time_ms`.
+    reference_integration_time_ms : float
+        Integration time at which `noise` holds, above 0.
+    exponent : float
+        sigma(r, tau) = sigma(r) * (reference / tau) ** exponent; at least 0.
+    confirmed : bool
+        Whether the figures were checked against the maker's data or a measurement.
+    sources : tuple of str
+        Where the figures come from.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite or outside its bounds. The message begins with the key.
+    """
+
+    name: str
+    rows: int
+    cols: int
+    fov_horizontal_deg: float
+    fov_vertical_deg: float
+    range_min_mm: float
+    range_max_mm: float
+    modulation_frequency_hz: float
+    integration_time_ms: float
+    default_integration_time_ms: float
+    noise: NoiseCurve
+    reference_integration_time_ms: float
+    exponent: float
+    outlier_probability: float = DEFAULT_OUTLIER_PROBABILITY
+    confirmed: bool = False
+    sources: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for key in ("rows", "cols"):
+            value = getattr(self, key)
+            if not 1 <= value <= MAX_PIXELS_A_SIDE:
+                raise ValueError(f"{key}: {value} is not in 1..{MAX_PIXELS_A_SIDE}")
+        for key in _ABOVE_ZERO:
+            value = getattr(self, key)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{key}: {value:g} is not a finite number above 0")
+        for key, most in (("fov_horizontal_deg", 360.0), ("fov_vertical_deg", 180.0), ("range_max_mm", MAX_RANGE_MM)):
+            if getattr(self, key) > most:
+                raise ValueError(f"{key}: {getattr(self, key):g} is above {most:g}")
+        if not 0 <= self.range_min_mm < self.range_max_mm:
+            raise ValueError(f"range_min_mm: {self.range_min_mm:g} is not in [0, range_max_mm = {self.range_max_mm:g})")
+        if not 0 <= self.outlier_probability < 1:
+            raise ValueError(f"outlier_probability: {self.outlier_probability:g} is not in [0, 1)")
+        if not (math.isfinite(self.exponent) and self.exponent >= 0):
+            raise ValueError(f"exponent: {self.exponent:g} is not a finite number of at least 0")
+
+    def noise_at(self, integration_time_ms: float) -> NoiseCurve:
+        """sigma(r) at another integration time, by the tau law.
+
+        Parameters
+        ----------
+        integration_time_ms : float
+            Integration time of one sample, ms, above 0.
+
+        Returns
+        -------
+        NoiseCurve
+            `noise` times (reference / tau) ** exponent.
+
+        Raises
+        ------
+        ValueError
+            If the time is not finite and above 0, or sigma would not be.
+        """
+        if not (math.isfinite(integration_time_ms) and integration_time_ms > 0):
+            raise ValueError(f"integration_time_ms: {integration_time_ms:g} is not a finite number above 0")
+        try:
+            factor = (self.reference_integration_time_ms / integration_time_ms) ** self.exponent
+        except OverflowError:
+            raise ValueError(f"exponent: {self.exponent:g}: sigma overflows at {integration_time_ms:g} ms") from None
+        return self.noise.scaled(factor)
+
+    def sensor(self) -> Sensor:
+        """The camera as a recording at `integration_time_ms` describes it.
+
+        Raises
+        ------
+        ValueError
+            If the noise curve is not finite at that time.
+        """
+        return Sensor(
+            name=self.name,
+            modulation_frequency_hz=self.modulation_frequency_hz,
+            integration_time_ms=self.integration_time_ms,
+            range_min_mm=self.range_min_mm,
+            range_max_mm=self.range_max_mm,
+            fov_horizontal_deg=self.fov_horizontal_deg,
+            fov_vertical_deg=self.fov_vertical_deg,
+            outlier_probability=self.outlier_probability,
+            noise=self.noise_at(self.integration_time_ms),
+        )

@@ -1,0 +1,173 @@
+"""Strict reading of TOML: every refusal names the file, the table, the key, the value and the remedy.
+
+Use it for files that people write by hand: an unknown key is a typing error
+until shown otherwise, and true is not 1. Bounds are not checked here; the
+dataclasses that the values go to check their own.
+"""
+
+import difflib
+import json
+import math
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from tofmix.errors import BadInputError
+
+_TYPE_NAMES = {
+    bool: "a boolean",
+    int: "a whole number",
+    float: "a number",
+    str: "a string",
+    list: "a list",
+    dict: "a table",
+}
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """``; did you mean "x"?`` and the known names, to end a refusal of `name`."""
+    names = sorted(known)
+    close = difflib.get_close_matches(name, names, n=1)
+    guess = f'; did you mean "{close[0]}"? known: ' if close else "; known: "
+    return guess + ", ".join(names)
+
+
+def _shown(value: object) -> str:
+    """A value on one line, short enough for a message."""
+    kind = _TYPE_NAMES.get(type(value), "a date or time")
+    if isinstance(value, dict | list):
+        return kind
+    try:
+        text = json.dumps(value, default=str)
+    except ValueError:  # an integer of more digits than Python prints
+        return kind
+    return f"{kind}, {text if len(text) <= 60 else text[:57] + '...'}"  # noqa: PLR2004  one line of a terminal
+
+
+@dataclass(frozen=True, slots=True)
+class TomlTable:
+    """One table of a TOML file and where it stands.
+
+    Parameters
+    ----------
+    values : dict
+        The table as `tomllib` returns it.
+    source : str
+        The file's name, for messages.
+    path : str
+        The table's place as a reader of the file finds it, such as ``[sensor.noise]``; empty for the root.
+    """
+
+    values: dict[str, object]
+    source: str
+    path: str = ""
+
+    def error(self, message: str, key: str = "") -> BadInputError:
+        """A refusal of this table or of one key in it, ready to raise."""
+        return BadInputError(": ".join(part for part in (self.source, self.path, key, message) if part))
+
+    def refuse_unknown(self, known: Iterable[str]) -> None:
+        """Raise BadInputError if the table has a key that is not `known`."""
+        names = set(known)
+        for key in self.values:
+            if key not in names:
+                raise self.error(f"{json.dumps(key)} is not a key here{nearest(key, names)}")
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.values
+
+    def _value(self, key: str) -> object:
+        if key not in self.values:
+            raise self.error("missing", key)
+        return self.values[key]
+
+    def text(self, key: str) -> str:
+        """The string at `key`; BadInputError if it is missing or something else."""
+        value = self._value(key)
+        if not isinstance(value, str):
+            raise self.error(f"expected a string, got {_shown(value)}", key)
+        return value
+
+    def boolean(self, key: str) -> bool:
+        """The boolean at `key`; BadInputError if it is missing or something else."""
+        value = self._value(key)
+        if not isinstance(value, bool):
+            raise self.error(f"expected true or false, got {_shown(value)}", key)
+        return value
+
+    def integer(self, key: str) -> int:
+        """The whole number at `key`; BadInputError if it is missing or something else, 1.0 and true included."""
+        value = self._value(key)
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise self.error(f"expected a whole number, got {_shown(value)}", key)
+        return value
+
+    def number(self, key: str) -> float:
+        """The finite number at `key`; BadInputError if it is missing or something else."""
+        return self._number(self._value(key), key)
+
+    def _number(self, value: object, key: str, position: str = "") -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.error(f"expected a number{position}, got {_shown(value)}", key)
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            raise self.error(f"expected a finite number{position}, got {number}", key)
+        return number
+
+    def numbers(self, key: str, length: int | None = None) -> tuple[float, ...]:
+        """The list of finite numbers at `key`, of this length if one is given; else BadInputError."""
+        value = self._value(key)
+        expected = f"a list of {'' if length is None else f'{length} '}numbers"
+        if not isinstance(value, list):
+            raise self.error(f"expected {expected}, got {_shown(value)}", key)
+        if length is not None and len(value) != length:
+            raise self.error(f"expected {expected}, got {len(value)}", key)
+        return tuple(self._number(item, key, f" at place {k}") for k, item in enumerate(value, 1))
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """The list of strings at `key`; BadInputError if it is missing or something else."""
+        value = self._value(key)
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            raise self.error(f"expected a list of strings, got {_shown(value)}", key)
+        return tuple(value)
+
+    def table(self, key: str) -> "TomlTable":
+        """The table at `key`, empty if there is none; BadInputError if it is something else."""
+        value = self.values.get(key, {})
+        path = f"[{self.path.strip('[]')}.{key}]" if self.path else f"[{key}]"
+        if not isinstance(value, dict):
+            raise self.error(f"expected one table {path}, got {_shown(value)}", key)
+        return TomlTable(value, self.source, path)
+
+    def tables(self, key: str) -> "list[TomlTable]":
+        """The tables [[key]] in file order, none if there are none; BadInputError if it is something else."""
+        value = self.values.get(key, [])
+        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+            raise self.error(f"expected tables [[{key}]], got {_shown(value)}", key)
+        return [TomlTable(item, self.source, f"[[{key}]] {k}") for k, item in enumerate(value, 1)]
+
+
+def parse_toml(text: str, *, source: str) -> TomlTable:
+    """Parse a TOML file's text.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    source : str
+        The file's name, for messages.
+
+    Raises
+    ------
+    BadInputError
+        If it is not TOML; the message has the line as `tomllib` gives it.
+    """
+    try:
+        return TomlTable(tomllib.loads(text), source)
+    except RecursionError:
+        raise BadInputError(f"{source}: not a TOML file: nested too deeply") from None
+    except ValueError as error:  # TOMLDecodeError, and what int() and datetime() refuse
+        raise BadInputError(f"{source}: not a TOML file: {' '.join(str(error).split())}") from None

@@ -1,0 +1,139 @@
+"""What a camera returns that integrates on board: the phasor mean of the samples within its integration time.
+
+Use it for ``simulate --averaged``: where a pixel sees several surfaces, the mean
+lies between them, at a range where there is none (the paper's comet tail). The
+samples themselves are those of `tofmix.simulation.events`.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.errors import BadInputError
+from tofmix.ranging import unambiguous_range_mm
+from tofmix.sensors.profile import SensorProfile
+from tofmix.simulation.events import EventTable, draw
+
+MAX_EXPOSURES = 1000  # the SR-3000 sets its time in steps of 0.2 ms: 50 of them in its default time
+_NEGLIGIBLE = 1.0e-6  # a last part of a sample shorter than this is a rounding error of the division
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Exposure:
+    """One sample within the on-board integration.
+
+    Parameters
+    ----------
+    fraction : float
+        Its integration time over that of the model's samples; 1, or less for the last one.
+    sigma_mm : (event, pixel) float64
+        Noise of each event at its integration time, mm.
+    """
+
+    fraction: float
+    sigma_mm: FloatArray
+
+
+def exposure_times(sensor: SensorProfile) -> tuple[float, ...]:
+    """Integration times in ms of the samples within the default one: whole samples, then what is left.
+
+    Parameters
+    ----------
+    sensor : SensorProfile
+        The camera, at the integration time of one sample.
+
+    Returns
+    -------
+    tuple of float
+        Such as eight times 1.2 ms and once 0.4 ms for 10 ms.
+
+    Raises
+    ------
+    BadInputError
+        If one sample is not shorter than the default integration time, or over 1000 times shorter.
+    """
+    tau, total = sensor.integration_time_ms, sensor.default_integration_time_ms
+    if tau >= total:
+        raise BadInputError(
+            f"[sensor]: integration_time_ms: {tau:g} ms is not below the {total:g} ms that the camera integrates on "
+            "board, so there is nothing to average; lower it, or leave out --averaged"
+        )
+    if total / tau > MAX_EXPOSURES:
+        raise BadInputError(
+            f"[sensor]: integration_time_ms: {tau:g} ms goes into {total:g} ms more than {MAX_EXPOSURES} times; "
+            "raise it, or leave out --averaged"
+        )
+    whole = math.floor(total / tau + _NEGLIGIBLE)
+    rest = total - whole * tau
+    return (tau,) * whole + ((rest,) if rest > _NEGLIGIBLE * tau else ())
+
+
+def exposures(table: EventTable, sensor: SensorProfile) -> tuple[Exposure, ...]:
+    """The samples within the on-board integration, each with its noise.
+
+    The shorter last one has the noise of its own time by the tau law. Its weight in the mean is its time, so that
+    with the exponent 0.5 of shot noise the mean has exactly the noise of the whole time.
+
+    Raises
+    ------
+    BadInputError
+        If one sample is not shorter than the default integration time.
+    """
+    times = exposure_times(sensor)
+    sigma = {time: table.sigma(sensor.noise_at(time)) for time in set(times)}
+    return tuple(Exposure(fraction=time / sensor.integration_time_ms, sigma_mm=sigma[time]) for time in times)
+
+
+def average_frame(
+    table: EventTable, parts: tuple[Exposure, ...], *, modulation_frequency_hz: float, rng: np.random.Generator
+) -> tuple[FloatArray, Float32Array]:
+    """Draw one frame as on-board integration returns it.
+
+    Parameters
+    ----------
+    table : EventTable
+        The events.
+    parts : tuple of Exposure
+        What `exposures` returned.
+    modulation_frequency_hz : float
+        Modulation frequency, above 0.
+    rng : numpy.random.Generator
+        The frame's random stream; advanced.
+
+    Returns
+    -------
+    range_mm : (pixel,) float64
+        ``d_u arg(z) / 2 pi`` of the sum z of ``amplitude * exp(2 pi i r / d_u)``, on the turn nearest the
+        amplitude-weighted mean range, mm. Where no sample has an amplitude: the time-weighted mean range.
+    amplitude : (pixel,) float32
+        ``|z|``.
+    """
+    turn_mm = unambiguous_range_mm(modulation_frequency_hz)
+    pixels = table.range_mm.shape[1]
+    phasor = np.zeros(pixels, dtype=np.complex128)
+    light = np.zeros(pixels)  # sum of amplitudes
+    lit_range = np.zeros(pixels)  # the same, times range
+    plain_range = np.zeros(pixels)  # sum of times, times range
+    for part in parts:
+        samples = draw(table, sigma_mm=part.sigma_mm, rng=rng)
+        amplitude = samples.amplitude * part.fraction
+        phasor += amplitude * _unit_phasor(samples.range_mm, turn_mm)
+        light += amplitude
+        lit_range += amplitude * samples.range_mm
+        plain_range += part.fraction * samples.range_mm
+    dark = light == 0
+    mean = np.where(dark, plain_range / sum(part.fraction for part in parts), lit_range / np.where(dark, 1.0, light))
+    folded = np.angle(phasor) * (turn_mm / (2 * math.pi))
+    range_mm = np.where(dark, mean, folded + turn_mm * np.rint((mean - folded) / turn_mm))
+    return range_mm, np.abs(phasor).astype(np.float32)
+
+
+def _unit_phasor(range_mm: FloatArray, turn_mm: float) -> NDArray[np.complex128]:
+    phase = range_mm * (2 * math.pi / turn_mm)
+    phasor = np.empty(phase.shape, dtype=np.complex128)
+    phasor.real = np.cos(phase)
+    phasor.imag = np.sin(phase)
+    return phasor

@@ -1,0 +1,37 @@
+"""The built-in models by name: one file and one line each."""
+
+from importlib.resources import files
+
+from tofmix.errors import BadInputError
+from tofmix.sensors.toml_table import nearest
+
+BUILTIN_MODELS: dict[str, str] = {"three-boards": "three-boards.toml", "corridor": "corridor.toml"}
+
+
+def builtin_text(name: str) -> str:
+    """The model file of a built-in model, ready for `parse_model`.
+
+    Parameters
+    ----------
+    name : str
+        A key of `BUILTIN_MODELS`.
+
+    Raises
+    ------
+    BadInputError
+        If there is no model of this name.
+    """
+    if name not in BUILTIN_MODELS:
+        raise BadInputError(f'"{" ".join(name.split())}" is not a built-in model{nearest(name, BUILTIN_MODELS)}')
+    return (files("tofmix.simulation") / "scenes" / BUILTIN_MODELS[name]).read_text(encoding="utf-8")
+
+
+def builtin_description(name: str) -> str:
+    """What a built-in model is, in one line: the first comment of its file.
+
+    Raises
+    ------
+    BadInputError
+        If there is no model of this name.
+    """
+    return builtin_text(name).splitlines()[0].removeprefix("#").strip()

@@ -1,0 +1,148 @@
+"""Cast the beams of a model's pixels: which surfaces each one sees, how far, and with which share.
+
+Use it once a model; every frame of a still scene has the same truth. Nothing
+here is random, and no noise, bias or effect enters.
+"""
+
+import math
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.errors import BadInputError
+from tofmix.sensors.profile import SensorProfile
+from tofmix.simulation.cast_kernel import cast_row
+from tofmix.simulation.model import Model
+from tofmix.simulation.scene import scene_arrays
+from tofmix.simulation.truth import Truth
+
+# A surface or a gap of less than this share of a pixel is left out, and the others take its place. Shares are right
+# to 0.001; one sample in 10,000 is what the sensor's random values (p(c_r)) yield anyway; and an edge that lies on the
+# border of two pixels must not count as a surface of both by a rounding error.
+MIN_SHARE = 1.0e-4
+MAX_SURFACES = 4096  # so that never all shares of a pixel are below MIN_SHARE
+_MAX_LAYERS = 255  # n_modes is uint8
+
+_T = TypeVar("_T", bound=np.generic)
+
+
+def cast_scene(model: Model) -> Truth:
+    """Work out what each pixel of the model's camera sees.
+
+    A surface is seen from both sides, at ranges above 0 up to `range_max_mm`; the nearest hides the others, and of
+    two in one plane the first in the model is seen. Shares are right to 0.001 for edges of any direction, those along
+    the pixel grid included.
+
+    Parameters
+    ----------
+    model : Model
+        The scene and the camera.
+
+    Returns
+    -------
+    Truth
+        Arrays (rows, cols, layer); layer is the largest number of surfaces in any pixel, at least 1.
+
+    Raises
+    ------
+    BadInputError
+        If the model has over 4096 surfaces, or a pixel sees more than 255.
+
+    References
+    ----------
+    formats.md, Geometry.
+    """
+    if len(model.surfaces) > MAX_SURFACES:
+        raise BadInputError(f"[[surface]]: {len(model.surfaces)} surfaces; this version casts up to {MAX_SURFACES}")
+    seen = _cast(model)
+    sensor = model.sensor
+    counts = np.bincount(seen.pixel, minlength=sensor.rows * sensor.cols)
+    if counts.max() > _MAX_LAYERS:
+        row, col = divmod(int(counts.argmax()), sensor.cols)
+        raise BadInputError(
+            f"[[surface]]: pixel ({row}, {col}) sees {counts.max()} surfaces; a recording holds up to {_MAX_LAYERS}"
+        )
+    return _truth(model, seen, counts)
+
+
+class _Seen(NamedTuple):
+    """One entry for each surface that a pixel sees, and the pixels' shares without a surface."""
+
+    pixel: IntArray
+    surface: IntArray
+    share: FloatArray
+    range_mm: FloatArray
+    cosine: FloatArray
+    nothing: FloatArray
+
+
+def _cast(model: Model) -> _Seen:
+    """Cast row by row, so that memory does not grow with pixels times surfaces."""
+    sensor, scene = model.sensor, scene_arrays(model)
+    width, height = _pixel_size(sensor)
+    azimuths = (np.arange(sensor.cols, dtype=np.float64) - (sensor.cols - 1) / 2) * width
+    rows = []
+    for row in range(sensor.rows):
+        sums = np.zeros((sensor.cols, len(model.surfaces), 3))
+        cast_row((row - (sensor.rows - 1) / 2) * height, azimuths, width, height, scene, sums)
+        rows.append(_sift(sums, row * sensor.cols))
+    return _Seen(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+
+
+def _pixel_size(sensor: SensorProfile) -> tuple[float, float]:
+    """Extent of a pixel in azimuth and elevation, rad."""
+    return math.radians(sensor.fov_horizontal_deg / sensor.cols), math.radians(sensor.fov_vertical_deg / sensor.rows)
+
+
+def _sift(sums: FloatArray, first_pixel: int) -> _Seen:
+    """What a row's pixels see, without shares below `MIN_SHARE`; the others fill the pixel."""
+    share = sums[:, :, 0]
+    nothing = 1.0 - share.sum(axis=1)
+    share = np.where(share >= MIN_SHARE, share, 0.0)
+    nothing = np.where(nothing >= MIN_SHARE, nothing, 0.0)
+    whole = share.sum(axis=1) + nothing
+    col, surface = np.nonzero(share)
+    weight, weighted_range, weighted_cosine = sums[col, surface].T
+    return _Seen(
+        pixel=first_pixel + col,
+        surface=surface,
+        share=share[col, surface] / whole[col],
+        range_mm=weighted_range / weight,
+        cosine=weighted_cosine / weight,
+        nothing=nothing / whole,
+    )
+
+
+def _truth(model: Model, seen: _Seen, counts: IntArray) -> Truth:
+    """Sort what each pixel sees from near to far."""
+    sensor = model.sensor
+    order = np.lexsort((seen.surface, seen.range_mm, seen.pixel))
+    pixel = seen.pixel[order]
+    layer = np.arange(pixel.size) - (np.cumsum(counts) - counts)[pixel]
+    image, stack = (sensor.rows, sensor.cols), (sensor.rows, sensor.cols, max(1, int(counts.max())))
+    row, col = np.divmod(pixel, sensor.cols)
+
+    def spread(values: NDArray[np.generic], padding: float, dtype: type[_T]) -> NDArray[_T]:
+        out = np.full(stack, padding, dtype=dtype)
+        out[row, col, layer] = values[order]
+        return out
+
+    returned = 1.0 - sensor.outlier_probability
+    return Truth(
+        n_modes=counts.reshape(image).astype(np.uint8),
+        range_true=spread(seen.range_mm, np.nan, np.float32),
+        weight_true=spread(seen.share * returned, np.nan, np.float32),
+        weight_no_return=(seen.nothing * returned).reshape(image).astype(np.float32),
+        surface=spread(seen.surface, -1, np.int16),
+        amplitude=spread(_amplitude(model, seen), 0.0, np.float32),
+    )
+
+
+def _amplitude(model: Model, seen: _Seen) -> FloatArray:
+    """``1000 * reflectivity * cos(incidence) * (1000 / r_mm)^2 * tau_ms / 1.2`` of each entry."""
+    reflectivity = np.array([surface.reflectivity for surface in model.surfaces], dtype=np.float64)[seen.surface]
+    gain = 1000.0 * model.sensor.integration_time_ms / 1.2
+    amplitude: FloatArray = gain * reflectivity * seen.cosine * (1000.0 / seen.range_mm) ** 2
+    return amplitude

@@ -1,0 +1,210 @@
+"""Kernels that cast the beams of one image row. They validate nothing; call `tofmix.simulation.cast`.
+
+A cell (a pixel, or one of the 32 x 32 parts of one that an edge crosses) is
+first judged as a whole: from its centre and its radius, does one surface, or
+nothing, fill it? Only what is left open is cut finer, down to single beams.
+"""
+
+import math
+
+import numpy as np
+
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.jit import jit
+from tofmix.simulation.scene import SceneArrays
+
+NOTHING = -1  # no surface in any beam of the cell
+MIXED = -2  # an edge, a crease or the range limit may cross the cell
+SMOOTH_BEAMS = 8  # beams a side of a pixel that one surface fills
+SUBCELLS = 32  # cells a side of a pixel that an edge crosses
+# Beams in such a cell that an edge crosses: a rank-1 lattice (i, 19 i mod 64) / 64, whose projections on both axes
+# are evenly spaced, so that an edge along the grid is found to 1 / 64 of a cell. 19 gives nearly the longest
+# shortest distance between points of any generator, and serves oblique edges better than the longest.
+LATTICE = 64
+_LATTICE_STEP = 19
+# Each cell shifts its lattice by the golden ratio's plane sequence (R2), or an oblique edge would meet the same
+# points in the same way in every cell along it and their errors would add up.
+_SHIFT_ACROSS = 0.7548776662466927
+_SHIFT_DOWN = 0.5698402909980532
+_TIE = 1.0e-9  # relative difference of ranges below which two surfaces are one plane: the first in the model is seen
+
+
+@jit
+def _judge(
+    x: float, y: float, z: float, radius: float, scene: SceneArrays, candidates: IntArray, count: int, kept: IntArray
+) -> tuple[int, int]:
+    """What fills the cell around direction (x, y, z): a surface, NOTHING or MIXED; and how many may be seen in it.
+
+    Those that may be seen are written to `kept`, in the order of `candidates`.
+    """
+    n_kept = 0
+    cover = -1
+    cover_inverse = 0.0
+    for k in range(count):
+        s = candidates[k]
+        cosine = scene.normal[s, 0] * x + scene.normal[s, 1] * y + scene.normal[s, 2] * z
+        inside = cosine - scene.min_cosine[s]
+        for e in range(4):
+            edge = scene.edges[s, e]
+            inside = min(inside, edge[0] * x + edge[1] * y + edge[2] * z)
+        if inside < -radius:
+            continue
+        kept[n_kept] = s
+        n_kept += 1
+        if inside > radius and cosine / scene.distance[s] > cover_inverse * (1.0 + _TIE):
+            cover = s
+            cover_inverse = cosine / scene.distance[s]
+    if n_kept == 0:
+        return NOTHING, 0
+    if cover < 0:
+        return MIXED, n_kept
+    visible = 0
+    for k in range(n_kept):
+        if kept[k] == cover or not _hides(x, y, z, radius, scene, cover, kept[k]):
+            kept[visible] = kept[k]
+            visible += 1
+    return (cover if visible == 1 else MIXED), visible
+
+
+@jit
+def _hides(x: float, y: float, z: float, radius: float, scene: SceneArrays, front: int, back: int) -> bool:
+    """Whether `front`, which fills the cell, is nearer than `back` in all of it. 1 / r = N . d / h is linear in d."""
+    gap = 0.0
+    spread = 0.0
+    scale = 1.0 / scene.distance[front]
+    for axis in range(3):
+        slope = scene.normal[front, axis] * scale - scene.normal[back, axis] / scene.distance[back]
+        gap += slope * (x if axis == 0 else y if axis == 1 else z)
+        spread += slope * slope
+    spread = math.sqrt(spread)
+    if spread <= _TIE * scale:
+        return front < back
+    return gap > spread * radius
+
+
+@jit
+def _nearest(x: float, y: float, z: float, scene: SceneArrays, candidates: IntArray, count: int) -> int:
+    """The surface that a beam meets first, or NOTHING."""
+    best = NOTHING
+    best_inverse = 0.0
+    for k in range(count):
+        s = candidates[k]
+        cosine = scene.normal[s, 0] * x + scene.normal[s, 1] * y + scene.normal[s, 2] * z
+        inverse = cosine / scene.distance[s]
+        if cosine < scene.min_cosine[s] or inverse <= best_inverse * (1.0 + _TIE):
+            continue
+        inside = 0.0
+        for e in range(4):
+            edge = scene.edges[s, e]
+            inside = min(inside, edge[0] * x + edge[1] * y + edge[2] * z)
+        if inside >= 0.0:
+            best = s
+            best_inverse = inverse
+    return best
+
+
+@jit
+def _add(x: float, y: float, z: float, weight: float, scene: SceneArrays, surface: int, sums: FloatArray) -> None:
+    """Add one beam that meets `surface` to that surface's sums of share, range and cosine."""
+    cosine = scene.normal[surface, 0] * x + scene.normal[surface, 1] * y + scene.normal[surface, 2] * z
+    sums[surface, 0] += weight
+    sums[surface, 1] += weight * scene.distance[surface] / cosine
+    sums[surface, 2] += weight * cosine
+
+
+@jit
+def _cast_smooth(
+    azimuth: float, elevation: float, width: float, height: float, scene: SceneArrays, surface: int, sums: FloatArray
+) -> None:
+    """A pixel that one surface fills: 8 x 8 beams for its mean range."""
+    for j in range(SMOOTH_BEAMS):
+        el = elevation + ((j + 0.5) / SMOOTH_BEAMS - 0.5) * height
+        for i in range(SMOOTH_BEAMS):
+            az = azimuth + ((i + 0.5) / SMOOTH_BEAMS - 0.5) * width
+            x = math.sin(az) * math.cos(el)
+            z = math.cos(az) * math.cos(el)
+            _add(x, math.sin(el), z, 1.0 / SMOOTH_BEAMS**2, scene, surface, sums)
+
+
+@jit
+def _cast_lattice(
+    left: float, top: float, width: float, height: float, shift: int, scene: SceneArrays, candidates: IntArray,
+    count: int, sums: FloatArray,
+) -> None:  # fmt: skip
+    """A cell of a pixel that an edge crosses: a shifted lattice of 64 beams."""
+    for i in range(LATTICE):
+        across = ((i + 0.5) / LATTICE + shift * _SHIFT_ACROSS) % 1.0
+        down = ((i * _LATTICE_STEP % LATTICE + 0.5) / LATTICE + shift * _SHIFT_DOWN) % 1.0
+        az = left + across * width
+        el = top + down * height
+        x = math.sin(az) * math.cos(el)
+        y = math.sin(el)
+        z = math.cos(az) * math.cos(el)
+        surface = _nearest(x, y, z, scene, candidates, count)
+        if surface >= 0:
+            _add(x, y, z, 1.0 / (SUBCELLS**2 * LATTICE), scene, surface, sums)
+
+
+@jit
+def _cast_mixed(
+    azimuth: float, elevation: float, width: float, height: float, scene: SceneArrays, candidates: IntArray,
+    count: int, kept: IntArray, sums: FloatArray,
+) -> None:  # fmt: skip
+    """A pixel that an edge crosses: 32 x 32 cells, one beam in each that is whole, 64 in each that is not."""
+    cell_width = width / SUBCELLS
+    cell_height = height / SUBCELLS
+    radius = 0.5 * math.hypot(cell_width, cell_height)
+    for j in range(SUBCELLS):
+        top = elevation - height / 2 + j * cell_height
+        el = top + cell_height / 2
+        for i in range(SUBCELLS):
+            left = azimuth - width / 2 + i * cell_width
+            az = left + cell_width / 2
+            x = math.sin(az) * math.cos(el)
+            y = math.sin(el)
+            z = math.cos(az) * math.cos(el)
+            found, n_kept = _judge(x, y, z, radius, scene, candidates, count, kept)
+            if found >= 0:
+                _add(x, y, z, 1.0 / SUBCELLS**2, scene, found, sums)
+            elif found == MIXED:
+                shift = j * SUBCELLS + i
+                _cast_lattice(left, top, cell_width, cell_height, shift, scene, kept, n_kept, sums)
+
+
+@jit
+def cast_row(
+    elevation: float, azimuths: FloatArray, width: float, height: float, scene: SceneArrays, sums: FloatArray
+) -> None:
+    """Cast one image row.
+
+    Parameters
+    ----------
+    elevation : float
+        Elevation of the row's centre, rad.
+    azimuths : (col,) float64
+        Azimuths of the pixels' centres, rad.
+    width, height : float
+        A pixel's extent in azimuth and elevation, rad.
+    scene : SceneArrays
+        S surfaces.
+    sums : (col, S, 3) float64
+        Zeros; receives the share of each surface, and the sums of share times range (mm) and times cosine of
+        incidence.
+    """
+    count = scene.distance.shape[0]
+    everything = np.arange(count)
+    seen = np.empty(count, dtype=np.int64)
+    kept = np.empty(count, dtype=np.int64)
+    # The distance on the sphere is at most hypot of the differences of azimuth and elevation, and the chord is less.
+    radius = 0.5 * math.hypot(width, height)
+    el_sin = math.sin(elevation)
+    el_cos = math.cos(elevation)
+    for col in range(azimuths.shape[0]):
+        az = azimuths[col]
+        x = math.sin(az) * el_cos
+        z = math.cos(az) * el_cos
+        found, n_seen = _judge(x, el_sin, z, radius, scene, everything, count, seen)
+        if found >= 0:
+            _cast_smooth(az, elevation, width, height, scene, found, sums[col])
+        elif found == MIXED:
+            _cast_mixed(az, elevation, width, height, scene, seen, n_seen, kept, sums[col])
