@@ -10,6 +10,7 @@ Slow drift within the 0.85 s of the log is part of it: it spreads a pixel's samp
 """
 
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -33,11 +34,11 @@ def measure_noise(range_mm: NDArray[np.float64]) -> NoiseCurve:
     centre = np.median(range_mm, axis=0)
     steady = (np.abs(range_mm - centre) < STEADY_MM).all(axis=0)
     points = []
-    for low, high in zip(INTERVALS_MM[:-1], INTERVALS_MM[1:], strict=True):
+    for low, high in pairwise(INTERVALS_MM):
         chosen = steady & (centre >= low) & (centre < high)
         if chosen.any():
             spread = range_mm[:, chosen].std(axis=0, ddof=1)
-            points.append((np.median(centre[chosen]), np.median(spread)))
+            points.append((float(np.median(centre[chosen])), float(np.median(spread))))
     points.append((INTERVALS_MM[-1], points[-1][1]))
     return NoiseCurve(*np.array(points).T)
 

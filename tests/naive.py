@@ -76,7 +76,9 @@ def em(
     return mean, sigma, weight, no_return
 
 
-def log_likelihood(samples: Array, parameters: Array, k: int, sigma: Array, with_no_return: bool, sensor: Sensor) -> float:
+def log_likelihood(
+    samples: Array, parameters: Array, k: int, sigma: Array, with_no_return: bool, sensor: Sensor
+) -> float:
     """Log likelihood of (mu_1..mu_k, all shares but the last), for numeric derivatives."""
     shares = k + 1 if with_no_return else k
     mean, some = parameters[:k], parameters[k:]

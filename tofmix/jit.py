@@ -19,25 +19,26 @@ import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numba
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
+config: Any = numba.config  # its settings are made at run time, unknown to a type checker
 _PACKAGE = Path(__file__).parent
 _KERNEL_FOLDERS = ("estimation", "simulation")
 
 
 def jit(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` in nopython mode with the package's options."""
-    theirs = numba.config.CACHE_DIR  # numba reads it while it decorates; other packages keep their own
-    numba.config.CACHE_DIR = str(cache_folder())
+    theirs = config.CACHE_DIR  # numba reads it while it decorates; other packages keep their own
+    config.CACHE_DIR = str(cache_folder())
     try:
         compiled: Callable[P, R] = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     finally:
-        numba.config.CACHE_DIR = theirs
+        config.CACHE_DIR = theirs
     return compiled
 
 

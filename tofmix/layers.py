@@ -31,7 +31,7 @@ class LayerField:
 
 LAYER_FIELDS: tuple[LayerField, ...] = (
     LayerField(name="n_modes", dtype="u1", units="1", long_name="surfaces found in the pixel"),
-    LayerField(name="n_peaks", dtype="u1", units="1", long_name="peaks of the density in step 1, before any refinement"),
+    LayerField(name="n_peaks", dtype="u1", units="1", long_name="peaks of the density, before any refinement"),
     LayerField(name="range", dtype="f4", units="mm", long_name="range of each surface, near to far", per_layer=True),
     LayerField(name="sigma", dtype="f4", units="mm", long_name="standard deviation of the component", per_layer=True),
     LayerField(name="weight", dtype="f4", units="1", long_name="share of the beam, p(c_i)", per_layer=True),

@@ -4,7 +4,6 @@ Anything with the methods of `SampleSource` can be estimated: a file
 (`tofmix.io.recording_file`), or an array in memory (`ArrayRecording`).
 """
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import Float32Array
 from tofmix.sensor import Sensor
+
+_DIMS = ("frame", "row", "col")
 
 
 class SampleSource(Protocol):
@@ -33,14 +34,13 @@ class SampleSource(Protocol):
         """Samples (frame, row, col) float32 in mm, NaN where invalid."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class ArrayRecording:
     """A recording in memory.
 
     Parameters
     ----------
     range_mm : (frame, row, col) array_like of float32
-        Samples, mm; NaN or infinite where invalid.
+        Samples, mm; NaN or infinite where invalid. They are copied.
     sensor : Sensor
         The camera.
 
@@ -50,20 +50,17 @@ class ArrayRecording:
         If the samples do not have three dimensions, or there are none.
     """
 
-    range_mm: ArrayLike
-    sensor: Sensor
-
-    def __post_init__(self) -> None:
-        samples = np.array(self.range_mm, dtype=np.float32, copy=True)
-        if samples.ndim != 3 or samples.size == 0:
-            raise ValueError(f"range: expected (frame, row, col), got shape {samples.shape}")
-        samples[~np.isfinite(samples)] = np.nan
-        object.__setattr__(self, "range_mm", samples)
+    def __init__(self, range_mm: ArrayLike, sensor: Sensor) -> None:
+        self._samples: Float32Array = np.array(range_mm, dtype=np.float32, copy=True)
+        if self._samples.ndim != len(_DIMS) or self._samples.size == 0:
+            raise ValueError(f"range: expected (frame, row, col), got shape {self._samples.shape}")
+        self._samples[~np.isfinite(self._samples)] = np.nan
+        self._sensor = sensor
 
     @property
-    def _samples(self) -> Float32Array:
-        assert isinstance(self.range_mm, np.ndarray)
-        return self.range_mm
+    def sensor(self) -> Sensor:
+        """The camera."""
+        return self._sensor
 
     @property
     def shape(self) -> tuple[int, int, int]:

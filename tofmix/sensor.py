@@ -15,6 +15,14 @@ from tofmix.arrays import FloatArray
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4
 
+_POSITIVE = (
+    "modulation_frequency_hz",
+    "integration_time_ms",
+    "range_max_mm",
+    "fov_horizontal_deg",
+    "fov_vertical_deg",
+)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseCurve:
@@ -44,7 +52,8 @@ class NoiseCurve:
         sigma_mm = np.array(self.sigma_mm, dtype=np.float64, copy=True)
         if range_mm.ndim != 1 or range_mm.shape != sigma_mm.shape or range_mm.size == 0:
             raise ValueError(
-                f"noise curve: range and sigma must be two lists of one length, got shapes {range_mm.shape} and {sigma_mm.shape}"
+                "noise curve: range and sigma must be two lists of one length,"
+                f" got shapes {range_mm.shape} and {sigma_mm.shape}"
             )
         if not np.isfinite(range_mm).all():
             raise ValueError("noise curve: a range is not finite")
@@ -53,7 +62,9 @@ class NoiseCurve:
         bad = ~(np.isfinite(sigma_mm) & (sigma_mm > 0))
         if bad.any():
             k = int(np.argmax(bad))
-            raise ValueError(f"noise curve: sigma is {sigma_mm[k]:g} mm at {range_mm[k]:g} mm; it must be finite and above 0")
+            raise ValueError(
+                f"noise curve: sigma is {sigma_mm[k]:g} mm at {range_mm[k]:g} mm; it must be finite and above 0"
+            )
         range_mm.setflags(write=False)
         sigma_mm.setflags(write=False)
         object.__setattr__(self, "range_mm", range_mm)
@@ -104,7 +115,7 @@ class Sensor:
     noise: NoiseCurve | None = None
 
     def __post_init__(self) -> None:
-        for key in ("modulation_frequency_hz", "integration_time_ms", "range_max_mm", "fov_horizontal_deg", "fov_vertical_deg"):
+        for key in _POSITIVE:
             value = getattr(self, key)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{key}: {value} is not a finite number above 0")

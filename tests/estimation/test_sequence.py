@@ -1,5 +1,7 @@
 """Windows, blocks and workers: they change when and where a pixel is fitted, never what comes out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drawing import draw
@@ -65,9 +67,8 @@ def test_a_consumer_may_stop_early(recording: ArrayRecording) -> None:
 
 
 def test_an_error_in_a_worker_reaches_the_caller(recording: ArrayRecording) -> None:
-    from dataclasses import replace
-
-    blind = ArrayRecording(recording.range_mm, replace(recording.sensor, noise=None))
+    samples = recording.read_range(slice(None), slice(None))
+    blind = ArrayRecording(samples, replace(recording.sensor, noise=None))
     with pytest.raises(ValueError, match="noise curve"):
         estimate_layers(blind)
 

@@ -54,7 +54,7 @@ def test_one_surface_has_sigma_over_root_n(rng: np.random.Generator, sensor: Sen
 
 
 def test_errors_cover_the_truth(rng: np.random.Generator, sensor: Sensor) -> None:
-    truth = np.array([1500, 1640, 3500])
+    truth = [1500.0, 1640.0, 3500.0]
     layers = layer_pixels(draw(rng, sensor, ranges_mm=truth, shares=[0.3, 0.3, 0.4], n=100, pixels=4000), sensor)
     right = layers.n_modes == 3
     assert right.mean() > 0.98

@@ -27,7 +27,7 @@ SURFACES = (
 @pytest.fixture(scope="module")
 def drawn() -> Drawn:
     """3000 frames of 9 x 11 pixels with one to three surfaces, gaps, and one random value in 20 samples."""
-    from tofmix.sensors import load_profile  # noqa: PLC0415  the function-scoped fixtures are out of reach here
+    from tofmix.sensors import load_profile
 
     sensor = replace(
         load_profile("sr3000"),

@@ -47,11 +47,10 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code; never a traceback for a fault of the user's or the disk's."""
     # A job scheduler's SIGTERM must remove unfinished files, as Ctrl-C does.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    code = ExitCode.DONE
     try:
-        main.main(args=arguments, prog_name="tofmix", standalone_mode=False)
+        code = main.main(args=arguments, prog_name="tofmix", standalone_mode=False) or code
         sys.stdout.flush()
-    except click.exceptions.Exit as leave:
-        sys.exit(leave.exit_code)
     except click.ClickException as error:
         error.show()
         sys.exit(ExitCode.USAGE)
@@ -59,14 +58,13 @@ def run(arguments: list[str] | None = None) -> NoReturn:
         _fail(str(error), error.exit_code)
     except (KeyboardInterrupt, click.Abort):
         _interrupted()
-    except BrokenPipeError:
-        # The reader has gone (`| head`): nothing is wrong, and nothing more can be said.
-        _discard_stdout()
-        sys.exit(128 + signal.SIGPIPE)
+    except SystemExit as leave:
+        # click leaves with 1 where the reader of a pipe has gone (`| head`); by our table that were a bug of ours.
+        sys.exit(128 + signal.SIGPIPE if leave.code == 1 else leave.code)
     except OSError as error:
         _discard_stdout()
         _fail(os_error_text(error, error.filename or "standard output"), ExitCode.STORAGE)
-    sys.exit(ExitCode.DONE)
+    sys.exit(code)
 
 
 def _fail(text: str, code: ExitCode) -> NoReturn:

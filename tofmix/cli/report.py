@@ -23,17 +23,20 @@ tofmix report boards.layers.h5 --json | python -m json.tool
 )
 @click.command(short_help="Show what an estimate found.")
 @click.argument("layers", type=PATH)
-@click.option("--recording", type=PATH, help="The recording of these layers: the page then shows its average beside them.")
+@click.option("--recording", type=PATH, help="The recording of these layers; the page then shows its average too.")
 @click.option("--html", type=PATH, help="Write a self-contained page with pictures.")
 @click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window that the page shows.")
 @json_option
 @overwrite_option
-def report(layers: Path, recording: Path | None, html: Path | None, window: int, as_json: bool, overwrite: bool) -> None:
+def report(
+    layers: Path, recording: Path | None, html: Path | None, window: int, as_json: bool, overwrite: bool
+) -> None:
     """Show what an estimate found: LAYERS is a file that tofmix estimate wrote.
 
     Prints pixels by number of surfaces, the layers' ranges, shares and sigmas, and
     pixels by status. A page (--html) shows the same in pictures.
     """
+    from tofmix.errors import UsageError
     from tofmix.io.layers_file import open_layers
     from tofmix.io.recording_file import open_recording
     from tofmix.io.storage import check_output, write_text
@@ -46,6 +49,8 @@ def report(layers: Path, recording: Path | None, html: Path | None, window: int,
         source = None if recording is None else stack.enter_context(open_recording(recording))
         if source is not None:
             _check_recording(file, source)
+        if window >= file.shape[0]:
+            raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
         if html is not None:
             check_output(html, overwrite=overwrite, inputs=inputs)
         summary = summarise(file)

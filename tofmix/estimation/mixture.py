@@ -126,18 +126,18 @@ def _maximise(k: int, fit: Components, beam: Beam, mode: int) -> float:
     for i in range(k):
         total += fit.support[i]
     scale = (1.0 - beam.p_outlier) / total if total > 0.0 else 0.0
-    change = abs(scale * fit.no_return[1] - fit.no_return[0])
+    change = float(abs(scale * fit.no_return[1] - fit.no_return[0]))
     fit.no_return[0] = scale * fit.no_return[1]
     for i in range(k):
         support = fit.support[i]
         weight = scale * support
-        change = max(change, abs(weight - fit.weight[i]))
+        change = max(change, float(abs(weight - fit.weight[i])))
         fit.weight[i] = weight
         if support <= 0.0:
             continue
         shift = fit.scratch[2, i] / support
         fit.mean[i] += shift
-        change = max(change, abs(shift) / fit.sigma[i])
+        change = max(change, float(abs(shift) / fit.sigma[i]))
         curve_sigma = sigma_at(fit.mean[i], beam.curve_range, beam.curve_sigma)
         squares = max(fit.scratch[3, i] - support * shift * shift, 0.0)
         fit.sigma[i] = _new_sigma(curve_sigma, squares, support, mode)

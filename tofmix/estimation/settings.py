@@ -17,6 +17,9 @@ from tofmix.sensor import Sensor
 NO_RETURN_SIGMAS = 2.0
 """A surface within this many sigma of `range_max_mm` is taken as no return, c_0."""
 
+LEAST_SAMPLES = 2
+"""Samples below which nothing can be fitted: no layer rests on a single one."""
+
 _SMALLEST_OUTLIER_PROBABILITY = 1.0e-12
 
 
@@ -72,7 +75,7 @@ class EstimateOptions:
             (0 < self.epsilon < np.inf, "epsilon", "above 0"),
             (1 <= self.max_iter < 2**16, "max_iter", "1 to 65535"),
             (0 < self.tol < 1, "tol", "in (0, 1)"),
-            (self.min_samples >= 2, "min_samples", "at least 2"),
+            (self.min_samples >= LEAST_SAMPLES, "min_samples", f"at least {LEAST_SAMPLES}"),
         )
         for fits, name, text in bounds:
             if not fits:

@@ -14,6 +14,12 @@ from tofmix.estimation.mixture import Components, gaussian
 from tofmix.estimation.settings import Beam
 from tofmix.jit import jit
 
+_SINGULAR = 1.0e-10
+"""A pivot below this, of a matrix with a unit diagonal, is rounding."""
+
+_LEAST_NO_RETURN = 0.5
+"""With less than half a sample, p(c_0) sits at its bound 0 and has no curvature to invert."""
+
 
 @jit
 def _information(samples: FloatArray, k: int, fit: Components, beam: Beam, with_no_return: bool) -> FloatArray:
@@ -75,7 +81,7 @@ def _invert(matrix: FloatArray) -> bool:
             for m in range(j):
                 value -= lower[i, m] * lower[j, m]
             if i == j:
-                if not value > 1.0e-10:
+                if not value > _SINGULAR:
                     return False
                 lower[i, i] = math.sqrt(value)
             else:
@@ -110,7 +116,7 @@ def range_errors(samples: FloatArray, k: int, fit: Components, beam: Beam, out: 
         return True
     if k == 1 and fit.support[0] > len(samples) - 0.01:
         return True
-    information = _information(samples, k, fit, beam, fit.no_return[1] > 0.5)
+    information = _information(samples, k, fit, beam, fit.no_return[1] > _LEAST_NO_RETURN)
     if not _invert(information):
         return False
     for i in range(k):

@@ -241,7 +241,7 @@ def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> N
     if found != kind:
         raise BadInputError(f"{path}: expected a {kind} file, its format attribute is {found!r}")
     version = text_attribute(root, "format_version") or ""
-    if version.split(".")[0] != FORMAT_VERSION.split(".")[0]:
+    if version.split(".")[0] != FORMAT_VERSION.split(".", maxsplit=1)[0]:
         raise BadInputError(f"{path}: format_version {version!r}; this version reads {FORMAT_VERSION}")
 
 

@@ -70,24 +70,23 @@ class LayersWriter:
         self._dims = dict(zip(_DIMS, (windows.count, *image, max_layers), strict=True))
         self._tile = tile
         self._provenance = provenance
-        self._stack = ExitStack()
         self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs)
 
     def __enter__(self) -> Self:
-        self._stack.enter_context(self._file)
         history = f"tofmix {self._provenance.version} estimate {self._provenance.source}"
-        root = self._stack.enter_context(
-            hdf5.create(self._file, kind=FORMAT, title=f"surfaces of {self._provenance.source}", history=history)
-        )
-        self._root = root
-        _write_provenance(root, self._provenance)
-        for name, length in self._dims.items():
-            hdf5.add_scale(root, name, length)
-        for spec in LAYER_FIELDS:
-            self._add(spec)
-        self._add_windows()
-        hdf5.write_sensor(root, self._provenance.sensor)
-        hdf5.add_nexus_view(root, name="layers", signal="range", axes=_DIMS)
+        title = f"surfaces of {self._provenance.source}"
+        with ExitStack() as stack:  # undone if anything below fails
+            stack.enter_context(self._file)
+            self._root = stack.enter_context(hdf5.create(self._file, kind=FORMAT, title=title, history=history))
+            _write_provenance(self._root, self._provenance)
+            for name, length in self._dims.items():
+                hdf5.add_scale(self._root, name, length)
+            for spec in LAYER_FIELDS:
+                self._add(spec)
+            self._add_windows()
+            hdf5.write_sensor(self._root, self._provenance.sensor)
+            hdf5.add_nexus_view(self._root, name="layers", signal="range", axes=_DIMS)
+            self._stack = stack.pop_all()
         return self
 
     def _add(self, spec: LayerField) -> None:
@@ -141,6 +140,8 @@ class LayersFile:
         shape = self._datasets["range"].shape
         self.shape: tuple[int, int, int] = shape[:3]
         self.max_layers = int(shape[3])
+        if 0 in shape:
+            raise BadInputError(f"{path}: range: shape {shape} holds no layer")
         for name, dataset in self._datasets.items():
             if dataset.shape != shape[: dataset.ndim]:
                 raise BadInputError(f"{path}: {name}: shape {dataset.shape} does not go with range {shape}")

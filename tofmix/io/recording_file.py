@@ -30,6 +30,7 @@ CHUNK_FRAMES = 100
 _CHUNK_ROWS = 8
 _CHUNK_COLS = 22
 _NO_SAMPLE = 0
+_DIMS = ("frame", "row", "col")
 
 
 class RecordingFile:
@@ -120,7 +121,7 @@ def file_sha256(path: Path) -> str:
 
 def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
     dataset = hdf5.checked_dataset(root, name, path)
-    if dataset.ndim != 3:
+    if dataset.ndim != len(_DIMS):
         raise BadInputError(f"{path}: {name}: expected (frame, row, col), got shape {dataset.shape}")
     if 0 in dataset.shape:
         raise BadInputError(f"{path}: {name}: shape {dataset.shape} holds no sample")
@@ -195,17 +196,26 @@ class RecordingWriter:
         self._has_amplitude = has_amplitude
         self._has_temperature = has_temperature
         self._attributes = attributes or {}
-        self._stack = ExitStack()
         self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs)
 
     def __enter__(self) -> Self:
-        self._stack.enter_context(self._file)
         history = f"written by tofmix {__version__}"
-        root = self._stack.enter_context(hdf5.create(self._file, kind=FORMAT, title=self._title, history=history))
-        root.attrs.update(self._attributes)
-        self._root = root
+        with ExitStack() as stack:  # undone if anything below fails
+            stack.enter_context(self._file)
+            root = stack.enter_context(hdf5.create(self._file, kind=FORMAT, title=self._title, history=history))
+            root.attrs.update(self._attributes)
+            self._root = root
+            self._add_frames(root)
+            hdf5.write_sensor(root, self._sensor)
+            if self._truth is not None:
+                _write_truth(root, self._truth, self._model_text)
+            hdf5.add_nexus_view(root, name="recording", signal="range", axes=_DIMS)
+            self._stack = stack.pop_all()
+        return self
+
+    def _add_frames(self, root: h5py.File) -> None:
         frames, rows, cols = self._shape
-        dims = {"frame": frames, "row": rows, "col": cols}
+        dims = dict(zip(_DIMS, self._shape, strict=True))
         for name, length in dims.items():
             hdf5.add_scale(root, name, length)
         chunks = (min(frames, CHUNK_FRAMES), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS))
@@ -213,18 +223,11 @@ class RecordingWriter:
             root, "range", dims=dims, dtype="u2", units="mm", long_name="radial range", chunks=chunks, fill=_NO_SAMPLE
         )
         if self._has_amplitude:
-            hdf5.add_variable(
-                root, "amplitude", dims=dims, dtype="f4", units="1", long_name="amplitude", chunks=chunks
-            )
+            hdf5.add_variable(root, "amplitude", dims=dims, dtype="f4", units="1", long_name="amplitude", chunks=chunks)
         frame = {"frame": frames}
         hdf5.add_variable(root, "time", dims=frame, dtype="f8", units="s", long_name="start of the frame")
         if self._has_temperature:
             hdf5.add_variable(root, "temperature", dims=frame, dtype="f4", units="degC", long_name="temperature")
-        hdf5.write_sensor(root, self._sensor)
-        if self._truth is not None:
-            _write_truth(root, self._truth, self._model_text)
-        hdf5.add_nexus_view(root, name="recording", signal="range", axes=("frame", "row", "col"))
-        return self
 
     def write(
         self,

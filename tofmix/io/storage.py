@@ -99,7 +99,7 @@ class AtomicFile:
     UsageError
         If `path` exists and `overwrite` is false, or `path` is one of `inputs`.
     StorageError
-        If nothing can be created there.
+        If nothing can be created there; a folder without permission shows when the block is entered.
     """
 
     def __init__(self, path: Path, *, overwrite: bool, inputs: tuple[Path, ...] = ()) -> None:
@@ -109,20 +109,24 @@ class AtomicFile:
         # A link stays a link: its target is replaced.
         self._target = Path(os.path.realpath(path))
         self._temporary = self._target.with_name(f".{self._target.name}.{secrets.token_hex(6)}.partial")
-        try:
-            self._descriptor = os.open(self._temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-        except OSError as error:
-            raise StorageError(os_error_text(error, path)) from error
-        self.sink = Sink(self._descriptor)
-        self._open = True
+        self._descriptor = -1
 
     def __enter__(self) -> Self:
+        try:
+            self._descriptor = os.open(self._temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+            self.sink = Sink(self._descriptor)
+        except OSError as error:
+            raise StorageError(os_error_text(error, self.path)) from error
+        except BaseException:
+            # Interrupted between the two: nobody else knows of the file.
+            self._temporary.unlink(missing_ok=True)
+            raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._open:
+        if self._descriptor >= 0:
             self._close()
             self._temporary.unlink(missing_ok=True)
 
@@ -151,15 +155,15 @@ class AtomicFile:
         try:
             os.fsync(self._descriptor)
             check_output(self.path, overwrite=self._overwrite)
-            os.replace(self._temporary, self._target)
+            self._temporary.replace(self._target)
             self._close()
             _sync_folder(self._target.parent)
         except OSError as error:
             raise StorageError(os_error_text(error, self.path)) from error
 
     def _close(self) -> None:
-        self._open = False
-        os.close(self._descriptor)
+        descriptor, self._descriptor = self._descriptor, -1
+        os.close(descriptor)
 
 
 def check_output(path: Path, *, overwrite: bool, inputs: tuple[Path, ...] = ()) -> None:

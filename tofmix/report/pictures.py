@@ -96,9 +96,8 @@ def _range_pictures(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> 
             bad="Edges with colours in between: ranges at which nothing stands.",
         )
     ]
-    for k in range(min(SHOWN_LAYERS, layers.max_layers)):
-        pictures.append(_layer_picture(k + 1, ranges[..., k], scale))
-    return pictures
+    shown = range(min(SHOWN_LAYERS, layers.max_layers))
+    return pictures + [_layer_picture(k + 1, ranges[..., k], scale) for k in shown]
 
 
 def _layer_picture(layer: int, range_mm: FloatArray, scale: tuple[float, float]) -> Picture:

@@ -9,7 +9,7 @@ from typing import Any
 
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.toml_table import TomlTable, parse_toml
+from tofmix.toml_table import TomlTable, parse_toml
 
 _WHOLE = ("rows", "cols")
 _NUMBERS = (

@@ -5,7 +5,7 @@ from importlib.resources import files
 from tofmix.errors import BadInputError
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.profile_toml import parse_profile
-from tofmix.sensors.toml_table import nearest
+from tofmix.toml_table import nearest
 
 PROFILES: dict[str, str] = {"sr3000": "sr3000.toml"}
 

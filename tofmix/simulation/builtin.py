@@ -3,7 +3,7 @@
 from importlib.resources import files
 
 from tofmix.errors import BadInputError
-from tofmix.sensors.toml_table import nearest
+from tofmix.toml_table import nearest
 
 BUILTIN_MODELS: dict[str, str] = {"three-boards": "three-boards.toml", "corridor": "corridor.toml"}
 

@@ -11,8 +11,8 @@ from tofmix.errors import BadInputError
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.profile_toml import read_sensor
 from tofmix.sensors.registry import load_profile
-from tofmix.sensors.toml_table import TomlTable, parse_toml
 from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.toml_table import TomlTable, parse_toml
 
 
 def parse_model(text: str, *, source: str) -> Model:

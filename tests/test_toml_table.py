@@ -3,7 +3,7 @@
 import pytest
 
 from tofmix.errors import BadInputError
-from tofmix.sensors.toml_table import nearest, parse_toml
+from tofmix.toml_table import nearest, parse_toml
 
 TABLE = parse_toml("a = true\nb = ['x', 'y']\nc = 1\nd = 'long " + "x" * 90 + "'", source="f")
 

@@ -1,0 +1,109 @@
+"""The command as a whole: help, what it imports, exit codes, signals and streams."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import IO
+
+import pytest
+from commandline import Tofmix
+from files import boards, write_recording
+
+from tofmix import __version__
+from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode
+
+COMMANDS = ("simulate", "estimate", "report")
+PROGRAM = (sys.executable, "-m", "tofmix")
+
+
+def test_help_shows_how_to_start_and_the_exit_codes(tofmix: Tofmix) -> None:
+    shown = tofmix("--help")
+    assert shown.code == 0
+    assert "tofmix simulate three-boards -o boards.h5" in shown.out
+    for code, text in EXIT_CODE_MEANINGS.items():
+        assert f"{int(code)}  {text}" in shown.out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_each_command_has_examples(tofmix: Tofmix, command: str) -> None:
+    shown = tofmix(command, "--help")
+    assert shown.code == 0
+    assert f"Examples:\n    tofmix {command} " in shown.out
+    assert max(len(line) for line in shown.out.splitlines()) <= 100
+
+
+def test_version(tofmix: Tofmix) -> None:
+    assert tofmix("--version").out == f"tofmix, version {__version__}\n"
+
+
+def test_help_imports_nothing_heavy() -> None:
+    program = (
+        "import sys\n"
+        "from tofmix.cli.main import run\n"
+        "try:\n    run(['--help'])\n"
+        "except SystemExit:\n    pass\n"
+        "print([m for m in ('numba', 'scipy', 'h5py', 'numpy', 'matplotlib') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert out.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["nonsense"], ["estimate"], ["estimate", "a.h5", "--nonsense"], ["estimate", "a.h5", "--window", "0"],
+        ["estimate", "a.h5", "--sigma", "loose"], ["simulate", "corridor"], ["simulate", "corridor", "-o"],
+        ["report", "a.h5", "--window", "-1"],
+    ],
+)  # fmt: skip
+def test_usage_errors_leave_with_2(tofmix: Tofmix, arguments: list[str]) -> None:
+    outcome = tofmix(*arguments)
+    assert outcome.code == ExitCode.USAGE
+    assert outcome.out == ""
+    assert "Traceback" not in outcome.err
+
+
+def test_the_environment_sets_options(tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TOFMIX_ESTIMATE_WINDOW", "10")
+    path = write_recording(tmp_path / "a.h5", boards(30))
+    assert "3 windows of 10 frames" in tofmix("estimate", path).out
+
+
+def _to(stdout: int | IO[str]) -> "subprocess.CompletedProcess[str]":
+    command = [*PROGRAM, "simulate", "--list"]
+    return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, check=False)
+
+
+def test_a_full_stdout_is_a_storage_error() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = _to(full)
+    assert done.returncode == ExitCode.STORAGE
+    assert done.stderr == "tofmix: standard output: No space left on device\n"
+
+
+def test_a_closed_pipe_gives_no_traceback() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = _to(writer)
+    os.close(writer)
+    assert done.returncode == 128 + signal.SIGPIPE
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, -signal.SIGINT), (signal.SIGTERM, 128 + signal.SIGTERM)])
+def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    # 10^6 frames take minutes: the signal comes in the middle.
+    command = [*PROGRAM, "simulate", "three-boards", "--frames", "1000000", "-o", str(tmp_path / "a.h5")]
+    running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        while running.poll() is None and not any(tmp_path.iterdir()):
+            pass
+        running.send_signal(number)
+        _, err = running.communicate(timeout=60)
+    finally:
+        running.kill()
+    assert running.returncode == code
+    assert "Traceback" not in err
+    assert list(tmp_path.iterdir()) == []

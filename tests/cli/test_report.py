@@ -1,0 +1,68 @@
+"""`tofmix report`: table, JSON and page."""
+
+import json
+from pathlib import Path
+
+import pytest
+from commandline import Tofmix
+from files import boards, write_recording
+
+from tofmix.errors import ExitCode
+
+
+@pytest.fixture
+def layers(tofmix: Tofmix, tmp_path: Path) -> Path:
+    assert tofmix("estimate", write_recording(tmp_path / "a.h5", boards(40)), "--window", 20).code == 0
+    return tmp_path / "a.layers.h5"
+
+
+def test_the_table_counts_pixels(tofmix: Tofmix, layers: Path) -> None:
+    shown = tofmix("report", layers)
+    assert shown.code == 0
+    assert "ok" in shown.out
+    assert shown.err == ""
+
+
+def test_json_is_for_scripts(tofmix: Tofmix, layers: Path) -> None:
+    summary = json.loads(tofmix("report", layers, "--json").out)
+    assert summary["pixels"] == 2 * 24
+    assert sum(summary["pixels_by_surfaces"]) == 48
+
+
+def test_the_page_is_written_beside_the_table(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+    page = tmp_path / "a.html"
+    shown = tofmix("report", layers, "--recording", tmp_path / "a.h5", "--html", page, "--window", 1)
+    assert shown.code == 0, shown.err
+    assert shown.out.endswith(f"page: {page}\n")
+    assert page.read_text().startswith("<!DOCTYPE html>")
+    with_json = tofmix("report", layers, "--json", "--html", page, "--overwrite")
+    json.loads(with_json.out)
+    assert with_json.err == f"page: {page}\n"
+
+
+def test_another_recording_is_pointed_out_or_refused(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+    other = write_recording(tmp_path / "other.h5", boards(41))
+    shown = tofmix("report", layers, "--recording", other)
+    assert shown.code == 0
+    assert "is not the recording" in shown.err
+    small = write_recording(tmp_path / "small.h5", boards(40, 2, 2))
+    assert tofmix("report", layers, "--recording", small).code == ExitCode.BAD_INPUT
+
+
+def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+    (tmp_path / "old.html").write_text("old")
+    for arguments, code in (
+        ((tmp_path / "none.h5",), ExitCode.BAD_INPUT),
+        ((tmp_path / "a.h5",), ExitCode.BAD_INPUT),
+        ((layers, "--recording", layers), ExitCode.BAD_INPUT),
+        ((layers, "--html", tmp_path / "old.html"), ExitCode.USAGE),
+        ((layers, "--html", layers, "--overwrite"), ExitCode.USAGE),
+        ((layers, "--html", tmp_path / "b.html", "--window", 2), ExitCode.USAGE),
+        ((layers, "--html", tmp_path / "none" / "b.html"), ExitCode.STORAGE),
+    ):
+        outcome = tofmix("report", *arguments)
+        assert outcome.code == code, arguments
+        assert outcome.err.count("\n") == 1
+        assert outcome.out == ""
+    assert (tmp_path / "old.html").read_text() == "old"
+    assert not (tmp_path / "b.html").exists()

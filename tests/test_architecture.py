@@ -1,0 +1,53 @@
+"""Imports point one way: cli -> io, report -> estimation, simulation -> the root modules."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import tofmix
+
+PACKAGE = Path(tofmix.__file__).parent
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+MAY_IMPORT = {
+    "cli": {"cli", "io", "report", "estimation", "simulation", "sensors"},
+    "io": {"io", "simulation"},
+    "report": {"report"},
+    "estimation": {"estimation"},
+    "simulation": {"simulation", "sensors"},
+    "sensors": {"sensors"},
+    "": set(),
+}
+ONLY_IN = {"h5py": "io", "click": "cli", "tqdm": "cli", "matplotlib": "report", "jinja2": "report"}
+
+
+def _folder(module: Path) -> str:
+    inside = module.relative_to(PACKAGE)
+    return inside.parts[0] if len(inside.parts) > 1 else ""
+
+
+def _imports(module: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(module.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_point_one_way(module: Path) -> None:
+    if module.name == "__main__.py":
+        return  # it is the command
+    folder = _folder(module)
+    for name in _imports(module):
+        top, *rest = name.split(".")
+        assert ONLY_IN.get(top, folder) == folder, f"{name} belongs to tofmix/{ONLY_IN.get(top)}"
+        if top == "tofmix" and rest and (PACKAGE / rest[0]).is_dir():
+            assert rest[0] in MAY_IMPORT[folder], f"tofmix/{folder} must not import {name}"
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_every_module_says_what_it_is_for(module: Path) -> None:
+    assert ast.get_docstring(ast.parse(module.read_text()))
