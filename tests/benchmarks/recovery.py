@@ -1,0 +1,129 @@
+"""Surfaces found and range errors, on scenes whose truth is known and on the real sample recording.
+
+Usage: python tests/benchmarks/recovery.py [--seeds 11 12 13]
+
+Prints Markdown tables; docs/method.md holds a copy. Asserts nothing.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from tofmix.arrays import BoolArray
+from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.sequence import estimate_layers
+from tofmix.io.model_file import load_model
+from tofmix.io.recording_file import open_recording
+from tofmix.layers import Layers
+from tofmix.recording import ArrayRecording
+from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.render import recording_sensor, render_blocks
+from tofmix.simulation.truth import Truth
+
+SAMPLE = Path(__file__).parents[2] / "sample_data" / "tmf8829_edge.h5"
+
+# Noise proportional to range, another working range: nothing like the built-in camera.
+CAMERA = Sensor(
+    name="benchmark",
+    range_min_mm=200.0,
+    range_max_mm=9000.0,
+    noise=NoiseCurve(np.array([200.0, 9000.0]), np.array([4.0, 180.0])),
+)
+
+
+def simulated(name: str, seed: int) -> tuple[Truth, Layers, Sensor]:
+    """Truth and layers of one recording of a built-in scene."""
+    model = load_model(name)
+    truth = cast_scene(model)
+    blocks = render_blocks(model, truth, n_frames=100, seed=seed)
+    samples = np.concatenate([block.range_mm for block in blocks])
+    sensor = recording_sensor(model)
+    return truth, estimate_layers(ArrayRecording(samples, sensor), workers=2), sensor
+
+
+def between(layers: Layers, truth: Truth, sensor: Sensor) -> BoolArray:
+    """Which layers lie more than 3 sigma from every true surface: invented ones."""
+    assert sensor.noise is not None
+    away = np.abs(layers.range[0][..., :, None] - truth.range_true[..., None, :])
+    away /= sensor.noise.sigma(truth.range_true)[..., None, :]
+    nearest = np.nanmin(np.where(np.isnan(away), np.inf, away), axis=-1)
+    return np.asarray(np.isfinite(layers.range[0]) & (nearest > 3))
+
+
+def scene(name: str, seeds: list[int]) -> None:
+    """Print one row a seed."""
+    for seed in seeds:
+        truth, layers, sensor = simulated(name, seed)
+        found = layers.n_modes[0]
+        least = np.nanmin(np.where(np.isnan(truth.weight_true), np.inf, truth.weight_true), axis=-1)
+        three = (truth.n_modes == 3) & (least >= 0.1)
+        one = truth.n_modes == 1
+        errors = "-"
+        right = three & (found == 3)
+        if right.any():
+            mean = (layers.range[0][right][:, :3] - truth.range_true[right]).mean(axis=0)
+            errors = ", ".join(f"{value:+.1f}" for value in mean)
+        share = f"{(found[three] == 3).mean():.3f} of {three.sum()}" if three.any() else "-"
+        invented = 1000 * between(layers, truth, sensor).sum() / np.isfinite(layers.range).sum()
+        print(
+            f"| {name} | {seed} | {share} | {errors} | {(found[one] == 1).mean():.4f} of {one.sum()} | {invented:.2f} |"
+        )
+
+
+def separations(rng: np.random.Generator) -> None:
+    """Print the share of pixels in which both of two surfaces are found."""
+    assert CAMERA.noise is not None
+    apart = (2.0, 2.5, 3.0, 3.5, 4.0, 5.0)
+    print("| share of the nearer | " + " | ".join(f"{s:g} sigma" for s in apart) + " |")
+    print("|---" * (len(apart) + 1) + "|")
+    for share in (0.5, 0.2, 0.1, 0.05):
+        row = []
+        for s in apart:
+            centre = np.array([3000.0, 3000.0 + s * float(CAMERA.noise.sigma(3000.0))])
+            mean = centre[(rng.random((100, 2000)) >= share).astype(int)]
+            samples = mean + rng.standard_normal(mean.shape) * CAMERA.noise.sigma(mean)
+            row.append(f"{(layer_pixels(samples, CAMERA).n_modes == 2).mean():.2f}")
+        print(f"| {share} | " + " | ".join(row) + " |")
+
+
+def real_recording() -> None:
+    """Print what comes out of the real sample recording."""
+    with open_recording(SAMPLE) as recording:
+        layers = estimate_layers(recording, workers=2)
+        samples = np.sort(recording.read_range(slice(None), slice(None)), axis=0)
+    gaps = np.diff(samples, axis=0)
+    edge = gaps.max(axis=0) > 1000
+    at = gaps.argmax(axis=0) + 1
+    lesser = np.minimum(at, len(samples) - at)
+    wanted = edge & (lesser >= 3)
+    ranges = layers.range[0]
+    far_apart = np.nanmax(ranges, axis=-1) - np.nanmin(ranges, axis=-1) > 1000
+    away = np.nanmax(np.abs(ranges - np.median(samples, axis=0)[..., None]), axis=-1)
+    print(
+        f"pixels with two depths, the lesser with 3 samples or more: {wanted.sum()}; found: {far_apart[wanted].sum()}"
+    )
+    print(f"other pixels: {(~edge).sum()}; no layer 150 mm from the median: {(away[~edge] <= 150).sum()}")
+    print(f"pixels by number of surfaces: {np.bincount(layers.n_modes.ravel()).tolist()}")
+
+
+def main() -> None:
+    """Print everything."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12, 13])
+    seeds = parser.parse_args().seeds
+    print(
+        "| scene | seed | three surfaces found | mean range error a board, mm | one surface found | invented, per 1000 |"
+    )
+    print("|---" * 6 + "|")
+    for name in ("three-boards", "corridor"):
+        scene(name, seeds)
+    print()
+    separations(np.random.default_rng(404))
+    print()
+    real_recording()
+
+
+if __name__ == "__main__":
+    main()
