@@ -18,6 +18,8 @@ class ExitCode(IntEnum):
     BAD_INPUT = 3
     STORAGE = 4
     INTERRUPTED = 130
+    CLOSED_PIPE = 141
+    TERMINATED = 143
 
 
 EXIT_CODE_MEANINGS: dict[ExitCode, str] = {
@@ -27,6 +29,8 @@ EXIT_CODE_MEANINGS: dict[ExitCode, str] = {
     ExitCode.BAD_INPUT: "bad input: a missing, damaged or unfit recording, layers file or model",
     ExitCode.STORAGE: "disk or I/O: the output cannot be written",
     ExitCode.INTERRUPTED: "interrupted (Ctrl-C)",
+    ExitCode.CLOSED_PIPE: "the reader of a pipe has gone",
+    ExitCode.TERMINATED: "terminated (SIGTERM)",
 }
 
 

@@ -47,7 +47,7 @@ def between(layers: Layers, truth: Truth, sensor: Sensor) -> BoolArray:
     """Which layers lie more than 3 sigma from every true surface: invented ones."""
     assert sensor.noise is not None
     away = np.abs(layers.range[0][..., :, None] - truth.range_true[..., None, :])
-    away /= sensor.noise.sigma(truth.range_true)[..., None, :]
+    away /= sensor.noise.sigma(truth.range_true.astype(np.float64))[..., None, :]
     nearest = np.nanmin(np.where(np.isnan(away), np.inf, away), axis=-1)
     return np.asarray(np.isfinite(layers.range[0]) & (nearest > 3))
 
@@ -113,9 +113,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12, 13])
     seeds = parser.parse_args().seeds
-    print(
-        "| scene | seed | three surfaces found | mean range error a board, mm | one surface found | invented, per 1000 |"
-    )
+    columns = ("scene", "seed", "three surfaces found", "mean range error a board, mm", "one surface found")
+    print(f"| {' | '.join(columns)} | invented, per 1000 |")
     print("|---" * 6 + "|")
     for name in ("three-boards", "corridor"):
         scene(name, seeds)

@@ -108,7 +108,7 @@ def test_invalid_samples_are_skipped_and_counted(tofmix: Tofmix, tmp_path: Path)
     [
         (["--window", 41], ExitCode.USAGE, "longer than the recording's 40"),
         (["--noise", "sr9000"], ExitCode.USAGE, "unknown profile 'sr9000'"),
-        (["--max-layers", 33], ExitCode.USAGE, "max_layers: 33 is not 1 to 32"),
+        (["--max-layers", 33], ExitCode.USAGE, "33 is not in the range 1<=x<=32"),
         (["--gamma", "nan"], ExitCode.USAGE, "gamma"),
         (["-o", "/proc/none/a.h5"], ExitCode.STORAGE, "no such folder"),
     ],

@@ -62,7 +62,15 @@ def test_usage_errors_leave_with_2(tofmix: Tofmix, arguments: list[str]) -> None
     outcome = tofmix(*arguments)
     assert outcome.code == ExitCode.USAGE
     assert outcome.out == ""
-    assert "Traceback" not in outcome.err
+    assert outcome.err.count("\n") == 1
+    assert outcome.err.startswith("tofmix: ")
+
+
+def test_variables_of_the_environment_do_not_switch_commands(tofmix: Tofmix, monkeypatch: pytest.MonkeyPatch) -> None:
+    # TOFMIX_VERSION is what a CI job would call the version it installs.
+    monkeypatch.setenv("TOFMIX_VERSION", "1")
+    monkeypatch.setenv("TOFMIX_SIMULATE_LIST", "1")
+    assert tofmix("simulate", "corridor").code == ExitCode.USAGE
 
 
 def test_the_environment_sets_options(tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -42,16 +42,26 @@ tofmix estimate foreign.h5 --noise sr3000 --sigma tied
     "--noise", default="file", show_default=True, metavar="file|PROFILE",
     help="Where the noise curve comes from: the recording, or a built-in sensor such as sr3000.",
 )  # fmt: skip
-@click.option("--max-layers", default=6, show_default=True, help="Most surfaces in a pixel; 1 to 32.")
 @click.option(
-    "--gamma", default=0.02, show_default=True, help="Least share of the samples that makes a peak in the density."
+    "--max-layers", type=click.IntRange(1, 32), default=6, show_default=True, help="Most surfaces in a pixel."
 )
-@click.option("--epsilon", default=0.01, show_default=True, help="Largest slope at a peak, in units of p(r) / h(r).")
-@click.option("--max-iter", default=50, show_default=True, help="Most EM iterations.")
 @click.option(
-    "--tol", default=1e-3, show_default=True, help="EM stops when no mean moves by this many sigma, no share by this."
-)
-@click.option("--min-samples", default=3, show_default=True, help="Fewest valid samples that a pixel is fitted with.")
+    "--gamma", type=click.FloatRange(0, 1, max_open=True), default=0.02, show_default=True,
+    help="Least share of the samples that makes a peak in the density.",
+)  # fmt: skip
+@click.option(
+    "--epsilon", type=click.FloatRange(0, min_open=True), default=0.01, show_default=True,
+    help="Largest slope at a peak, in units of p(r) / h(r).",
+)  # fmt: skip
+@click.option("--max-iter", type=click.IntRange(1, 65535), default=50, show_default=True, help="Most EM iterations.")
+@click.option(
+    "--tol", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=1e-3, show_default=True,
+    help="EM stops when no mean moves by this many sigma, no share by this.",
+)  # fmt: skip
+@click.option(
+    "--min-samples", type=click.IntRange(2), default=3, show_default=True,
+    help="Fewest valid samples that a pixel is fitted with.",
+)  # fmt: skip
 @click.option("--workers", type=click.IntRange(1), help="Threads; results do not depend on it.  [default: all cores]")
 @click.option(
     "--chunk-mb", type=click.FloatRange(0, min_open=True), default=64.0, show_default=True,

@@ -24,11 +24,19 @@ Exit codes:
 """ + "\n".join(f"  {int(code):3d}  {text}" for code, text in EXIT_CODE_MEANINGS.items())
 
 
+class _InOrder(click.Group):
+    """Lists the commands as a user meets them, not by the alphabet."""
+
+    def list_commands(self, _: click.Context) -> list[str]:
+        return list(self.commands)
+
+
 @click.group(
+    cls=_InOrder,
     epilog=_EPILOG,
     context_settings={"help_option_names": ["-h", "--help"], "auto_envvar_prefix": "TOFMIX", "max_content_width": 100},
 )
-@click.version_option(__version__, prog_name="tofmix")
+@click.version_option(__version__, prog_name="tofmix", allow_from_autoenv=False)
 def main() -> None:
     """Every surface in a time-of-flight pixel.
 
@@ -46,21 +54,23 @@ for _command in (simulate, estimate, report):
 def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code; never a traceback for a fault of the user's or the disk's."""
     # A job scheduler's SIGTERM must remove unfinished files, as Ctrl-C does.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(ExitCode.TERMINATED))
     code = ExitCode.DONE
     try:
         code = main.main(args=arguments, prog_name="tofmix", standalone_mode=False) or code
         sys.stdout.flush()
+    except click.UsageError as error:
+        command = error.ctx.command_path if error.ctx else "tofmix"
+        _fail(f"{error.format_message()} See {command} --help.", ExitCode.USAGE)
     except click.ClickException as error:
-        error.show()
-        sys.exit(ExitCode.USAGE)
+        _fail(error.format_message(), ExitCode.USAGE)
     except TofmixError as error:
         _fail(str(error), error.exit_code)
     except (KeyboardInterrupt, click.Abort):
         _interrupted()
     except SystemExit as leave:
         # click leaves with 1 where the reader of a pipe has gone (`| head`); by our table that were a bug of ours.
-        sys.exit(128 + signal.SIGPIPE if leave.code == 1 else leave.code)
+        sys.exit(ExitCode.CLOSED_PIPE if leave.code == 1 else leave.code)
     except OSError as error:
         _discard_stdout()
         _fail(os_error_text(error, error.filename or "standard output"), ExitCode.STORAGE)

@@ -11,8 +11,12 @@ from tqdm import tqdm
 PATH = click.Path(path_type=Path)
 """A path that the package checks itself, so that its refusals have their own exit codes."""
 
-overwrite_option = click.option("--overwrite", is_flag=True, help="Replace an output that is already there.")
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout, for scripts.")
+overwrite_option = click.option(
+    "--overwrite", is_flag=True, help="Replace an output that is already there.", allow_from_autoenv=False
+)
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print JSON on stdout, for scripts.", allow_from_autoenv=False
+)
 
 
 def default_workers() -> int:

@@ -36,12 +36,18 @@ tofmix simulate my_scene.toml -o my_scene.h5 --frames 500 --seed 7
 @click.option("--frames", type=click.IntRange(1), help="Frames.  [default: the model's]")
 @click.option("--seed", type=click.IntRange(0), help="Seed; the same seed gives the same file.  [default: the model's]")
 @click.option(
-    "--averaged", is_flag=True, help="Frames as the camera's on-board averaging returns them: the comet tail."
+    "--averaged",
+    is_flag=True,
+    allow_from_autoenv=False,
+    help="Frames as the camera's on-board averaging returns them: the comet tail.",
 )
-@click.option("--print-model", is_flag=True, help="Print the model as TOML, to start your own from.")
 @click.option(
-    "--list", is_flag=True, is_eager=True, expose_value=False, callback=_list_models, help="List the built-in models."
+    "--print-model", is_flag=True, allow_from_autoenv=False, help="Print the model as TOML, to start your own from."
 )
+@click.option(
+    "--list", is_flag=True, is_eager=True, expose_value=False, callback=_list_models, allow_from_autoenv=False,
+    help="List the built-in models.",
+)  # fmt: skip
 @overwrite_option
 def simulate(
     model: str,
@@ -111,5 +117,5 @@ def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: b
         ):
             writer.write(block.start, block.range_mm, time_s=block.time_s, amplitude=block.amplitude)
             bar.update(len(block.range_mm))
-    kind = "averaged frames" if averaged else "frames"
+    kind = f"{'averaged ' * averaged}frame{'s' * (n_frames > 1)}"
     click.echo(f"{output}: {n_frames} {kind} of {shape[1]} x {shape[2]} pixels, seed {seed}")

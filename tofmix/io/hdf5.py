@@ -53,7 +53,7 @@ def create(file: AtomicFile, *, kind: str, title: str, history: str) -> Iterator
 
 def add_scale(group: h5py.Group, name: str, length: int) -> None:
     """Add a dimension scale `name` that counts from 0."""
-    scale = group.create_dataset(name, data=np.arange(length, dtype=np.uint32))
+    scale = group.create_dataset(name, data=np.arange(length, dtype=np.uint32), chunks=(length,), fletcher32=True)
     scale.attrs["units"] = "1"
     scale.attrs["long_name"] = f"{name} index"
     scale.make_scale(name)
@@ -117,7 +117,11 @@ def write_sensor(root: h5py.File, sensor: Sensor) -> None:
     if sensor.noise is not None:
         curve = {"noise_range": sensor.noise.range_mm, "noise_sigma": sensor.noise.sigma_mm}
         for name, values in curve.items():
-            group.create_dataset(name, data=values).attrs["units"] = "mm"
+            dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+            dataset.attrs["units"] = "mm"
+        # sigma over range: readers that know dimension scales draw the curve as it is.
+        group["noise_range"].make_scale("noise_range")
+        group["noise_sigma"].dims[0].attach_scale(group["noise_range"])
 
 
 def read_sensor(root: h5py.File, path: Path) -> Sensor:

@@ -61,13 +61,13 @@ def section_figure(section: Section, *, theme: Theme) -> Figure:
     )  # fmt: skip
     axes.add_collection(beams, autolim=False)
     axes.scatter(
-        *averaged, marker="x", s=22, linewidths=1.1, color=theme.accent, label="averaged", zorder=3,
+        *averaged, marker="x", s=12, linewidths=0.8, color=theme.accent, label="averaged", zorder=3,
         rasterized=rasterised,
     )  # fmt: skip
     for k, place in enumerate(layers):
-        area = 5.0 + 25.0 * np.nan_to_num(section.weight[:, k])
+        area = 14.0 + 30.0 * np.nan_to_num(section.weight[:, k])
         axes.scatter(
-            *place, s=area, marker=LAYER_MARKERS[k], facecolors="none", edgecolors=theme.layers[k], linewidths=1.2,
+            *place, s=area, marker=LAYER_MARKERS[k], color=theme.layers[k], alpha=0.6, linewidths=0,
             label=f"{ordinal(k + 1)} layer", zorder=2, rasterized=rasterised,
         )  # fmt: skip
     outside = _frame(axes, averaged, layers)
@@ -78,7 +78,7 @@ def section_figure(section: Section, *, theme: Theme) -> Figure:
     axes.grid(linewidth=0.6)
     axes.set_axisbelow(True)
     if outside:
-        axes.set_title(f"{outside} averaged points lie outside this view", loc="left")
+        axes.set_title(f"{outside} averaged points lie outside this view", loc="left", fontsize="small")
     figure.legend(loc="outside lower center", ncols=3)
     return figure
 

@@ -22,7 +22,8 @@ MANY = 6
 """Counts of surfaces from here on share one colour."""
 
 _LEAST_HEIGHT, _MOST_HEIGHT = 0.8, 6.0
-_COLOUR_BAR_INCH, _AROUND_INCH = 1.1, 1.15
+_LEFT_INCH, _RIGHT_INCH, _BELOW_INCH, _ABOVE_INCH = 0.6, 1.05, 0.85, 0.1
+_BAR_GAP_INCH, _BAR_INCH = 0.1, 0.14
 _BELOW, _ABOVE = "#000a1f", "#fff7b8"  # darker and lighter than the map's own ends, so that no value hides
 _CLIPPED_PERCENT = (0.1, 99.9)
 
@@ -66,8 +67,9 @@ def range_image(range_mm: FloatArray, *, scale: tuple[float, float], no_data: st
     axes.imshow(np.ma.masked_invalid(range_mm), cmap=cmap, norm=norm, interpolation="nearest", aspect="auto")
     finite = range_mm[np.isfinite(range_mm)]
     bar = figure.colorbar(
-        ScalarMappable(norm=norm, cmap=cmap), ax=axes, extend=_extend(finite, scale), label="range (mm)", pad=0.02
-    )
+        ScalarMappable(norm=norm, cmap=cmap), cax=_bar_axes(figure, axes), extend=_extend(finite, scale),
+        label="range (mm)",
+    )  # fmt: skip
     bar.outline.set_visible(False)
     if finite.size < range_mm.size:
         _legend_below(figure, [no_data_patch(theme, no_data)])
@@ -112,16 +114,29 @@ def count_colours(most: int, theme: Theme) -> list[str]:
 
 
 def _image_axes(shape: tuple[int, ...]) -> tuple[Figure, Axes]:
-    """Make a figure whose axes keep square pixels, unless the image is a mere stripe: that is stretched to be seen."""
+    """Make a figure whose axes keep square pixels, unless the image is a mere stripe: that is stretched to be seen.
+
+    The axes stand at one place whatever is drawn beside or below them, so that images side by side line up.
+    """
     rows, cols = shape
-    height = float(np.clip((WIDTH_INCH - _COLOUR_BAR_INCH - 0.6) * rows / cols, _LEAST_HEIGHT, _MOST_HEIGHT))
-    figure = Figure(figsize=(WIDTH_INCH, height + _AROUND_INCH), layout="constrained")
-    axes = figure.add_subplot()
+    width = WIDTH_INCH - _LEFT_INCH - _RIGHT_INCH
+    height = float(np.clip(width * rows / cols, _LEAST_HEIGHT, _MOST_HEIGHT))
+    width = min(width, max(height * cols / rows, _LEAST_HEIGHT))
+    total = _BELOW_INCH + height + _ABOVE_INCH
+    figure = Figure(figsize=(WIDTH_INCH, total))
+    left, bottom = _LEFT_INCH / WIDTH_INCH, _BELOW_INCH / total
+    axes = figure.add_axes((left, bottom, width / WIDTH_INCH, height / total))
     axes.set(xlabel="column (pixels)", ylabel="row (pixels)")
     axes.spines[["top", "right"]].set_visible(True)  # a white image would else have no edge
     axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1, nbins=6))
     return figure, axes
+
+
+def _bar_axes(figure: Figure, axes: Axes) -> Axes:
+    """Make room for a colour bar right of the image, of its height."""
+    place = axes.get_position()
+    return figure.add_axes((place.x1 + _BAR_GAP_INCH / WIDTH_INCH, place.y0, _BAR_INCH / WIDTH_INCH, place.height))
 
 
 def _extend(finite: FloatArray, scale: tuple[float, float]) -> str:
@@ -137,4 +152,4 @@ def _count_label(count: int) -> str:
 
 def _legend_below(figure: Figure, entries: list[Patch]) -> None:
     ncols = min(4, len(entries))
-    figure.legend(handles=entries, loc="outside lower left", ncols=ncols, handlelength=1.8, handleheight=1.1)
+    figure.legend(handles=entries, loc="lower left", ncols=ncols, handlelength=1.8, handleheight=1.1)

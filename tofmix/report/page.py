@@ -153,7 +153,7 @@ def _noise_rows(provenance: Provenance) -> list[Row]:
     curve = provenance.sensor.noise
     if curve is None:
         return []
-    return [(f"{r:g}", f"{s:g}") for r, s in zip(curve.range_mm.tolist(), curve.sigma_mm.tolist(), strict=True)]
+    return [(f"{r:g}", f"{s:.3g}") for r, s in zip(curve.range_mm.tolist(), curve.sigma_mm.tolist(), strict=True)]
 
 
 def _provenance_rows(summary: Summary) -> list[Row]:

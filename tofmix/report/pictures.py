@@ -91,7 +91,8 @@ def _range_pictures(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> 
             "png",
             title="Averaged image",
             alt=f"Averaged range over the image plane. {_extent(averaged.range_mm)}",
-            shows=f"One range a pixel, the {averaged.averaging}. The colours are those of the layers beside it.",
+            shows=f"One range a pixel, the {averaged.averaging}. The colours are those of the layers beside it;"
+            " open space shows as the end of the range.",
             good="Sharp edges between surfaces.",
             bad="Edges with colours in between: ranges at which nothing stands.",
         )
