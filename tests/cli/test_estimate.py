@@ -38,8 +38,8 @@ def test_surfaces_come_out(tofmix: Tofmix, recording: Path, tmp_path: Path) -> N
     assert found["source_sha256"] == file_sha256(recording)
     options = json.loads(found["options"])
     assert options == {
-        "sigma": "prior", "max_layers": 6, "gamma": 0.02, "epsilon": 0.01, "max_iter": 50, "tol": 0.001,
-        "min_samples": 3, "noise": "file", "window": 40, "stride": 40,
+        "sigma": "prior", "counter": "kde", "gamma": 0.02, "epsilon": 0.01, "max_layers": 6, "max_iter": 50,
+        "tol": 0.001, "min_samples": 3, "noise": "file", "window": 40, "stride": 40,
     }  # fmt: skip
 
 

@@ -77,6 +77,8 @@ def estimate(
     workers: int | None,
     chunk_mb: float,
     overwrite: bool,
+    gamma: float,
+    epsilon: float,
     **choices: float | str,
 ) -> None:
     """Recover the surfaces in each pixel of RECORDING, an HDF5 file.
@@ -86,6 +88,7 @@ def estimate(
     and sigmas, and surfaces that the samples do not need are taken out. The result
     is a layers file with the dimensions window, row, col and layer, near to far.
     """
+    from tofmix.estimation.counters import Kde
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.io.recording_file import open_recording
     from tofmix.io.storage import check_output
@@ -93,7 +96,8 @@ def estimate(
 
     target = output or recording.with_name(recording.stem + ".layers.h5")
     try:
-        options = EstimateOptions(**choices)  # type: ignore[arg-type]  # click has checked the types
+        counter = Kde(gamma=gamma, epsilon=epsilon)
+        options = EstimateOptions(counter=counter, **choices)  # type: ignore[arg-type]  # click has checked the types
     except ValueError as error:
         raise UsageError(str(error)) from error
     with open_recording(recording) as source:
@@ -108,7 +112,7 @@ def estimate(
 
 def _sensor(source: "RecordingFile", noise: str) -> "Sensor":
     """The recording's sensor, with the noise curve that was asked for."""
-    from tofmix.estimation.settings import beam_of
+    from tofmix.estimation.beam import beam_of
     from tofmix.sensors import PROFILES, load_profile
 
     sensor = source.sensor

@@ -17,9 +17,10 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.density import sigma_at, within_reach
 from tofmix.estimation.mixture import Components, expectation_maximisation, log_likelihood, sample_densities
-from tofmix.estimation.settings import MODE_TIED, Beam, Knobs
+from tofmix.estimation.settings import MODE_TIED, Knobs
 from tofmix.jit import jit
 
 MIN_GAIN_NATS = 6.0

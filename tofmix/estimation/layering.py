@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import Float32Array, FloatArray
+from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam, beam_of
+from tofmix.estimation.counters.base import MAX_PEAKS, Peaks
 from tofmix.estimation.counting import count_surfaces, drop_unsupported
 from tofmix.estimation.density import sigma_at
 from tofmix.estimation.mixture import (
@@ -21,8 +23,8 @@ from tofmix.estimation.mixture import (
     new_components,
     start_at,
 )
-from tofmix.estimation.modes import MAX_PEAKS, find_peaks
-from tofmix.estimation.settings import MODE_TIED, Beam, EstimateOptions, Knobs, beam_of, knobs_of
+from tofmix.estimation.samples import SortedSamples, sort_samples
+from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Knobs, knobs_of
 from tofmix.estimation.uncertainty import range_errors
 from tofmix.flags import Status
 from tofmix.jit import jit
@@ -35,26 +37,11 @@ CLEAR_SIGMAS = 4.0
 NO_RETURN_REACH = 6.0
 """Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""
 
-FARTHEST_MM = 1.0e9
-"""A value beyond this is no range of any camera, and is skipped as invalid."""
-
 _OK = int(Status.OK)
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
 _NOT_CONVERGED = int(Status.NOT_CONVERGED)
 _NO_SURFACE = int(Status.NO_SURFACE)
 _DEGENERATE = int(Status.DEGENERATE)
-
-
-@jit
-def _gather(block: Float32Array, pixel: int, samples: FloatArray) -> int:
-    """Copy a pixel's valid samples to the front of `samples`; return how many."""
-    n = 0
-    for frame in range(block.shape[0]):
-        value = block[frame, pixel]
-        if abs(value) <= FARTHEST_MM:  # false for NaN
-            samples[n] = value
-            n += 1
-    return n
 
 
 @jit
@@ -88,6 +75,7 @@ def _fit_pixel(
     samples: FloatArray,
     places: FloatArray,
     heights: FloatArray,
+    found: int,
     work: tuple[Components, Components, Components],
     orphans: FloatArray,
     beam: Beam,
@@ -95,7 +83,6 @@ def _fit_pixel(
 ) -> tuple[int, int, int]:
     """Return surfaces found, peaks found, and EM iterations (negative: not converged); the fit is work[0]."""
     fit = work[0]
-    found = find_peaks(samples, beam.curve_range, beam.curve_sigma, knobs.gamma, knobs.epsilon, places, heights)
     start, no_return = _split_no_return(places, heights, max(found, 1), beam)
     n_peaks = min(start, found)
     if start == 1 and no_return == 0.0 and _fit_clear(samples, fit, beam, knobs.mode):
@@ -127,25 +114,24 @@ def _sort_surfaces(k: int, fit: Components) -> None:
 
 
 @jit
-def _layer_block(block: Float32Array, out: tuple[NDArray[Any], ...], beam: Beam, knobs: Knobs) -> None:
-    """Fill `out`, the arrays of `Layers` in their order, for the pixels of block (frame, pixel)."""
+def _layer_block(block: SortedSamples, peaks: Peaks, out: tuple[NDArray[Any], ...], beam: Beam, knobs: Knobs) -> None:
+    """Fill `out`, the arrays of `Layers` in their order, for the pixels of a block and their peaks."""
     n_modes, n_peaks, mean, sigma, weight, stderr, no_return, outlier, likelihood, n_samples, n_iter, status = out
-    scratch, orphans = np.zeros(block.shape[0]), np.zeros(block.shape[0])
-    places, heights, errors = np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)
+    orphans, errors = np.zeros(block.values.shape[1]), np.zeros(MAX_PEAKS)
     work = new_components(MAX_PEAKS), new_components(MAX_PEAKS), new_components(MAX_PEAKS)
     fit = work[0]
-    for pixel in range(block.shape[1]):
-        n = _gather(block, pixel, scratch)
+    for pixel in range(len(block.valid)):
+        n = block.valid[pixel]
         n_samples[pixel] = n
         if n < knobs.min_samples:
             status[pixel] = _TOO_FEW_SAMPLES
             continue
-        samples = scratch[:n]
-        samples.sort()
-        k, peaks, iterations = _fit_pixel(samples, places, heights, work, orphans, beam, knobs)
+        samples = block.values[pixel, :n]
+        place, height, found = peaks.place[pixel], peaks.height[pixel], peaks.found[pixel]
+        k, kept, iterations = _fit_pixel(samples, place, height, found, work, orphans, beam, knobs)
         _sort_surfaces(k, fit)
         known = range_errors(samples, k, fit, beam, errors)
-        n_modes[pixel], n_peaks[pixel] = k, peaks
+        n_modes[pixel], n_peaks[pixel] = k, kept
         n_iter[pixel] = abs(iterations)
         for i in range(k):
             mean[pixel, i], sigma[pixel, i] = fit.mean[i], fit.sigma[i]
@@ -189,7 +175,9 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
     options = options or EstimateOptions()
     block = np.ascontiguousarray(samples).reshape(samples.shape[0], math.prod(samples.shape[1:]))
     out = Layers.empty((block.shape[1],), options.max_layers)
-    _layer_block(block, out.arrays(), beam_of(sensor), knobs_of(options))
+    beam = beam_of(sensor)
+    ordered = sort_samples(block)
+    _layer_block(ordered, options.counter.peaks(ordered, beam), out.arrays(), beam, knobs_of(options))
     return out.reshaped(samples.shape[1:])
 
 

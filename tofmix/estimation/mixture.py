@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.density import sigma_at
-from tofmix.estimation.settings import MODE_FREE, MODE_TIED, Beam, EstimateOptions, beam_of, knobs_of
+from tofmix.estimation.settings import MODE_FREE, MODE_TIED, EstimateOptions, knobs_of
 from tofmix.jit import jit
 from tofmix.sensor import Sensor
 

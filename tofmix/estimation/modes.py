@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.density import BANDWIDTH, REACH, kernel_sums, sigma_at, within_reach
-from tofmix.estimation.settings import EstimateOptions
 from tofmix.jit import jit
 from tofmix.sensor import NoiseCurve
 
@@ -29,9 +28,6 @@ PEAK_OF_SHARE = 1.0 / math.sqrt(1.0 + 1.0 / BANDWIDTH**2)
 
 LONE_SAMPLES = 3.0
 """A peak must be as high as that of a surface of 3 samples: one sample alone, as high as one of 2.2, is none."""
-
-MAX_PEAKS = 64
-"""Most peaks whose places are kept; more than that in one pixel is noise."""
 
 
 @jit
@@ -104,7 +100,9 @@ def _keep(places: FloatArray, heights: FloatArray, count: int, place: float, hei
     return count
 
 
-def find_modes(samples_mm: ArrayLike, noise: NoiseCurve, options: EstimateOptions) -> FloatArray:
+def find_modes(
+    samples_mm: ArrayLike, noise: NoiseCurve, *, gamma: float = 0.02, epsilon: float = 0.01, most: int = 64
+) -> FloatArray:
     """Peaks of one pixel's density, test (5).
 
     Parameters
@@ -113,13 +111,15 @@ def find_modes(samples_mm: ArrayLike, noise: NoiseCurve, options: EstimateOption
         Samples, mm; values that are not finite are left out.
     noise : NoiseCurve
         sigma(r).
-    options : EstimateOptions
-        `gamma` and `epsilon` are used.
+    gamma, epsilon : float
+        As for `tofmix.estimation.counters.Kde`.
+    most : int
+        Most peaks; the highest are kept.
 
     Returns
     -------
     (k,) float64
-        Places of the peaks, mm, near to far; k may be 0, and at most `MAX_PEAKS`.
+        Places of the peaks, mm, near to far; k may be 0.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def find_modes(samples_mm: ArrayLike, noise: NoiseCurve, options: EstimateOption
     samples = np.sort(samples[np.isfinite(samples)])
     if samples.size == 0:
         raise ValueError("samples: none is finite")
-    places, heights = np.empty(MAX_PEAKS), np.empty(MAX_PEAKS)
+    places, heights = np.empty(most), np.empty(most)
     curve = np.array(noise.range_mm), np.array(noise.sigma_mm)
-    count = find_peaks(samples, *curve, options.gamma, options.epsilon, places, heights)
+    count = find_peaks(samples, *curve, gamma, epsilon, places, heights)
     return places[:count].copy()

@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.mixture import Components, gaussian
-from tofmix.estimation.settings import Beam
 from tofmix.jit import jit
 
 _SINGULAR = 1.0e-10
