@@ -36,6 +36,8 @@ LAYER_FIELDS: tuple[LayerField, ...] = (
     LayerField(name="sigma", dtype="f4", units="mm", long_name="standard deviation of the component", per_layer=True),
     LayerField(name="weight", dtype="f4", units="1", long_name="share of the beam, p(c_i)", per_layer=True),
     LayerField(name="range_stderr", dtype="f4", units="mm", long_name="standard error of range", per_layer=True),
+    LayerField(name="weight_stderr", dtype="f4", units="1", long_name="standard error of weight", per_layer=True),
+    LayerField(name="probability", dtype="f4", units="1", long_name="how surely the layer exists", per_layer=True),
     LayerField(name="weight_no_return", dtype="f4", units="1", long_name="share without a return, p(c_0)"),
     LayerField(name="weight_outlier", dtype="f4", units="1", long_name="share of random values, p(c_r)"),
     LayerField(name="log_likelihood", dtype="f4", units="nat", long_name="log likelihood of the window's samples"),
@@ -61,6 +63,8 @@ class Layers:
     sigma: NDArray[np.float32]
     weight: NDArray[np.float32]
     range_stderr: NDArray[np.float32]
+    weight_stderr: NDArray[np.float32]
+    probability: NDArray[np.float32]
     weight_no_return: NDArray[np.float32]
     weight_outlier: NDArray[np.float32]
     log_likelihood: NDArray[np.float32]

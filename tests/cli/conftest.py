@@ -12,7 +12,7 @@ from tofmix.cli.main import run
 @pytest.fixture
 def tofmix(capsys: pytest.CaptureFixture[str]) -> Iterator[Tofmix]:
     """Run `tofmix ARGUMENTS` and return exit code, stdout and stderr."""
-    before = signal.getsignal(signal.SIGTERM)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def call(*arguments: object) -> Outcome:
         capsys.readouterr()
@@ -22,4 +22,5 @@ def tofmix(capsys: pytest.CaptureFixture[str]) -> Iterator[Tofmix]:
         return Outcome(int(leave.value.code or 0), captured.out, captured.err)
 
     yield call
-    signal.signal(signal.SIGTERM, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)

@@ -38,8 +38,9 @@ def test_surfaces_come_out(tofmix: Tofmix, recording: Path, tmp_path: Path) -> N
     assert found["source_sha256"] == file_sha256(recording)
     options = json.loads(found["options"])
     assert options == {
-        "sigma": "prior", "counter": "kde", "gamma": 0.02, "epsilon": 0.01, "max_layers": 6, "max_iter": 50,
-        "tol": 0.001, "min_samples": 3, "noise": "file", "window": 40, "stride": 40,
+        "sigma": "prior", "refine": "likelihood", "false_alarm": 0.001, "counter": "kde", "gamma": 0.02,
+        "epsilon": 0.01, "max_layers": 6, "max_iter": 50,
+        "tol": 0.001, "min_samples": 3, "noise": "file", "outliers": "file", "window": 40, "stride": 40,
     }  # fmt: skip
 
 
@@ -62,8 +63,9 @@ def test_windows_and_the_frames_left_out(tofmix: Tofmix, recording: Path, tmp_pa
     ("option", "value", "changes"),
     [
         ("--sigma", "tied", "sigma"), ("--sigma", "free", "sigma"), ("--max-layers", 1, "n_modes"),
-        ("--gamma", 0.9, "n_peaks"), ("--max-iter", 1, "n_iter"), ("--tol", 0.3, "n_iter"),
-        ("--min-samples", 41, "status"), ("--noise", "sr3000", "sigma"), ("--epsilon", 5.0, "n_peaks"),
+        ("--gamma", 0.9, "n_peaks"), ("--max-iter", 1, "n_iter"), ("--tol", 1e-12, "n_iter"),
+        ("--min-samples", 41, "status"), ("--noise", "sr3000", "sigma"),
+            ("--refine", "none", "log_likelihood"), ("--epsilon", 5.0, "n_peaks"),
     ],
 )  # fmt: skip
 def test_every_option_does_something(
@@ -75,6 +77,18 @@ def test_every_option_does_something(
     plain, changed = _read(tmp_path / "plain"), _read(tmp_path / "changed")
     assert not np.array_equal(plain[changes], changed[changes], equal_nan=True)
     assert plain["options"] != changed["options"]
+
+
+def test_more_false_alarms_are_had_for_the_asking(tofmix: Tofmix, tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    path = write_recording(tmp_path / "a.h5", rng.normal(1200, 22, (40, 40, 40)).astype("u2"))
+    counts = []
+    for false_alarm in (1e-5, 0.1):
+        assert tofmix("estimate", path, "--overwrite", "--false-alarm", false_alarm).code == 0
+        counts.append(np.sum(_read(tmp_path / "a.layers.h5")["n_modes"] > 1))
+    assert counts[0] < 5
+    assert counts[1] > 60
+    assert tofmix("estimate", path, "--refine", "none", "--false-alarm", 0.01).code == ExitCode.USAGE
 
 
 def test_a_profile_stands_in_for_a_missing_curve(tofmix: Tofmix, tmp_path: Path) -> None:

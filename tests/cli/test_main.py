@@ -100,8 +100,8 @@ def test_a_closed_pipe_gives_no_traceback() -> None:
     assert done.stderr == ""
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, -signal.SIGINT), (signal.SIGTERM, 128 + signal.SIGTERM)])
-def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals, code: int) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals) -> None:
     # 10^6 frames take minutes: the signal comes in the middle.
     command = [*PROGRAM, "simulate", "three-boards", "--frames", "1000000", "-o", str(tmp_path / "a.h5")]
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -112,6 +112,6 @@ def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals, 
         _, err = running.communicate(timeout=60)
     finally:
         running.kill()
-    assert running.returncode == code
+    assert running.returncode == -number  # a shell shows 128 + the signal's number
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []

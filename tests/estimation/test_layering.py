@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
 from tofmix.estimation.layering import layer_pixels, warm_up
-from tofmix.estimation.settings import EstimateOptions, SigmaMode
+from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.flags import Status
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.sensor import NoiseCurve, Sensor
@@ -36,7 +36,7 @@ def equal(a: Layers, b: Layers) -> None:
 
 def check_invariants(layers: Layers, camera: Sensor) -> None:
     n = layers.n_modes
-    for name in ("range", "sigma", "weight", "range_stderr"):
+    for name in ("range", "sigma", "weight", "range_stderr", "weight_stderr", "probability"):
         np.testing.assert_array_equal(np.isfinite(getattr(layers, name)).sum(-1), n)
     fitted = layers.status != Status.TOO_FEW_SAMPLES
     total = np.nansum(layers.weight, -1) + layers.weight_no_return + layers.weight_outlier
@@ -49,9 +49,9 @@ def check_invariants(layers: Layers, camera: Sensor) -> None:
     assert np.all((layers.status == Status.NO_SURFACE) == ((n == 0) & fitted))
 
 
-@given(block=BLOCKS, mode=st.sampled_from(list(SigmaMode)))
-def test_invariants_hold_for_any_samples(block: NDArray[np.float32], mode: SigmaMode) -> None:
-    check_invariants(layer_pixels(block, CAMERA, EstimateOptions(sigma=mode)), CAMERA)
+@given(block=BLOCKS, mode=st.sampled_from(list(SigmaMode)), refine=st.sampled_from(list(Refine)))
+def test_invariants_hold_for_any_samples(block: NDArray[np.float32], mode: SigmaMode, refine: Refine) -> None:
+    check_invariants(layer_pixels(block, CAMERA, EstimateOptions(sigma=mode, refine=refine)), CAMERA)
 
 
 @given(block=BLOCKS, seed=st.integers(0, 99))

@@ -63,6 +63,21 @@ def test_errors_cover_the_truth(rng: np.random.Generator, sensor: Sensor) -> Non
     assert np.all((cover > 0.925) & (cover < 0.975))
 
 
+def test_shares_have_errors_that_cover_the_truth(rng: np.random.Generator, sensor: Sensor) -> None:
+    shares = [0.25, 0.35, 0.4]
+    samples = draw(rng, sensor, ranges_mm=[1500, 1640, 3500], shares=shares, n=100, pixels=4000)
+    layers = layer_pixels(samples, sensor)
+    right = layers.n_modes == 3
+    z = (layers.weight[right, :3] - shares) / layers.weight_stderr[right, :3]
+    cover = (np.abs(z) < 1.96).mean(axis=0)
+    assert np.all((cover > 0.925) & (cover < 0.975))
+
+
+def test_a_share_without_rivals_is_exact(rng: np.random.Generator, sensor: Sensor) -> None:
+    layers = layer_pixels(draw(rng, sensor, ranges_mm=[1500], shares=[1], n=64, pixels=20), sensor)
+    assert not layers.weight_stderr[layers.n_modes == 1, 0].any()
+
+
 def test_overlap_makes_errors_larger(rng: np.random.Generator, sensor: Sensor) -> None:
     errors = []
     for apart in (100, 900):

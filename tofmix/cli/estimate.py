@@ -1,29 +1,35 @@
 """``tofmix estimate``: a recording in, a layers file out."""
 
 import threading
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from tofmix.cli.options import PATH, default_workers, examples, overwrite_option, progress_bar
-from tofmix.errors import BadInputError, UsageError
+from tofmix.cli.sensor_choice import outlier_choice, sensor_for
+from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
+    from tofmix.estimation.counters import Counter
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.io.recording_file import RecordingFile
-    from tofmix.sensor import Sensor
     from tofmix.windows import Windows
 
 _COMPILING_AFTER_S = 1.0
+
+COUNTER_OPTIONS = {"kde": ("gamma", "epsilon"), "cpdf": ("bins", "ratio"), "fourier": ("order", "level")}
+"""The counters and their options: `tofmix.estimation.counters.COUNTERS` in words, for it imports numba."""
 
 
 @examples(
     """
 tofmix estimate sample_data/three_boards.h5 -o boards.layers.h5
 tofmix estimate long.h5 --window 100 --stride 50
+tofmix estimate foreign.h5 --noise auto --outliers auto
 tofmix estimate foreign.h5 --noise sr3000 --sigma tied
+tofmix estimate boards.h5 --counter cpdf --bins 30 -o cpdf.layers.h5
 """
 )
 @click.command(short_help="Recover the surfaces in each pixel of a recording.")
@@ -39,19 +45,50 @@ tofmix estimate foreign.h5 --noise sr3000 --sigma tied
     help="A surface's sigma: the noise curve's, drawn towards it, or free as in the paper.",
 )
 @click.option(
-    "--noise", default="file", show_default=True, metavar="file|PROFILE",
-    help="Where the noise curve comes from: the recording, or a built-in sensor such as sr3000.",
+    "--noise", default="file", show_default=True, metavar="file|auto|PROFILE",
+    help="Where the noise curve comes from: the file, its samples (auto), or a built-in sensor such as sr3000.",
+)  # fmt: skip
+@click.option(
+    "--outliers", default="file", show_default=True, metavar="file|auto|P",
+    help="Share of random values p(c_r): the file's, counted in its samples (auto), or a number.",
 )  # fmt: skip
 @click.option(
     "--max-layers", type=click.IntRange(1, 32), default=6, show_default=True, help="Most surfaces in a pixel."
 )
 @click.option(
+    "--refine", type=click.Choice(["likelihood", "none"]), default="likelihood", show_default=True,
+    help="Count surfaces by likelihood, from the peaks on; or take the peaks for the surfaces, as in the paper.",
+)  # fmt: skip
+@click.option(
+    "--false-alarm", type=click.FloatRange(1e-6, 0.1), default=0.001, show_default=True,
+    help="Chance that a pixel of one surface gets more than one; with --refine likelihood.",
+)  # fmt: skip
+@click.option(
+    "--counter", type=click.Choice(tuple(COUNTER_OPTIONS)), default="kde", show_default=True,
+    help="What finds the peaks: the kernel density, or what the paper tried before it, for comparison.",
+)  # fmt: skip
+@click.option(
     "--gamma", type=click.FloatRange(0, 1, max_open=True), default=0.02, show_default=True,
-    help="Least share of the samples that makes a peak in the density.",
+    help="kde: least share of the samples that makes a peak in the density.",
 )  # fmt: skip
 @click.option(
     "--epsilon", type=click.FloatRange(0, min_open=True), default=0.01, show_default=True,
-    help="Largest slope at a peak, in units of p(r) / h(r).",
+    help="kde: largest slope at a peak, in units of p(r) / h(r).",
+)  # fmt: skip
+@click.option(
+    "--bins", type=click.IntRange(2, 100), default=15, show_default=True,
+    help="cpdf: bins of the cumulative distribution over the working range.",
+)  # fmt: skip
+@click.option(
+    "--ratio", type=click.FloatRange(1, 10, min_open=True), default=1.1, show_default=True,
+    help="cpdf: k of F(r) = P(k r) - P(r).",
+)  # fmt: skip
+@click.option(
+    "--order", type=click.IntRange(1, 64), default=16, show_default=True, help="fourier: last term of the series."
+)
+@click.option(
+    "--level", type=click.FloatRange(0, 1, max_open=True), default=0.1, show_default=True,
+    help="fourier: least share of the samples that makes a peak in the series.",
 )  # fmt: skip
 @click.option("--max-iter", type=click.IntRange(1, 65535), default=50, show_default=True, help="Most EM iterations.")
 @click.option(
@@ -68,77 +105,82 @@ tofmix estimate foreign.h5 --noise sr3000 --sigma tied
     help="Memory for a block of samples; results do not depend on it.",
 )  # fmt: skip
 @overwrite_option
+@click.pass_context
 def estimate(
+    context: click.Context,
+    /,
     recording: Path,
     output: Path | None,
     window: int | None,
     stride: int | None,
     noise: str,
+    outliers: str,
     workers: int | None,
     chunk_mb: float,
     overwrite: bool,
-    gamma: float,
-    epsilon: float,
     **choices: float | str,
 ) -> None:
     """Recover the surfaces in each pixel of RECORDING, an HDF5 file.
 
-    For each pixel, the peaks of the kernel density of its samples tell how many
-    surfaces there may be; expectation-maximisation then finds their ranges, shares
-    and sigmas, and surfaces that the samples do not need are taken out. The result
-    is a layers file with the dimensions window, row, col and layer, near to far.
+    For each pixel, the peaks of the kernel density of its samples are where surfaces
+    are looked for; expectation-maximisation finds their ranges, shares and sigmas.
+    Surfaces that the samples do not need are taken out, and others are added where
+    the likelihood asks for them. The result is a layers file with the dimensions
+    window, row, col and layer, near to far.
     """
-    from tofmix.estimation.counters import Kde
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.io.recording_file import open_recording
     from tofmix.io.storage import check_output
     from tofmix.windows import plan_windows
 
     target = output or recording.with_name(recording.stem + ".layers.h5")
+    if choices["refine"] == "none" and context.get_parameter_source("false_alarm") is not ParameterSource.DEFAULT:
+        raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
     try:
-        counter = Kde(gamma=gamma, epsilon=epsilon)
+        counter = _counter(context, choices)
         options = EstimateOptions(counter=counter, **choices)  # type: ignore[arg-type]  # click has checked the types
     except ValueError as error:
         raise UsageError(str(error)) from error
+    choice = outlier_choice(outliers)
     with open_recording(recording) as source:
         check_output(target, overwrite=overwrite, inputs=(recording,))
-        source.sensor = _sensor(source, noise)
+        source.sensor = sensor_for(source, noise=noise, outliers=choice)
         try:
             windows = plan_windows(source.shape[0], window=window, stride=stride)
         except ValueError as error:
             raise UsageError(f"{recording}: {error}") from error
-        _run(source, windows, options, noise, target, workers or default_workers(), chunk_mb, overwrite)
-
-
-def _sensor(source: "RecordingFile", noise: str) -> "Sensor":
-    """The recording's sensor, with the noise curve that was asked for."""
-    from tofmix.estimation.beam import beam_of
-    from tofmix.sensors import PROFILES, load_profile
-
-    sensor = source.sensor
-    if noise != "file":
-        if noise not in PROFILES:
-            raise UsageError(f"--noise: unknown profile {noise!r}; choose file or one of {', '.join(PROFILES)}")
-        profile = load_profile(noise)
-        tau_ms = sensor.integration_time_ms or profile.integration_time_ms
-        sensor = replace(sensor, noise=profile.noise_at(tau_ms))
-    if sensor.noise is None:
-        names = ", ".join(PROFILES)
-        raise BadInputError(
-            f"{source.path}: sensor/noise_sigma: no noise curve; choose a built-in one with --noise PROFILE ({names})"
+        _run(
+            source,
+            windows,
+            options,
+            {"noise": noise, "outliers": choice},
+            target,
+            workers or default_workers(),
+            chunk_mb,
+            overwrite,
         )
-    try:
-        beam_of(sensor)
-    except ValueError as error:
-        raise BadInputError(f"{source.path}: sensor: {error}") from error
-    return sensor
+
+
+def _counter(context: click.Context, choices: dict[str, Any]) -> "Counter":
+    """Take the counter and its options out of the choices; options of another counter are refused."""
+    from tofmix.estimation.counters import COUNTERS
+
+    kind, own = choices.pop("counter"), {}
+    for owner, names in COUNTER_OPTIONS.items():
+        for name in names:
+            value = choices.pop(name)
+            if owner == kind:
+                own[name] = value
+            elif context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+                raise UsageError(f"--{name} belongs to --counter {owner}, not to --counter {kind}")
+    return COUNTERS[kind](**own)
 
 
 def _run(
     source: "RecordingFile",
     windows: "Windows",
     options: "EstimateOptions",
-    noise: str,
+    of_sensor: dict[str, str | float],
     target: Path,
     workers: int,
     chunk_mb: float,
@@ -156,7 +198,7 @@ def _run(
         source_sha256=file_sha256(source.path),
         version=__version__,
         sensor=source.sensor,
-        options=options.as_dict() | {"noise": noise, "window": windows.length, "stride": windows.stride},
+        options=options.as_dict() | of_sensor | {"window": windows.length, "stride": windows.stride},
         frames_left_out=windows.frames_left_out,
     )
     writer = LayersWriter(

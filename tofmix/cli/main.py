@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from types import FrameType
 from typing import NoReturn
 
 import click
@@ -12,6 +13,7 @@ from tofmix.cli.estimate import estimate
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
+from tofmix.io.storage import discard_unfinished
 
 _EPILOG = """\b
 Start here:
@@ -53,8 +55,8 @@ for _command in (simulate, estimate, report):
 
 def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code; never a traceback for a fault of the user's or the disk's."""
-    # A job scheduler's SIGTERM must remove unfinished files, as Ctrl-C does.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(ExitCode.TERMINATED))
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _die)
     code = ExitCode.DONE
     try:
         code = main.main(args=arguments, prog_name="tofmix", standalone_mode=False) or code
@@ -66,8 +68,6 @@ def run(arguments: list[str] | None = None) -> NoReturn:
         _fail(error.format_message(), ExitCode.USAGE)
     except TofmixError as error:
         _fail(str(error), error.exit_code)
-    except (KeyboardInterrupt, click.Abort):
-        _interrupted()
     except SystemExit as leave:
         # click leaves with 1 where the reader of a pipe has gone (`| head`); by our table that were a bug of ours.
         sys.exit(ExitCode.CLOSED_PIPE if leave.code == 1 else leave.code)
@@ -87,9 +87,13 @@ def _discard_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _interrupted() -> NoReturn:
-    """Die of SIGINT itself, so that a shell loop around us stops too."""
-    click.echo("tofmix: interrupted", err=True)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    os.kill(os.getpid(), signal.SIGINT)
-    sys.exit(ExitCode.INTERRUPTED)
+def _die(number: int, _: FrameType | None) -> None:
+    """Remove unfinished files and die of the signal itself, so that a shell loop around us stops too.
+
+    Not by an exception: raised while a kernel is compiled, it would be lost in the compiler's callbacks.
+    """
+    discard_unfinished()
+    if number == signal.SIGINT:
+        os.write(sys.stderr.fileno(), b"tofmix: interrupted\n")
+    signal.signal(number, signal.SIG_DFL)
+    os.kill(os.getpid(), number)

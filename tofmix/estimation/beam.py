@@ -17,7 +17,8 @@ class Beam(NamedTuple):
     """The fixed part of equation (1), in mm, as the kernels read it.
 
     `range_max` is infinite where the sensor has no such limit; there is no c_0 then.
-    `outlier_density` is p(c_r) / (range_max - range_min), 1/mm.
+    `outlier_density` is p(c_r) / (range_max - range_min), 1/mm. `range_min` and `range_top`, always
+    finite, are the ends of that interval: the working range, or what stands in for it.
     """
 
     curve_range: FloatArray
@@ -27,6 +28,8 @@ class Beam(NamedTuple):
     no_return_from: float
     p_outlier: float
     outlier_density: float
+    range_min: float
+    range_top: float
 
 
 def beam_of(sensor: Sensor) -> Beam:
@@ -57,4 +60,6 @@ def beam_of(sensor: Sensor) -> Beam:
         p_outlier=p_outlier,
         # With p(c_r) = 0 a sample far from every surface would have no likelihood at all.
         outlier_density=max(p_outlier, _SMALLEST_OUTLIER_PROBABILITY) / (high - low),
+        range_min=float(low),
+        range_top=float(high),
     )

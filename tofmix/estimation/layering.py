@@ -12,12 +12,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.acceleration import maximise_likelihood
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.counters.base import MAX_PEAKS, Peaks
-from tofmix.estimation.counting import count_surfaces, drop_unsupported
+from tofmix.estimation.counting import (
+    Rules,
+    count_surfaces,
+    drop_unsupported,
+    grow,
+    remove_surface,
+    surface_gains,
+)
 from tofmix.estimation.density import sigma_at
+from tofmix.estimation.false_alarms import chance_of, gain_table, least_gain
 from tofmix.estimation.mixture import (
     Components,
+    em_step,
     expectation_maximisation,
     log_likelihood,
     new_components,
@@ -25,7 +35,7 @@ from tofmix.estimation.mixture import (
 )
 from tofmix.estimation.samples import SortedSamples, sort_samples
 from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Knobs, knobs_of
-from tofmix.estimation.uncertainty import range_errors
+from tofmix.estimation.uncertainty import standard_errors
 from tofmix.flags import Status
 from tofmix.jit import jit
 from tofmix.layers import Layers
@@ -55,7 +65,7 @@ def _split_no_return(places: FloatArray, heights: FloatArray, k: int, beam: Beam
 
 
 @jit
-def _fit_clear(samples: FloatArray, fit: Components, beam: Beam, mode: int) -> bool:
+def _fit_clear(samples: FloatArray, fit: Components, beam: Beam) -> bool:
     """Fit one surface by the mean of all samples, if none is far from it (paper, section V: no EM is needed)."""
     n = len(samples)
     mean = np.sum(samples) / n
@@ -63,11 +73,16 @@ def _fit_clear(samples: FloatArray, fit: Components, beam: Beam, mode: int) -> b
     if max(samples[n - 1] - mean, mean - samples[0]) > CLEAR_SIGMAS * sigma or mean > beam.no_return_from:
         return False
     fit.mean[0], fit.sigma[0], fit.weight[0], fit.no_return[0] = mean, sigma, 1.0 - beam.p_outlier, 0.0
-    if mode != MODE_TIED:
-        # All samples are the surface's: one EM iteration is the solution, sigma included.
-        expectation_maximisation(samples, 1, fit, beam, mode, 1, 1.0)
     fit.support[0], fit.no_return[1] = n, 0.0
     return True
+
+
+@jit
+def _finish_clear(samples: FloatArray, fit: Components, beam: Beam, mode: int) -> None:
+    """Give the sigma of the one surface that holds all samples: one EM iteration is the solution."""
+    if mode != MODE_TIED:
+        em_step(samples, 1, fit, beam, mode)
+    fit.support[0], fit.no_return[1] = len(samples), 0.0
 
 
 @jit
@@ -77,28 +92,35 @@ def _fit_pixel(
     heights: FloatArray,
     found: int,
     work: tuple[Components, Components, Components],
-    orphans: FloatArray,
+    room: FloatArray,
     beam: Beam,
     knobs: Knobs,
+    rules: Rules,
 ) -> tuple[int, int, int]:
     """Return surfaces found, peaks found, and EM iterations (negative: not converged); the fit is work[0]."""
     fit = work[0]
     start, no_return = _split_no_return(places, heights, max(found, 1), beam)
     n_peaks = min(start, found)
-    if start == 1 and no_return == 0.0 and _fit_clear(samples, fit, beam, knobs.mode):
-        return 1, n_peaks, 0
     near = samples[len(samples) - 1] > beam.range_max - NO_RETURN_REACH * beam.sigma_max
-    no_return = max(no_return, 1.0 / len(samples)) if near else 0.0
-    start_at(places, heights, start, no_return, fit, beam)
-    k, before = count_surfaces(samples, start, work, orphans, beam, knobs)
+    if start == 1 and no_return == 0.0 and not near and _fit_clear(samples, fit, beam):
+        k = grow(samples, 1, work, beam, rules, room) if knobs.refine else 1
+        if k == 1:
+            _finish_clear(samples, fit, beam, knobs.mode)
+            return 1, n_peaks, 0
+    else:
+        no_return = max(no_return, 1.0 / len(samples)) if near else 0.0
+        start_at(places, heights, start, no_return, fit, beam)
+        k = count_surfaces(samples, start, work, room, beam, rules) if knobs.refine else start
     while True:
-        # Counting has brought the tied fit near its end: the last fit has what is left of the iterations.
-        rest = max(knobs.max_iter - before, 1)
-        n_iter = expectation_maximisation(samples, k, fit, beam, knobs.mode, rest, knobs.tol)
-        left = drop_unsupported(k, fit, beam)
+        if knobs.refine:
+            n_iter = maximise_likelihood(samples, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol)
+        else:
+            n_iter = expectation_maximisation(samples, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol)
+        left = drop_unsupported(len(samples), k, fit, beam, rules)
+        while left > knobs.max_layers:
+            left = remove_surface(left, int(np.argmin(fit.weight[:left])), fit)
         if left == k:
-            total = min(before + abs(n_iter), knobs.max_iter)
-            return k, n_peaks, total if n_iter > 0 else -total
+            return k, n_peaks, n_iter
         k = left
 
 
@@ -109,15 +131,18 @@ def _sort_surfaces(k: int, fit: Components) -> None:
         for j in range(i, 0, -1):
             if fit.mean[j - 1] <= fit.mean[j]:
                 break
-            for values in (fit.mean, fit.sigma, fit.weight, fit.support):
+            for values in (fit.mean, fit.sigma, fit.weight, fit.support, fit.gain):
                 values[j - 1], values[j] = values[j], values[j - 1]
 
 
 @jit
-def _layer_block(block: SortedSamples, peaks: Peaks, out: tuple[NDArray[Any], ...], beam: Beam, knobs: Knobs) -> None:
+def _layer_block(
+    block: SortedSamples, peaks: Peaks, out: tuple[NDArray[Any], ...], beam: Beam, knobs: Knobs, table: FloatArray
+) -> None:
     """Fill `out`, the arrays of `Layers` in their order, for the pixels of a block and their peaks."""
-    n_modes, n_peaks, mean, sigma, weight, stderr, no_return, outlier, likelihood, n_samples, n_iter, status = out
-    orphans, errors = np.zeros(block.values.shape[1]), np.zeros(MAX_PEAKS)
+    (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
+     n_samples, n_iter, status) = out  # fmt: skip
+    room, range_errors, weight_errors = np.zeros(block.values.shape[1]), np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)
     work = new_components(MAX_PEAKS), new_components(MAX_PEAKS), new_components(MAX_PEAKS)
     fit = work[0]
     for pixel in range(len(block.valid)):
@@ -128,14 +153,18 @@ def _layer_block(block: SortedSamples, peaks: Peaks, out: tuple[NDArray[Any], ..
             continue
         samples = block.values[pixel, :n]
         place, height, found = peaks.place[pixel], peaks.height[pixel], peaks.found[pixel]
-        k, kept, iterations = _fit_pixel(samples, place, height, found, work, orphans, beam, knobs)
+        gain = least_gain(knobs.false_alarm, table[n]) if knobs.refine else 0.0
+        rules = Rules(gain, knobs.false_alarm if knobs.refine else math.inf, knobs.max_layers)
+        k, kept, iterations = _fit_pixel(samples, place, height, found, work, room, beam, knobs, rules)
+        surface_gains(samples, k, work, beam)
         _sort_surfaces(k, fit)
-        known = range_errors(samples, k, fit, beam, errors)
+        known = standard_errors(samples, k, fit, beam, knobs.mode, range_errors, weight_errors)
         n_modes[pixel], n_peaks[pixel] = k, kept
         n_iter[pixel] = abs(iterations)
         for i in range(k):
-            mean[pixel, i], sigma[pixel, i] = fit.mean[i], fit.sigma[i]
-            weight[pixel, i], stderr[pixel, i] = fit.weight[i], errors[i]
+            mean[pixel, i], sigma[pixel, i], weight[pixel, i] = fit.mean[i], fit.sigma[i], fit.weight[i]
+            range_stderr[pixel, i], weight_stderr[pixel, i] = range_errors[i], weight_errors[i]
+            probability[pixel, i] = 1.0 - chance_of(fit.gain[i], table[n])
         no_return[pixel] = fit.no_return[0]
         outlier[pixel] = beam.p_outlier if k > 0 or fit.no_return[0] > 0.0 else 1.0
         likelihood[pixel] = log_likelihood(samples, k, fit, beam)
@@ -176,8 +205,8 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
     block = np.ascontiguousarray(samples).reshape(samples.shape[0], math.prod(samples.shape[1:]))
     out = Layers.empty((block.shape[1],), options.max_layers)
     beam = beam_of(sensor)
-    ordered = sort_samples(block)
-    _layer_block(ordered, options.counter.peaks(ordered, beam), out.arrays(), beam, knobs_of(options))
+    ordered, table = sort_samples(block), gain_table(block.shape[0])
+    _layer_block(ordered, options.counter.peaks(ordered, beam), out.arrays(), beam, knobs_of(options), table)
     return out.reshaped(samples.shape[1:])
 
 

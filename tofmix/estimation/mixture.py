@@ -36,16 +36,19 @@ _ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 class Components(NamedTuple):
     """The surfaces of a mixture under fit, changed in place: arrays (capacity,) float64.
 
-    `support` is the sum of a component's responsibilities, in samples; `scratch` has four rows for the
-    sums of one E step. `no_return` holds p(c_0) and its support.
+    `support` is the sum of a component's responsibilities, in samples; `gain` what the likelihood loses
+    without it, nat; `scratch` has four rows for the
+    sums of one E step, `vectors` three for an acceleration. `no_return` holds p(c_0) and its support.
     """
 
     mean: FloatArray
     sigma: FloatArray
     weight: FloatArray
     support: FloatArray
+    gain: FloatArray
     no_return: FloatArray
     scratch: FloatArray
+    vectors: FloatArray
 
 
 @jit
@@ -56,8 +59,10 @@ def new_components(capacity: int) -> Components:
         np.zeros(capacity),
         np.zeros(capacity),
         np.zeros(capacity),
+        np.zeros(capacity),
         np.zeros(2),
         np.zeros((4, capacity)),
+        np.zeros((3, 3 * capacity + 1)),
     )
 
 
@@ -92,8 +97,12 @@ def log_likelihood(samples: FloatArray, k: int, fit: Components, beam: Beam) -> 
 
 
 @jit
-def _expect(samples: FloatArray, k: int, fit: Components, beam: Beam) -> None:
-    """E step: support, and in scratch[2] and [3] the first and second moments about the means."""
+def _expect(samples: FloatArray, k: int, fit: Components, beam: Beam) -> float:
+    """E step: support, and in scratch[2] and [3] the first and second moments about the means.
+
+    Return the log likelihood of the values that it started from.
+    """
+    likelihood = 0.0
     fit.no_return[1] = 0.0
     for i in range(k):
         fit.support[i] = 0.0
@@ -101,6 +110,7 @@ def _expect(samples: FloatArray, k: int, fit: Components, beam: Beam) -> None:
         fit.scratch[3, i] = 0.0
     for j in range(len(samples)):
         total, no_return = sample_densities(samples[j], k, fit, beam)
+        likelihood += math.log(total)
         fit.no_return[1] += no_return / total
         for i in range(k):
             share = fit.scratch[0, i] / total  # p(c_i | r_j)
@@ -108,6 +118,7 @@ def _expect(samples: FloatArray, k: int, fit: Components, beam: Beam) -> None:
             fit.support[i] += share
             fit.scratch[2, i] += share * away
             fit.scratch[3, i] += share * away * away
+    return likelihood
 
 
 @jit
@@ -143,6 +154,14 @@ def _maximise(k: int, fit: Components, beam: Beam, mode: int) -> float:
         squares = max(fit.scratch[3, i] - support * shift * shift, 0.0)
         fit.sigma[i] = _new_sigma(curve_sigma, squares, support, mode)
     return change
+
+
+@jit
+def em_step(samples: FloatArray, k: int, fit: Components, beam: Beam, mode: int) -> float:
+    """One iteration of EM; return the log likelihood of the values that it started from."""
+    likelihood = _expect(samples, k, fit, beam)
+    _maximise(k, fit, beam, mode)
+    return likelihood
 
 
 @jit

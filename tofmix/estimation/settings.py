@@ -5,10 +5,18 @@ from enum import StrEnum
 from typing import NamedTuple
 
 from tofmix.estimation.counters import COUNTERS, Counter, Kde
+from tofmix.estimation.false_alarms import check_false_alarm
 from tofmix.layers import MAX_LAYERS_LIMIT
 
 LEAST_SAMPLES = 2
 """Samples below which nothing can be fitted: no layer rests on a single one."""
+
+
+class Refine(StrEnum):
+    """What is done with the peaks of step 1."""
+
+    LIKELIHOOD = "likelihood"
+    NONE = "none"
 
 
 class SigmaMode(StrEnum):
@@ -31,6 +39,10 @@ class EstimateOptions:
         Most surfaces kept in a pixel, 1 to 32; the weakest are left out.
     counter : Counter
         How step 1 counts, with its parameters; one of `tofmix.estimation.counters.COUNTERS`.
+    refine : Refine
+        ``likelihood``: count by likelihood, from the peaks; ``none``: the peaks are the surfaces, as in the paper.
+    false_alarm : float
+        Chance that a pixel of one surface gets more than one, 10^-6 to 0.1.
     max_iter : int
         Most EM iterations, at least 1.
     tol : float
@@ -47,12 +59,16 @@ class EstimateOptions:
     sigma: SigmaMode = SigmaMode.PRIOR
     max_layers: int = 6
     counter: Counter = field(default_factory=Kde)
+    refine: Refine = Refine.LIKELIHOOD
+    false_alarm: float = 1.0e-3
     max_iter: int = 50
     tol: float = 1.0e-3
     min_samples: int = 3
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sigma", SigmaMode(self.sigma))
+        object.__setattr__(self, "refine", Refine(self.refine))
+        check_false_alarm(self.false_alarm)
         bounds = (
             (1 <= self.max_layers <= MAX_LAYERS_LIMIT, "max_layers", f"1 to {MAX_LAYERS_LIMIT}"),
             (1 <= self.max_iter < 2**16, "max_iter", "1 to 65535"),
@@ -67,13 +83,16 @@ class EstimateOptions:
         """The options by name, the counter's own among them, for provenance."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         names = {kind: name for name, kind in COUNTERS.items()}
-        return values | {"sigma": self.sigma.value, "counter": names[type(self.counter)]} | self.counter.as_dict()
+        chosen = {"sigma": self.sigma.value, "refine": self.refine.value, "counter": names[type(self.counter)]}
+        return values | chosen | self.counter.as_dict()
 
 
 class Knobs(NamedTuple):
     """`EstimateOptions` as the kernels read them; `mode` is 0 tied, 1 prior, 2 free."""
 
     mode: int
+    refine: bool
+    false_alarm: float
     max_layers: int
     max_iter: int
     tol: float
@@ -88,6 +107,8 @@ def knobs_of(options: EstimateOptions) -> Knobs:
     mode = {SigmaMode.TIED: MODE_TIED, SigmaMode.PRIOR: MODE_PRIOR, SigmaMode.FREE: MODE_FREE}[options.sigma]
     return Knobs(
         mode=mode,
+        refine=options.refine is Refine.LIKELIHOOD,
+        false_alarm=float(options.false_alarm),
         max_layers=options.max_layers,
         max_iter=options.max_iter,
         tol=float(options.tol),

@@ -1,8 +1,9 @@
-"""Standard errors of the ranges, from the observed information of the mixture.
+"""Standard errors of ranges and shares, from the observed information of the mixture.
 
-The information of all means and shares together, with p(c_r), mu_0 and the
-sigmas held at their values. Overlapping surfaces share their samples, so their
-errors are larger than sigma / sqrt(samples), by as much as the data say.
+The information of all means, sigmas (unless they are tied) and shares together,
+with p(c_r) and mu_0 held at their values. Overlapping surfaces share their
+samples, so their errors are larger than sigma / sqrt(samples), by as much as the
+data say.
 """
 
 import math
@@ -11,7 +12,9 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.mixture import Components, gaussian
+from tofmix.estimation.density import sigma_at
+from tofmix.estimation.mixture import PRIOR_SAMPLES, Components, gaussian, sample_densities
+from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
 from tofmix.jit import jit
 
 _SINGULAR = 1.0e-10
@@ -22,43 +25,65 @@ _LEAST_NO_RETURN = 0.5
 
 
 @jit
-def _information(samples: FloatArray, k: int, fit: Components, beam: Beam, with_no_return: bool) -> FloatArray:
-    """Observed information of (mu_1..mu_k, shares without the last), minus the Hessian of the log likelihood.
+def _shapes(sample: float, mean: float, sigma: float) -> tuple[float, float, float, float, float, float]:
+    """Density of a surface and its derivatives by mean (m) and log sigma (s): f, f_m, f_s, f_mm, f_ms, f_ss."""
+    z = (sample - mean) / sigma
+    f = gaussian(sample, mean, sigma)
+    square = z * z - 1.0
+    return (
+        f,
+        f * z / sigma,
+        f * square,
+        f * square / sigma**2,
+        f * z * (z * z - 3.0) / sigma,
+        f * (square * square - 2.0 * z * z),
+    )
 
-    The last share is what the others leave. c_0 takes part as one more share where it has samples.
+
+@jit
+def _information(
+    samples: FloatArray, k: int, fit: Components, beam: Beam, mode: int, with_no_return: bool
+) -> FloatArray:
+    """Observed information: minus the Hessian of the log likelihood, and of the sigmas' prior where there is one.
+
+    Parameters in order: k means, k log sigmas unless they are tied, and all shares but the last, which is what the
+    others leave. c_0 takes part as one more share where it has samples.
     """
     shares = k + 1 if with_no_return else k
-    size = k + shares - 1
-    information = np.zeros((size, size))
+    free = mode != MODE_TIED
+    first_share = 2 * k if free else k
+    size = first_share + shares - 1
+    information, second, gradient = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
     terms = np.zeros(shares)
-    gradient = np.zeros(size)
     for j in range(len(samples)):
-        total = beam.outlier_density
-        for i in range(k):
-            terms[i] = gaussian(samples[j], fit.mean[i], fit.sigma[i])
-            total += fit.weight[i] * terms[i]
+        total = sample_densities(samples[j], k, fit, beam)[0]
+        second[:] = 0.0
         if with_no_return:
             terms[k] = gaussian(samples[j], beam.range_max, beam.sigma_max)
-            total += fit.no_return[0] * terms[k]
-        last = terms[shares - 1]
         for i in range(k):
-            gradient[i] = fit.weight[i] * terms[i] * (samples[j] - fit.mean[i]) / fit.sigma[i] ** 2 / total
-        for i in range(shares - 1):
-            gradient[k + i] = (terms[i] - last) / total
+            f, f_m, f_s, f_mm, f_ms, f_ss = _shapes(samples[j], fit.mean[i], fit.sigma[i])
+            terms[i] = f
+            gradient[i] = fit.weight[i] * f_m / total
+            second[i, i] = fit.weight[i] * f_mm
+            if free:
+                gradient[k + i] = fit.weight[i] * f_s / total
+                second[i, k + i] = second[k + i, i] = fit.weight[i] * f_ms
+                second[k + i, k + i] = fit.weight[i] * f_ss
+            for b in range(shares - 1):
+                # A share moves its own surface up and the last one down.
+                sign = 1.0 if b == i else (-1.0 if i == shares - 1 else 0.0)
+                second[i, first_share + b] = second[first_share + b, i] = sign * f_m
+                if free:
+                    second[k + i, first_share + b] = second[first_share + b, k + i] = sign * f_s
+        for b in range(shares - 1):
+            gradient[first_share + b] = (terms[b] - terms[shares - 1]) / total
         for a in range(size):
             for b in range(size):
-                information[a, b] += gradient[a] * gradient[b]
+                information[a, b] += gradient[a] * gradient[b] - second[a, b] / total
+    if mode == MODE_PRIOR:
         for i in range(k):
-            z = (samples[j] - fit.mean[i]) / fit.sigma[i]
-            slope = terms[i] * z / fit.sigma[i] / total  # d terms / d mu
-            information[i, i] -= fit.weight[i] * terms[i] * (z * z - 1.0) / fit.sigma[i] ** 2 / total
-            if i < shares - 1:
-                information[i, k + i] -= slope
-                information[k + i, i] -= slope
-            else:
-                for b in range(shares - 1):
-                    information[i, k + b] += slope
-                    information[k + b, i] += slope
+            ratio = sigma_at(fit.mean[i], beam.curve_range, beam.curve_sigma) / fit.sigma[i]
+            information[k + i, k + i] += 2.0 * PRIOR_SAMPLES * ratio * ratio
     return information
 
 
@@ -104,21 +129,36 @@ def _invert(matrix: FloatArray) -> bool:
 
 
 @jit
-def range_errors(samples: FloatArray, k: int, fit: Components, beam: Beam, out: FloatArray) -> bool:
-    """Fill out[:k] with the standard errors of the means, mm.
+def standard_errors(
+    samples: FloatArray, k: int, fit: Components, beam: Beam, mode: int, ranges: FloatArray, weights: FloatArray
+) -> bool:
+    """Fill ranges[:k], mm, and weights[:k] with the standard errors of means and shares.
 
-    Return false where the information is singular; the errors are then those of
-    surfaces that share nothing, sigma / sqrt(support), and too small.
+    Return false where the information is singular; the errors are then those of surfaces that share nothing, and
+    too small. A share that nothing competes with has the error 0: it is 1 - p(c_r).
     """
+    n = len(samples)
     for i in range(k):
-        out[i] = fit.sigma[i] / math.sqrt(max(fit.support[i], 1.0))
+        share = fit.weight[i]
+        ranges[i] = fit.sigma[i] / math.sqrt(max(fit.support[i], 1.0))
+        weights[i] = math.sqrt(max(share * (1.0 - share), 0.0) / n)
     if k == 0:
         return True
-    if k == 1 and fit.support[0] > len(samples) - 0.01:
-        return True
-    information = _information(samples, k, fit, beam, fit.no_return[1] > _LEAST_NO_RETURN)
+    with_no_return = fit.no_return[1] > _LEAST_NO_RETURN
+    if k == 1 and not with_no_return:
+        weights[0] = 0.0
+        if fit.support[0] > n - 0.01:
+            return True
+    information = _information(samples, k, fit, beam, mode, with_no_return)
     if not _invert(information):
         return False
+    first_share = k if mode == MODE_TIED else 2 * k
+    last = 0.0
+    for a in range(first_share, len(information)):
+        for b in range(first_share, len(information)):
+            last += information[a, b]
     for i in range(k):
-        out[i] = math.sqrt(information[i, i])
+        ranges[i] = math.sqrt(information[i, i])
+        place = first_share + i
+        weights[i] = math.sqrt(max(information[place, place] if place < len(information) else last, 0.0))
     return True

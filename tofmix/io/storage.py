@@ -15,6 +15,15 @@ from typing import Self
 from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
 
 
+_unfinished: set[Path] = set()
+
+
+def discard_unfinished() -> None:
+    """Remove the temporary files of all outputs that are being written: for a process that is about to die."""
+    for temporary in list(_unfinished):
+        temporary.unlink(missing_ok=True)
+
+
 class Sink:
     """File object over a descriptor, for h5py's "fileobj" driver; its writes never fail.
 
@@ -112,15 +121,13 @@ class AtomicFile:
         self._descriptor = -1
 
     def __enter__(self) -> Self:
+        _unfinished.add(self._temporary)
         try:
             self._descriptor = os.open(self._temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
             self.sink = Sink(self._descriptor)
         except OSError as error:
+            _unfinished.discard(self._temporary)
             raise StorageError(os_error_text(error, self.path)) from error
-        except BaseException:
-            # Interrupted between the two: nobody else knows of the file.
-            self._temporary.unlink(missing_ok=True)
-            raise
         return self
 
     def __exit__(
@@ -129,6 +136,7 @@ class AtomicFile:
         if self._descriptor >= 0:
             self._close()
             self._temporary.unlink(missing_ok=True)
+        _unfinished.discard(self._temporary)
 
     def check(self) -> None:
         """Raise the first failed write, so that a long job stops at once.

@@ -6,10 +6,14 @@ command line.
 """
 
 from tofmix.estimation.counters.base import Counter, Peaks
+from tofmix.estimation.counters.cpdf import Cpdf
+from tofmix.estimation.counters.fourier import Fourier
 from tofmix.estimation.counters.kde import Kde
 
 COUNTERS: dict[str, type[Counter]] = {
     "kde": Kde,
+    "cpdf": Cpdf,
+    "fourier": Fourier,
 }
 
-__all__ = ["COUNTERS", "Counter", "Kde", "Peaks"]
+__all__ = ["COUNTERS", "Counter", "Cpdf", "Fourier", "Kde", "Peaks"]

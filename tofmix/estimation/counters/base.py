@@ -11,6 +11,9 @@ from tofmix.estimation.samples import SortedSamples
 MAX_PEAKS = 64
 """Most peaks whose places are kept; more than that in one pixel is noise."""
 
+SIGMAS_BEYOND = 4.0
+"""Samples of what lies at the ends of the working range, no return above all, reach this many sigma beyond."""
+
 
 class Peaks(NamedTuple):
     """Peaks of many pixels.

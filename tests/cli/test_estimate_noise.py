@@ -1,0 +1,99 @@
+"""`tofmix estimate --noise auto` and `--outliers`: the curve and p(c_r) from the recording itself."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from commandline import Tofmix
+from files import NOISE, boards, write_recording
+
+from tofmix.errors import ExitCode
+
+TRUE = {"noise_range": [500.0, 5000.0], "noise_sigma": [15.0, 15.0]}
+
+
+@pytest.fixture(scope="module")
+def samples() -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
+    return boards(60, rows=20, cols=24)
+
+
+def test_a_recording_without_a_curve_works(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
+    path = write_recording(tmp_path / "a.h5", samples, noise=None)
+    refused = tofmix("estimate", path)
+    assert refused.code == ExitCode.BAD_INPUT
+    assert "measure it with --noise auto" in refused.err
+    outcome = tofmix("estimate", path, "--noise", "auto")
+    assert outcome.code == 0, outcome.err
+    assert outcome.err == ""
+    with h5py.File(tmp_path / "a.layers.h5") as root:
+        assert json.loads(root.attrs["options"])["noise"] == "auto"
+        np.testing.assert_allclose(root["sensor/noise_sigma"][...], 15.0, rtol=0.08)
+        np.testing.assert_allclose(root["range"][0, :, 0, 0], 1200, atol=15)
+
+
+def test_a_wrong_curve_is_told_in_one_line(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
+    wrong = write_recording(tmp_path / "wrong.h5", samples, noise=NOISE)
+    outcome = tofmix("estimate", wrong, "--noise", "auto")
+    assert outcome.code == 0
+    assert outcome.err.count("\n") == 1
+    assert "times the measured one at 3" in outcome.err
+    right = write_recording(tmp_path / "right.h5", samples, noise=TRUE)
+    assert tofmix("estimate", right, "--noise", "auto").err == ""
+
+
+@pytest.mark.parametrize(("choice", "stored"), [("file", 1e-4), ("0.01", 0.01), ("0", 0.0)])
+def test_the_outlier_share_is_chosen(
+    tofmix: Tofmix,
+    tmp_path: Path,
+    samples: np.ndarray,
+    choice: str,
+    stored: float,
+) -> None:
+    path = write_recording(tmp_path / "a.h5", samples)
+    assert tofmix("estimate", path, "--outliers", choice).code == 0
+    with h5py.File(tmp_path / "a.layers.h5") as root:
+        assert root["sensor"].attrs["outlier_probability"] == stored
+        assert json.loads(root.attrs["options"])["outliers"] == (stored if choice != "file" else "file")
+
+
+def test_the_outlier_share_is_counted(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
+    rng = np.random.default_rng(3)
+    dirty = samples.copy()
+    wild = rng.random(dirty.shape) < 0.02
+    dirty[wild] = rng.integers(300, 7500, wild.sum())
+    path = write_recording(tmp_path / "a.h5", dirty)
+    assert tofmix("estimate", path, "--outliers", "auto").code == 0
+    with h5py.File(tmp_path / "a.layers.h5") as root:
+        assert root["sensor"].attrs["outlier_probability"] == pytest.approx(0.02, rel=0.25)
+        assert json.loads(root.attrs["options"])["outliers"] == "auto"
+        np.testing.assert_array_equal(root["sensor/noise_sigma"][...], NOISE["noise_sigma"])
+
+
+def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
+    path = write_recording(tmp_path / "a.h5", samples, noise=None)
+    auto = ["--noise", "auto", "--outliers", "auto"]
+    for name, extra in (("x", ["--workers", 1]), ("y", ["--workers", 3, "--chunk-mb", 0.001])):
+        assert tofmix("estimate", path, "-o", tmp_path / name, *auto, *extra).code == 0
+    assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("extra", "code", "reason"),
+    [
+        (["--noise", "auto"], ExitCode.BAD_INPUT, "5 frames are too few"),
+        (["--outliers", "auto"], ExitCode.BAD_INPUT, "5 frames are too few"),
+        (["--outliers", "many"], ExitCode.USAGE, "'many' is neither file, auto nor a probability"),
+        (["--outliers", "1"], ExitCode.USAGE, "probability in [0, 1)"),
+        (["--outliers", "nan"], ExitCode.USAGE, "probability in [0, 1)"),
+        (["--noise", "Auto"], ExitCode.USAGE, "choose file, auto or one of sr3000"),
+    ],
+)
+def test_refusals(tofmix: Tofmix, tmp_path: Path, extra: list[str], code: int, reason: str) -> None:
+    path = write_recording(tmp_path / "a.h5", boards(5))
+    outcome = tofmix("estimate", path, *extra)
+    assert outcome.code == code
+    assert reason in outcome.err
+    assert outcome.err.count("\n") == 1
+    assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]

@@ -1,0 +1,114 @@
+"""The camera that an estimate uses: the recording's, with the noise curve and outlier share that were asked for."""
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import click
+
+from tofmix.errors import BadInputError, UsageError
+
+if TYPE_CHECKING:
+    from tofmix.estimation.noise import MeasuredNoise
+    from tofmix.io.recording_file import RecordingFile
+    from tofmix.sensor import Sensor
+
+FILE, AUTO = "file", "auto"
+
+TOLERANCE = 0.10
+"""Relative difference of the file's curve and the measured one that is worth a word."""
+
+
+def outlier_choice(text: str) -> str | float:
+    """``file``, ``auto`` or a probability, from the command line.
+
+    Raises
+    ------
+    UsageError
+        If it is none of them.
+    """
+    if text in (FILE, AUTO):
+        return text
+    try:
+        probability = float(text)
+    except ValueError:
+        probability = -1.0
+    if not 0.0 <= probability < 1.0:
+        raise UsageError(f"--outliers: {text!r} is neither file, auto nor a probability in [0, 1)")
+    return probability
+
+
+def sensor_for(source: "RecordingFile", *, noise: str, outliers: str | float) -> "Sensor":
+    """The recording's sensor with the chosen noise curve and p(c_r).
+
+    Parameters
+    ----------
+    source : RecordingFile
+        The recording.
+    noise : str
+        ``file``, ``auto`` or the name of a built-in sensor.
+    outliers : str or float
+        What `outlier_choice` returned.
+
+    Raises
+    ------
+    UsageError
+        If there is no built-in sensor of that name.
+    BadInputError
+        If there is no noise curve, or the recording does not tell it.
+    """
+    from tofmix.estimation.beam import beam_of
+    from tofmix.sensors import PROFILES
+
+    if noise not in (FILE, AUTO, *PROFILES):
+        raise UsageError(f"--noise: unknown profile {noise!r}; choose file, auto or one of {', '.join(PROFILES)}")
+    sensor = source.sensor
+    if noise == FILE and sensor.noise is None:
+        raise BadInputError(
+            f"{source.path}: sensor/noise_sigma: no noise curve; measure it with --noise auto,"
+            f" or choose a built-in one with --noise PROFILE ({', '.join(PROFILES)})"
+        )
+    measured = _measured(source) if AUTO in (noise, outliers) else None
+    if noise == AUTO and measured is not None:
+        _warn_where_they_differ(source, measured)
+        sensor = replace(sensor, noise=measured.curve)
+    elif noise != FILE:
+        sensor = _with_profile(sensor, noise)
+    if outliers == AUTO and measured is not None:
+        sensor = replace(sensor, outlier_probability=measured.outlier_probability)
+    elif isinstance(outliers, float):
+        sensor = replace(sensor, outlier_probability=outliers)
+    try:
+        beam_of(sensor)
+    except ValueError as error:
+        raise BadInputError(f"{source.path}: sensor: {error}") from error
+    return sensor
+
+
+def _measured(source: "RecordingFile") -> "MeasuredNoise":
+    from tofmix.estimation.noise import measure_noise
+
+    try:
+        return measure_noise(source)
+    except ValueError as error:
+        raise BadInputError(f"{source.path}: {error}") from error
+
+
+def _with_profile(sensor: "Sensor", name: str) -> "Sensor":
+    from tofmix.sensors import load_profile
+
+    profile = load_profile(name)
+    return replace(sensor, noise=profile.noise_at(sensor.integration_time_ms or profile.integration_time_ms))
+
+
+def _warn_where_they_differ(source: "RecordingFile", measured: "MeasuredNoise") -> None:
+    from tofmix.estimation.noise import disagreement
+
+    if source.sensor.noise is None:
+        return
+    range_mm, ratio = disagreement(measured, source.sensor.noise)
+    if not 1.0 - TOLERANCE <= ratio <= 1.0 + TOLERANCE:
+        click.echo(
+            f"tofmix: {source.path}: sensor/noise_sigma: the file's sigma is {ratio:.2f} times the measured one"
+            f" at {range_mm:.0f} mm; the measured curve is used",
+            err=True,
+        )
