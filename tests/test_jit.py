@@ -41,11 +41,18 @@ def test_a_change_in_a_called_kernel_reaches_its_callers(tmp_path: Path) -> None
     assert after == pytest.approx(2 * before)
 
 
-def test_a_read_only_package_and_home_fall_back_to_the_temporary_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_read_only_package_and_home_fall_back_to_a_private_folder(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setattr("tofmix.jit._writable", lambda _: False)
-    monkeypatch.setattr("tempfile.gettempdir", lambda: "/somewhere")
-    assert jit._base_folder().parent == Path("/somewhere")
+    monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
+    folder = jit._base_folder()
+    assert folder.parent == tmp_path
+    assert folder.stat().st_mode & 0o077 == 0
+    # Somebody else could write there: it is not used.
+    folder.chmod(0o777)
+    assert jit._base_folder() != folder
 
 
 def test_numba_cache_dir_is_honoured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

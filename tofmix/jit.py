@@ -15,6 +15,7 @@ machine.
 
 import hashlib
 import os
+import stat
 import tempfile
 from collections.abc import Callable
 from functools import cache
@@ -55,7 +56,19 @@ def _base_folder() -> Path:
     for folder in (_PACKAGE / "__pycache__", home):
         if _writable(folder):
             return folder
-    return Path(tempfile.gettempdir()) / f"tofmix-{os.getuid()}"
+    return _private_folder(Path(tempfile.gettempdir()) / f"tofmix-{os.getuid()}")
+
+
+def _private_folder(folder: Path) -> Path:
+    """Make `folder` for this user alone; where somebody else has it, make another.
+
+    Compiled kernels are run as they are found: nobody else may put any there.
+    """
+    folder.mkdir(mode=0o700, exist_ok=True)
+    status = folder.lstat()
+    if stat.S_ISDIR(status.st_mode) and status.st_uid == os.getuid() and not status.st_mode & 0o022:
+        return folder
+    return Path(tempfile.mkdtemp(prefix="tofmix-"))
 
 
 def _writable(folder: Path) -> bool:

@@ -65,7 +65,7 @@ def test_windows_and_the_frames_left_out(tofmix: Tofmix, recording: Path, tmp_pa
         ("--sigma", "tied", "sigma"), ("--sigma", "free", "sigma"), ("--max-layers", 1, "n_modes"),
         ("--gamma", 0.9, "n_peaks"), ("--max-iter", 1, "n_iter"), ("--tol", 1e-12, "n_iter"),
         ("--min-samples", 41, "status"), ("--noise", "sr3000", "sigma"),
-            ("--refine", "none", "log_likelihood"), ("--epsilon", 5.0, "n_peaks"),
+            ("--epsilon", 5.0, "n_peaks"),
     ],
 )  # fmt: skip
 def test_every_option_does_something(
@@ -88,6 +88,10 @@ def test_more_false_alarms_are_had_for_the_asking(tofmix: Tofmix, tmp_path: Path
         counts.append(np.sum(_read(tmp_path / "a.layers.h5")["n_modes"] > 1))
     assert counts[0] < 5
     assert counts[1] > 60
+    assert tofmix("estimate", path, "--overwrite", "--refine", "none").code == 0
+    found = _read(tmp_path / "a.layers.h5")
+    np.testing.assert_array_equal(found["n_modes"], found["n_peaks"])
+    assert np.sum(found["n_modes"] > 1) > 60
     assert tofmix("estimate", path, "--refine", "none", "--false-alarm", 0.01).code == ExitCode.USAGE
 
 
@@ -125,6 +129,10 @@ def test_invalid_samples_are_skipped_and_counted(tofmix: Tofmix, tmp_path: Path)
         (["--max-layers", 33], ExitCode.USAGE, "33 is not in the range 1<=x<=32"),
         (["--gamma", "nan"], ExitCode.USAGE, "gamma"),
         (["-o", "/proc/none/a.h5"], ExitCode.STORAGE, "no such folder"),
+        (["--chunk-mb", "inf"], ExitCode.USAGE, "--chunk-mb"),
+        (["--chunk-mb", "nan"], ExitCode.USAGE, "--chunk-mb"),
+        (["--stride", 5], ExitCode.USAGE, "--stride goes with --window"),
+        (["-o", ""], ExitCode.USAGE, "the path is empty"),
     ],
 )
 def test_refusals(tofmix: Tofmix, recording: Path, tmp_path: Path, extra: list[object], code: int, reason: str) -> None:

@@ -1,6 +1,7 @@
 """Recordings: what is read from any that fits, what is refused and how, what ours look like to others."""
 
 import hashlib
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -128,6 +129,46 @@ def test_what_does_not_fit_is_refused_by_name(tmp_path: Path, change: Callable[[
     assert "\n" not in str(caught.value)
 
 
+def test_data_in_other_files_are_refused(tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_bytes(b"\x07\x00" * 24)
+    with h5py.File(tmp_path / "external.h5", "w") as root:
+        root.create_dataset("range", (2, 3, 4), "u2", external=[(str(secret), 0, 48)])
+    whole = write_recording(tmp_path / "whole.h5", boards(4, 2, 2))
+    with h5py.File(tmp_path / "link.h5", "w") as root:
+        root["range"] = h5py.ExternalLink(whole, "/range")
+    layout = h5py.VirtualLayout((4, 2, 2), "u2")
+    layout[:] = h5py.VirtualSource(whole, "range", (4, 2, 2))
+    with h5py.File(tmp_path / "virtual.h5", "w") as root:
+        root.create_virtual_dataset("range", layout)
+    for name in ("external", "link", "virtual"):
+        with (
+            pytest.raises(BadInputError, match=r"range: .* another file; refused"),
+            open_recording(tmp_path / f"{name}.h5"),
+        ):
+            pass
+
+
+def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.h5")
+    with pytest.raises(BadInputError, match="not a regular file"), open_recording(tmp_path / "pipe.h5"):
+        pass
+
+
+def test_a_fill_value_must_be_a_number(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "r.h5", boards())
+    with h5py.File(path, "r+") as root:
+        root["range"].attrs["_FillValue"] = "x"
+    with pytest.raises(BadInputError, match=r"r\.h5: range: _FillValue"), open_recording(path):
+        pass
+
+
+def test_values_beyond_float32_are_invalid(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "r.h5", np.array([[[1e300]], [[5.0]]]))
+    with open_recording(path) as recording:
+        np.testing.assert_array_equal(recording.read_range(*EVERYTHING)[:, 0, 0], [np.nan, 5.0])
+
+
 def test_a_later_format_is_refused(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "r.h5", boards())
     with h5py.File(path, "r+") as root:
@@ -142,7 +183,7 @@ def test_what_is_no_hdf5_is_refused(tmp_path: Path) -> None:
     empty.touch()
     folder.mkdir()
     for path, reason in (
-        (text, "not an HDF5 file"), (empty, "not an HDF5 file"), (folder, "Is a directory"),
+        (text, "not an HDF5 file"), (empty, "not an HDF5 file"), (folder, "not a regular file"),
         (tmp_path / "none.h5", "No such file"),
     ):  # fmt: skip
         with pytest.raises(BadInputError, match=f"{path.name}: {reason}"), open_recording(path):

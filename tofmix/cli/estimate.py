@@ -1,5 +1,6 @@
 """``tofmix estimate``: a recording in, a layers file out."""
 
+import math
 import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from tofmix.io.recording_file import RecordingFile
     from tofmix.windows import Windows
 
-_COMPILING_AFTER_S = 1.0
+_COMPILING_AFTER_S = 4.0
 
 COUNTER_OPTIONS = {"kde": ("gamma", "epsilon"), "cpdf": ("bins", "ratio"), "fourier": ("order", "level")}
 """The counters and their options: `tofmix.estimation.counters.COUNTERS` in words, for it imports numba."""
@@ -133,6 +134,10 @@ def estimate(
     from tofmix.io.storage import check_output
     from tofmix.windows import plan_windows
 
+    if not math.isfinite(chunk_mb):
+        raise UsageError(f"--chunk-mb: {chunk_mb} is not a number of megabytes")
+    if stride is not None and window is None:
+        raise UsageError("--stride goes with --window")
     target = output or recording.with_name(recording.stem + ".layers.h5")
     if choices["refine"] == "none" and context.get_parameter_source("false_alarm") is not ParameterSource.DEFAULT:
         raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
@@ -221,9 +226,8 @@ def _run(
             for n in range(len(counts)):
                 counts[n] += int((batch.layers.n_modes == n).sum())
     if windows.frames_left_out:
-        click.echo(
-            f"tofmix: {source.path}: {windows.frames_left_out} frames after the last whole window left out", err=True
-        )
+        left_out = f"{windows.frames_left_out} frame{'s' * (windows.frames_left_out > 1)}"
+        click.echo(f"tofmix: {source.path}: {left_out} after the last whole window left out", err=True)
     found = ", ".join(f"{n}: {count:,}" for n, count in enumerate(counts) if count)
     click.echo(
         f"{target}: {rows} x {cols} pixels, {windows.count} window{'s' * (windows.count > 1)} of {windows.length}"
@@ -235,7 +239,7 @@ def _compile(options: "EstimateOptions") -> None:
     """Compile the kernels, or load them from their cache; say so where it takes long."""
     from tofmix.estimation.layering import warm_up
 
-    text = "tofmix: compiling the kernels; this happens once and takes about half a minute"
+    text = "tofmix: compiling the kernels; a first run takes about half a minute longer"
     timer = threading.Timer(_COMPILING_AFTER_S, click.echo, (text,), {"err": True})
     timer.start()
     try:

@@ -8,8 +8,19 @@ from typing import Any
 import click
 from tqdm import tqdm
 
-PATH = click.Path(path_type=Path)
-"""A path that the package checks itself, so that its refusals have their own exit codes."""
+
+class _Path(click.ParamType[Path]):
+    """A path that the package checks itself, so that its refusals have their own exit codes."""
+
+    name = "path"
+
+    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        if not str(value):
+            self.fail("the path is empty", param, ctx)
+        return Path(value)
+
+
+PATH = _Path()
 
 overwrite_option = click.option(
     "--overwrite", is_flag=True, help="Replace an output that is already there.", allow_from_autoenv=False

@@ -72,7 +72,7 @@ def sensor_for(source: "RecordingFile", *, noise: str, outliers: str | float) ->
         _warn_where_they_differ(source, measured)
         sensor = replace(sensor, noise=measured.curve)
     elif noise != FILE:
-        sensor = _with_profile(sensor, noise)
+        sensor = _with_profile(source, sensor, noise)
     if outliers == AUTO and measured is not None:
         sensor = replace(sensor, outlier_probability=measured.outlier_probability)
     elif isinstance(outliers, float):
@@ -93,10 +93,16 @@ def _measured(source: "RecordingFile") -> "MeasuredNoise":
         raise BadInputError(f"{source.path}: {error}") from error
 
 
-def _with_profile(sensor: "Sensor", name: str) -> "Sensor":
+def _with_profile(source: "RecordingFile", sensor: "Sensor", name: str) -> "Sensor":
     from tofmix.sensors import load_profile
 
     profile = load_profile(name)
+    if sensor.integration_time_ms is None:
+        click.echo(
+            f"tofmix: {source.path}: sensor: no integration_time_ms; the curve of {name} is taken"
+            f" at its default, {profile.integration_time_ms:g} ms",
+            err=True,
+        )
     return replace(sensor, noise=profile.noise_at(sensor.integration_time_ms or profile.integration_time_ms))
 
 

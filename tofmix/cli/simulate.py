@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tofmix.cli.options import PATH, default_workers, examples, overwrite_option, progress_bar
+from tofmix.errors import BadInputError
 
 if TYPE_CHECKING:
     from tofmix.simulation.model import Model
@@ -93,8 +94,11 @@ def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: b
 
     n_frames, seed = model.recording.frames, model.recording.seed
     shape = (n_frames, model.sensor.rows, model.sensor.cols)
-    sensor = recording_sensor(model, averaged=averaged)
-    truth = cast_scene(model)
+    try:
+        sensor = recording_sensor(model, averaged=averaged)
+        truth = cast_scene(model)
+    except BadInputError as error:
+        raise BadInputError(f"{name}: {error}") from error
     writer = RecordingWriter(
         output,
         shape=shape,

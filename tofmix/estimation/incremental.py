@@ -18,8 +18,7 @@ from tofmix.estimation.beam import beam_of
 from tofmix.estimation.counters import Kde, Peaks
 from tofmix.estimation.counters.base import SIGMAS_BEYOND, no_peaks
 from tofmix.estimation.density import BANDWIDTH, REACH
-from tofmix.estimation.modes import LONE_SAMPLES, PEAK_OF_SHARE, STEP
-from tofmix.estimation.modes import _keep as keep
+from tofmix.estimation.modes import LONE_SAMPLES, PEAK_OF_SHARE, STEP, keep_peak
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.jit import jit
 from tofmix.sensor import Sensor
@@ -79,10 +78,10 @@ def _peaks(
         if in_run and not flat:
             in_run = False
             if top > threshold:  # p > gamma
-                count = keep(place, height, count, at, top)
+                count = keep_peak(place, height, count, at, top)
         before = slope
     if in_run and top > threshold:
-        count = keep(place, height, count, at, top)
+        count = keep_peak(place, height, count, at, top)
     if count == 0:
         place[0], height[0] = grid[best], total[best]
     return count

@@ -79,7 +79,7 @@ def find_peaks(
         if in_run and not flat:
             in_run = False
             if height > threshold:  # p > gamma
-                count = _keep(places, heights, count, place, height / (n * PEAK_OF_SHARE))
+                count = keep_peak(places, heights, count, place, height / (n * PEAK_OF_SHARE))
         before, r = slope, next_r
     if count == 0:
         places[0], heights[0] = best_place, best_height / (n * PEAK_OF_SHARE)
@@ -87,7 +87,7 @@ def find_peaks(
 
 
 @jit
-def _keep(places: FloatArray, heights: FloatArray, count: int, place: float, height: float) -> int:
+def keep_peak(places: FloatArray, heights: FloatArray, count: int, place: float, height: float) -> int:
     """Append a peak; where there is no room, the lowest one gives way."""
     if count < len(places):
         places[count], heights[count] = place, height

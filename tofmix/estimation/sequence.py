@@ -6,6 +6,7 @@ the kernels hold no lock, while the next slab is read. Results come window by wi
 order, so a writer can store them as they come.
 """
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import Float32Array
-from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.recording import SampleSource
@@ -78,8 +79,10 @@ def estimate_windows(
         If the sensor has no noise curve, or a number is out of its bounds.
     """
     options = options or EstimateOptions()
-    if workers < 1 or not chunk_mb > 0:
-        raise ValueError(f"workers {workers} must be at least 1 and chunk_mb {chunk_mb} above 0")
+    if workers < 1 or not 0 < chunk_mb < math.inf:
+        raise ValueError(f"workers {workers} must be at least 1 and chunk_mb {chunk_mb} above 0 and finite")
+    # Compile or load the kernels before there are threads: several at once would wait for each other.
+    warm_up(options)
     _, rows, cols = source.shape
     batch, tile_rows = tile_shape(windows.count, rows, cols)
     with ThreadPoolExecutor(workers, thread_name_prefix="tofmix") as pool:

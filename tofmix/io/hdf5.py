@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tofmix.errors import BadInputError, os_error_text
-from tofmix.io.storage import AtomicFile
+from tofmix.io.storage import AtomicFile, check_input
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 
 FORMAT_VERSION = "1.0"
@@ -192,6 +192,7 @@ def open_for_reading(path: Path) -> Iterator[h5py.File]:
     BadInputError
         If the file is missing, cannot be read, is not HDF5 or is cut short.
     """
+    check_input(path)
     try:
         with path.open("rb") as probe:
             probe.read(1)
@@ -223,11 +224,17 @@ def checked_dataset(group: h5py.Group, name: str, path: Path) -> h5py.Dataset:
         If there is none, or it is a group.
     """
     with reading(path, name):
+        link = group.get(name, getlink=True)
+        if isinstance(link, h5py.ExternalLink):
+            raise BadInputError(f"{path}: {name}: a link to another file; refused")
         item = group.get(name)
     if item is None:
         raise BadInputError(f"{path}: no dataset {name}")
     if not isinstance(item, h5py.Dataset):
         raise BadInputError(f"{path}: {name}: expected a dataset, got a group")
+    # Their data lie in other files, of which a recording from elsewhere must not choose the names.
+    if item.external or item.is_virtual:
+        raise BadInputError(f"{path}: {name}: its data lie in another file; refused")
     return item
 
 
@@ -250,14 +257,25 @@ def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> N
 
 
 def fill_value(dataset: h5py.Dataset) -> NDArray[np.generic] | None:
-    """Return `_FillValue` as an array of length 1, or None where there is none."""
+    """Return `_FillValue` as an array of length 1, or None where there is none.
+
+    Raises
+    ------
+    BadInputError
+        If it is not a number; the text does not name the file.
+    """
     value = dataset.attrs.get("_FillValue")
-    return None if value is None else np.asarray(value).reshape(-1)[:1]
+    if value is None:
+        return None
+    fill = np.asarray(value).reshape(-1)[:1]
+    if fill.size == 0 or fill.dtype.kind not in "iuf":
+        raise BadInputError(f"{dataset.name.lstrip('/')}: _FillValue: expected a number, got {value!r}")
+    return fill
 
 
 def _library_reason(error: BaseException) -> str:
     """Shorten the HDF5 library's message to its reason: the text in its last brackets."""
     text = " ".join(str(error).split())
-    if "truncated file" in text:
+    if "truncated file" in text or "bad byte number" in text:
         return "truncated HDF5 file; the rest of it is missing"
     return text[text.rfind("(") + 1 : -1] if text.endswith(")") else text

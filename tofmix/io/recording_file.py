@@ -45,6 +45,10 @@ class RecordingFile:
         self._range = _samples(root, "range", path)
         frames, rows, cols = self._range.shape
         self.shape: tuple[int, int, int] = (frames, rows, cols)
+        try:
+            self._fill = hdf5.fill_value(self._range)
+        except BadInputError as error:
+            raise BadInputError(f"{path}: {error}") from error
         self._amplitude = _samples(root, "amplitude", path) if "amplitude" in root else None
         if self._amplitude is not None and self._amplitude.shape != self.shape:
             raise BadInputError(f"{path}: amplitude: shape {self._amplitude.shape} differs from range {self.shape}")
@@ -69,8 +73,9 @@ class RecordingFile:
         """
         with hdf5.reading(self.path, "range"):
             raw = self._range[frames, rows]
-        samples: Float32Array = raw.astype(np.float32)
-        samples[_invalid(raw, hdf5.fill_value(self._range))] = np.nan
+        with np.errstate(over="ignore"):  # beyond float32 is beyond any range: infinite, and invalid
+            samples: Float32Array = raw.astype(np.float32)
+        samples[_invalid(raw, self._fill) | ~np.isfinite(samples)] = np.nan
         return samples
 
     def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
@@ -84,7 +89,9 @@ class RecordingFile:
         if self._amplitude is None:
             raise BadInputError(f"{self.path}: no dataset amplitude")
         with hdf5.reading(self.path, "amplitude"):
-            amplitude: Float32Array = self._amplitude[frames, rows].astype(np.float32)
+            raw = self._amplitude[frames, rows]
+        with np.errstate(over="ignore"):
+            amplitude: Float32Array = raw.astype(np.float32)
         return amplitude
 
 

@@ -8,12 +8,12 @@ swallows all that follows; `AtomicFile.commit` then raises it in good order.
 
 import os
 import secrets
+import stat
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
-
 
 _unfinished: set[Path] = set()
 
@@ -204,6 +204,22 @@ def write_text(path: Path, text: str, *, overwrite: bool, inputs: tuple[Path, ..
         file.commit()
 
 
+def check_input(path: Path) -> None:
+    """Refuse an input that is no regular file: a pipe would be waited for without end.
+
+    Raises
+    ------
+    BadInputError
+        If it does not exist, cannot be reached, or is something else.
+    """
+    try:
+        mode = path.stat().st_mode
+    except OSError as error:
+        raise BadInputError(os_error_text(error, path)) from error
+    if not stat.S_ISREG(mode):
+        raise BadInputError(f"{path}: not a regular file")
+
+
 def read_text(path: Path) -> str:
     """Read a UTF-8 text file.
 
@@ -212,6 +228,7 @@ def read_text(path: Path) -> str:
     BadInputError
         If it cannot be read or is not UTF-8.
     """
+    check_input(path)
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:

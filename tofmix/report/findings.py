@@ -18,6 +18,10 @@ STATUS_SHARE = 0.05
 FULL_SHARE = 0.05
 """Share of pixels that use every layer that is worth a word."""
 
+CLOSE_SIGMAS = 5.0
+CLOSE_SHARE = 0.05
+"""Share of pixels with two layers this near to each other, in sigmas, that is worth a word."""
+
 MIN_COMPONENTS = 30
 """Fewer components than this say nothing of the curve."""
 
@@ -38,7 +42,7 @@ _STATUS_TEXTS: dict[Status, str] = {
 
 
 def count_findings(
-    *, pixels: int, by_status: Mapping[str, int], by_surfaces: Sequence[int], max_layers: int
+    *, pixels: int, by_status: Mapping[str, int], by_surfaces: Sequence[int], max_layers: int, close: int = 0
 ) -> list[Finding]:
     """List what the counts of pixels say.
 
@@ -52,6 +56,8 @@ def count_findings(
         Pixels with 0, 1, 2, ... surfaces.
     max_layers : int
         Layers that the file can hold.
+    close : int
+        Pixels with two layers within `CLOSE_SIGMAS` of each other.
 
     Returns
     -------
@@ -67,6 +73,12 @@ def count_findings(
     if max_layers > 1 and full > FULL_SHARE:
         text = f"{100 * full:.1f} % of the pixels use all {max_layers} layers; a larger --max-layers may find more."
         found.append(Finding(code="all_layers_used", text=text))
+    if close / max(1, pixels) > CLOSE_SHARE:
+        text = (
+            f"{100 * close / pixels:.1f} % of the pixels have two layers within {CLOSE_SIGMAS:g} sigma of each other."
+            " Few scenes look like that; a noise curve that is too small, or drift within the window, does."
+        )
+        found.append(Finding(code="close_layers", text=text))
     if pixels and pixels == sum(by_surfaces[:1]):
         found.append(Finding(code="no_surface_anywhere", text="No pixel shows a surface."))
     return found

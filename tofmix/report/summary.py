@@ -12,7 +12,7 @@ import numpy as np
 
 from tofmix.flags import Status, status_name
 from tofmix.layers import Layers
-from tofmix.report.findings import Finding, count_findings, sigma_findings
+from tofmix.report.findings import CLOSE_SIGMAS, Finding, count_findings, sigma_findings
 from tofmix.report.quantiles import ValueCounts
 from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve
@@ -64,6 +64,8 @@ class Summary:
         Entry n counts pixels with n surfaces; with n peaks of the density in step 1.
     pixels_by_status : dict
         By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
+    pixels_with_close_layers : int
+        Pixels with two layers within 5 sigma (of the wider one) of each other.
     share_several_surfaces, share_no_surface : float
         Shares of `pixels` with more than one surface, and with none.
     layers : tuple of LayerSummary
@@ -92,6 +94,7 @@ class Summary:
     pixels_by_surfaces: tuple[int, ...]
     pixels_by_peaks: tuple[int, ...]
     pixels_by_status: dict[str, int]
+    pixels_with_close_layers: int
     share_several_surfaces: float
     share_no_surface: float
     layers: tuple[LayerSummary, ...]
@@ -134,7 +137,11 @@ def summarise(layers_file: LayersSource) -> Summary:
         count=sigma_over_curve.count, median=sigma_over_curve.q50, has_curve=provenance.sensor.noise is not None
     )
     of_counts = count_findings(
-        pixels=pixels, by_status=by_status, by_surfaces=tally.surfaces, max_layers=layers_file.max_layers
+        pixels=pixels,
+        by_status=by_status,
+        by_surfaces=tally.surfaces,
+        max_layers=layers_file.max_layers,
+        close=tally.close,
     )
     return Summary(
         source=provenance.source,
@@ -151,6 +158,7 @@ def summarise(layers_file: LayersSource) -> Summary:
         pixels_by_surfaces=tuple(tally.surfaces),
         pixels_by_peaks=tuple(tally.peaks),
         pixels_by_status=by_status,
+        pixels_with_close_layers=tally.close,
         share_several_surfaces=sum(tally.surfaces[2:]) / max(1, pixels),
         share_no_surface=sum(tally.surfaces[:1]) / max(1, pixels),
         layers=summaries,
@@ -168,6 +176,7 @@ class _Tally:
         self._curve = curve
         self.surfaces = [0] * (max_layers + 1)
         self.peaks = [0]
+        self.close = 0
         self._status: dict[int, int] = {}
         self._layers = [_LayerTally() for _ in range(max_layers)]
         self.no_return = ValueCounts()
@@ -177,6 +186,7 @@ class _Tally:
     def add(self, window: Layers) -> None:
         self.surfaces = _added(self.surfaces, window.n_modes)
         self.peaks = _added(self.peaks, window.n_peaks)
+        self.close += _close(window)
         values, counts = np.unique(window.status, return_counts=True)
         for value, count in zip(values.tolist(), counts.tolist(), strict=True):
             self._status[value] = self._status.get(value, 0) + count
@@ -224,6 +234,14 @@ class _LayerTally:
         self.stderr = ValueCounts()
         self.sigma = ValueCounts()
         self.ratio = ValueCounts()
+
+
+def _close(window: Layers) -> int:
+    """Pixels with two layers within `CLOSE_SIGMAS` of each other."""
+    gap = np.diff(window.range, axis=-1)
+    sigma = np.maximum(window.sigma[..., 1:], window.sigma[..., :-1])
+    with np.errstate(invalid="ignore"):
+        return int((gap < CLOSE_SIGMAS * sigma).any(axis=-1).sum())
 
 
 def _added(totals: list[int], values: np.ndarray[Any, np.dtype[np.uint8]]) -> list[int]:
