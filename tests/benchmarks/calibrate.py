@@ -4,7 +4,7 @@ Usage: python tests/benchmarks/calibrate.py [--pixels 100000] [--seed 1]
 
 Draws pixels of one surface with unit sigma, tries one more surface with the package's own search, and prints, for
 each number of samples, the gain that is exceeded with each false-alarm probability. Beyond the reach of the draws,
-the tail is continued as it falls between 1 and 0.1 %. Takes about an hour for 10^5 pixels.
+the tail is continued as it falls between 1 and 0.1 %.
 """
 
 import argparse

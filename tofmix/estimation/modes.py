@@ -3,8 +3,9 @@
 A peak is a run of places with p > gamma, |dp/dr| < epsilon and d2p/dr2 < 0. The
 walk goes over the samples in steps of sigma / 8; where dp/dr changes its sign
 between two steps, the run holds that place, so that a strict peak is found
-however small epsilon is. Peaks give a *minimum* of the number of surfaces, and
-positions that neighbours displace; `mixture` and `counting` go on from them.
+however small epsilon is. Peaks are where surfaces are looked for: close surfaces
+share one, few samples make some too many, and neighbours displace them. `mixture`
+and `counting` go on from them.
 
 In the derivatives the bandwidth is held at its local value. The full derivative
 of (4) jumps at the corners of a noise curve, which can split one peak in two.
