@@ -1,6 +1,6 @@
 """How often two surfaces are told from one, beside a slow likelihood-ratio test on the same pixels.
 
-Usage: python tests/benchmarks/power.py [--pixels 5000] [--calibration 40000] [--one-surface 20000] [--workers 2]
+Usage: python tests/benchmarks/power.py [--pixels 5000] [--calibration 200000] [--one-surface 40000] [--workers 2]
 
 Prints Markdown tables; docs/limits.md holds a copy. Asserts nothing.
 
@@ -241,8 +241,8 @@ def percent(hits: BoolArray) -> str:
 
 def grid(pixels: int, calibration: int, pool: ProcessPoolExecutor) -> None:
     """Print power over the grid."""
-    quarter = max(calibration // 8, 1)
-    alone = list(pool.map(partial(cell, pixels=quarter), [(1000 + k, 0.0, 1.0) for k in range(8)]))
+    part = max(calibration // 8, 1)
+    alone = list(pool.map(partial(cell, pixels=part), [(1000 + k, 0.0, 1.0) for k in range(8)]))
     null = Found(*(np.concatenate(parts) for parts in zip(*alone, strict=True)))
     plain, held = (float(np.quantile(gains, 1.0 - FALSE_ALARM)) for gains in null[:2])
     print(f"Thresholds on {null.gain.size} pixels of one surface: {plain:.2f} nat; with the rule of support {held:.2f}.")
@@ -284,8 +284,8 @@ def main() -> None:
     """Print everything."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pixels", type=int, default=5000, help="pixels a cell")
-    parser.add_argument("--calibration", type=int, default=40000, help="pixels that set the test's threshold")
-    parser.add_argument("--one-surface", type=int, default=20000, help="pixels for each false-alarm rate")
+    parser.add_argument("--calibration", type=int, default=200000, help="pixels that set the test's threshold")
+    parser.add_argument("--one-surface", type=int, default=40000, help="pixels for each false-alarm rate")
     parser.add_argument("--workers", type=int, default=2)
     chosen = parser.parse_args()
     layer_pixels(drawn([SEED], 2), CAMERA)  # compile before the processes part

@@ -9,18 +9,16 @@ import click
 from tqdm import tqdm
 
 
-class _Path(click.ParamType[Path]):
+class _Path(click.Path):
     """A path that the package checks itself, so that its refusals have their own exit codes."""
 
-    name = "path"
-
-    def convert(self, value: str | Path, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401  as click has it
         if not str(value):
             self.fail("the path is empty", param, ctx)
-        return Path(value)
+        return super().convert(value, param, ctx)
 
 
-PATH = _Path()
+PATH = _Path(path_type=Path)
 
 overwrite_option = click.option(
     "--overwrite", is_flag=True, help="Replace an output that is already there.", allow_from_autoenv=False
