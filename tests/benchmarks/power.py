@@ -175,7 +175,7 @@ def reference_chunk(x: FloatArray) -> Reference:
     end, held_end = em_step(x, fit), em_step(x, held)
     gain = end.likelihood - one
     held_gain = np.where(held_end.least_support >= LEAST_SUPPORT, held_end.likelihood - one, 0.0)
-    return Reference(gain, held_gain, fit)
+    return Reference(gain, held_gain, np.asarray(fit, dtype=np.float64))
 
 
 def reference(samples: Float32Array) -> Reference:
@@ -245,7 +245,9 @@ def grid(pixels: int, calibration: int, pool: ProcessPoolExecutor) -> None:
     alone = list(pool.map(partial(cell, pixels=part), [(1000 + k, 0.0, 1.0) for k in range(8)]))
     null = Found(*(np.concatenate(parts) for parts in zip(*alone, strict=True)))
     plain, held = (float(np.quantile(gains, 1.0 - FALSE_ALARM)) for gains in null[:2])
-    print(f"Thresholds on {null.gain.size} pixels of one surface: {plain:.2f} nat; with the rule of support {held:.2f}.")
+    print(
+        f"Thresholds on {null.gain.size} pixels of one surface: {plain:.2f} nat; with the rule of support {held:.2f}."
+    )
     print(f"On the same pixels tofmix finds more than one in {percent(null.tofmix)}.", flush=True)
     jobs = [(k, apart, share) for k, (share, apart) in enumerate((w, s) for w in SHARES for s in APART)]
     cells = list(pool.map(partial(cell, pixels=pixels), jobs))

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -35,6 +36,7 @@ from benchmarks.power import (
     drawn,
     reference,
 )
+
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.settings import EstimateOptions, SigmaMode
@@ -67,7 +69,7 @@ def bound(apart: float, share: float) -> FloatArray:
     lowest, top = CAMERA.range_min_mm or 0.0, CAMERA.range_max_mm or 1.0
     total = density(at, *truth) + OUTLIERS / (top - lowest)
     terms = np.array([[a * b / total for a in slopes] for b in slopes])
-    information = SAMPLES * np.trapezoid(terms, at, axis=2)
+    information = SAMPLES * trapezoid(terms, at, axis=2)
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(information))))
 
 
@@ -183,11 +185,11 @@ def mixture_row(job: tuple[int, float, float], pixels: int) -> str:
     found = [ranges[:n].astype(np.float64) for ranges, n in zip(layers.range, layers.n_modes, strict=True)]
     ours, theirs = scored(found, true), scored(by_bic(samples, mixture), true)
     both = ours.right & theirs.right
-    figures = [math.sqrt(np.mean(s.square[both])) if both.any() else math.nan for s in (ours, theirs)]
+    figures = [f"{math.sqrt(np.mean(s.square[both])):.2f}" if both.any() else "-" for s in (ours, theirs)]
     name = "one surface |" if share == 1.0 else f"{share} | {apart:g}"
     return (
         f"| {name} | {ours.right.mean():.3f} | {theirs.right.mean():.3f} | {both.sum()}"
-        f" | {figures[0]:.2f} | {figures[1]:.2f} | {difference(ours, theirs)} |"
+        f" | {figures[0]} | {figures[1]} | {difference(ours, theirs)} |"
     )
 
 

@@ -8,7 +8,7 @@ Both keep the rest of equation (1): p(c_r), c_0 and the noise curve's sigma(mu).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -115,7 +115,7 @@ def _model(sensor: Sensor, mean: FloatArray, weight: FloatArray, no_return: floa
 
 
 def _fit(samples: FloatArray, start: ForwardModel, shares: FloatArray, *, free_outliers: bool) -> ForwardModel:
-    """Run EM; the surfaces split what c_0 and c_r leave as `shares` (k,), which sum to one, say."""
+    """Run EM; the surfaces split what c_0 and c_r leave as `shares` (k,), which sum to one, from near to far."""
     sensor, model = start.sensor, start
     beam = beam_of(sensor)
     for _ in range(MAX_ITER):
@@ -133,15 +133,7 @@ def _fit(samples: FloatArray, start: ForwardModel, shares: FloatArray, *, free_o
         model = _model(sensor, np.sort(mean), shares * (1.0 - outlier - no_return), no_return, outlier)
         if max(*moved, *changed) < TOL:
             return model
-    return ForwardModel(
-        mean_mm=model.mean_mm,
-        sigma_mm=model.sigma_mm,
-        weight=model.weight,
-        weight_no_return=model.weight_no_return,
-        weight_outlier=model.weight_outlier,
-        sensor=sensor,
-        converged=False,
-    )
+    return replace(model, converged=False)
 
 
 def fit_thin_beam(samples_mm: ArrayLike, sensor: Sensor, *, free_outliers: bool = False) -> ForwardModel:
@@ -223,8 +215,8 @@ def fit_decaying_shares(samples_mm: ArrayLike, start_mm: ArrayLike, sensor: Sens
     if start.size == 0 or not np.isfinite(start).all():
         raise ValueError("starting means: there must be one, and all must be finite")
     samples, beam = _finite(samples_mm), beam_of(sensor)
-    shares = ratio ** np.arange(len(start))
-    shares /= shares.sum()
+    powers = np.power(ratio, np.arange(len(start), dtype=np.float64))
+    shares = np.asarray(powers / powers.sum(), dtype=np.float64)
     no_return = (1.0 - beam.p_outlier) / (len(start) + 1) if math.isfinite(beam.range_max) else 0.0
     first = _model(sensor, start, shares * (1.0 - beam.p_outlier - no_return), no_return, beam.p_outlier)
     return _fit(samples, first, shares, free_outliers=False)

@@ -22,7 +22,7 @@ FORMAT_VERSION = "1.0"
 CONVENTIONS = "CF-1.11"
 
 # Readable by h5dump of Debian 12 and by netCDF-C; "latest" is not.
-_LIBVER = ("v108", "v110")
+_LIBVER = (h5py.h5f.LIBVER_V18, h5py.h5f.LIBVER_V110)
 
 _SENSOR_NUMBERS = (
     "modulation_frequency_hz",
@@ -41,7 +41,7 @@ def create(file: AtomicFile, *, kind: str, title: str, history: str) -> Iterator
 
     `file` is committed when the block ends without an exception.
     """
-    with h5py.File(file.sink, "w", libver=_LIBVER) as root:
+    with _new_file(file) as root:
         root.attrs["format"] = kind
         root.attrs["format_version"] = FORMAT_VERSION
         root.attrs["Conventions"] = CONVENTIONS
@@ -49,6 +49,27 @@ def create(file: AtomicFile, *, kind: str, title: str, history: str) -> Iterator
         root.attrs["history"] = history
         yield root
     file.commit()
+
+
+def _new_file(file: AtomicFile) -> h5py.File:
+    """Open a new file in which no object keeps the time of its making: the same content gives the same bytes.
+
+    HDF5 before 2.0 stores it in groups by default, the root among them, and only a property of the file can tell
+    it not to; h5py offers that on its low level.
+    """
+    access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
+    access.set_fileobj_driver(h5py.h5fd.fileobj_driver, file.sink)
+    access.set_libver_bounds(*_LIBVER)
+    creation = h5py.h5p.create(h5py.h5p.FILE_CREATE)
+    creation.set_obj_track_times(False)
+    return h5py.File(h5py.h5f.create(b"tofmix", h5py.h5f.ACC_TRUNC, creation, access))
+
+
+def add_group(parent: h5py.Group, name: str) -> h5py.Group:
+    """Add a group that does not keep the time of its making."""
+    creation = h5py.h5p.create(h5py.h5p.GROUP_CREATE)
+    creation.set_obj_track_times(False)
+    return h5py.Group(h5py.h5g.create(parent.id, name.encode(), gcpl=creation))
 
 
 def add_scale(group: h5py.Group, name: str, length: int) -> None:
@@ -96,10 +117,10 @@ def add_nexus_view(root: h5py.File, *, name: str, signal: str, axes: tuple[str, 
     """Add /entry/NAME, soft links that tell NeXus viewers which signal to show."""
     root.attrs["NX_class"] = "NXroot"
     root.attrs["default"] = "entry"
-    entry = root.create_group("entry")
+    entry = add_group(root, "entry")
     entry.attrs["NX_class"] = "NXentry"
     entry.attrs["default"] = name
-    view = entry.create_group(name)
+    view = add_group(entry, name)
     view.attrs["NX_class"] = "NXdata"
     view.attrs["signal"] = signal
     view.attrs["axes"] = list(axes)
@@ -109,7 +130,7 @@ def add_nexus_view(root: h5py.File, *, name: str, signal: str, axes: tuple[str, 
 
 def write_sensor(root: h5py.File, sensor: Sensor) -> None:
     """Write the group `sensor`; a number that is not known is NaN."""
-    group = root.create_group("sensor")
+    group = add_group(root, "sensor")
     group.attrs["name"] = sensor.name
     for key in _SENSOR_NUMBERS:
         value = getattr(sensor, key)

@@ -270,7 +270,7 @@ class RecordingWriter:
 
 
 def _write_truth(root: h5py.File, truth: Truth, model_text: str) -> None:
-    group = root.create_group("truth")
+    group = hdf5.add_group(root, "truth")
     group.attrs["model"] = model_text
     rows, cols, layers = truth.range_true.shape
     hdf5.add_scale(group, "layer", layers)
