@@ -188,9 +188,10 @@ def score(model: Model, frames: int, seed: int) -> Scores:
 def row(name: str, scores: Scores) -> None:
     """Print one row."""
     s = scores
+    found = f"{s.found / s.clear:.4f} of {s.clear}" if s.clear else "-"
     print(
         f"| {name} | {1000 * s.invented / s.layers:.2f} ({s.invented} of {s.layers})"
-        f" | {1000 * s.averaged / s.pixels:.2f} | {s.found / max(s.clear, 1):.4f} of {s.clear}"
+        f" | {1000 * s.averaged / s.pixels:.2f} | {found}"
         f" | {s.one / max(s.alone, 1):.4f} of {s.alone} |",
         flush=True,
     )
