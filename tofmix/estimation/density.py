@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.samples import sorted_valid
 from tofmix.jit import jit
 from tofmix.sensor import NoiseCurve
 
@@ -114,9 +115,6 @@ def density(samples_mm: ArrayLike, at_mm: ArrayLike, noise: NoiseCurve) -> Float
     ----------
     Pathak, Birk and Poppinga, IROS 2008, equation (4).
     """
-    samples = np.asarray(samples_mm, dtype=np.float64).ravel()
-    samples = np.sort(samples[np.isfinite(samples)])
-    if samples.size == 0:
-        raise ValueError("samples: none is finite")
+    samples = sorted_valid(samples_mm)
     at = np.ascontiguousarray(at_mm, dtype=np.float64).ravel()
     return _density(samples, at, np.array(noise.range_mm), np.array(noise.sigma_mm))

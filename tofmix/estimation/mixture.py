@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.density import sigma_at
+from tofmix.estimation.samples import sorted_valid
 from tofmix.estimation.settings import MODE_FREE, MODE_TIED, EstimateOptions, knobs_of
 from tofmix.jit import jit
 from tofmix.sensor import Sensor
@@ -234,11 +235,10 @@ def fit_mixture(
     ----------
     Pathak, Birk and Poppinga, IROS 2008, equation (1) and section V.
     """
-    samples = np.asarray(samples_mm, dtype=np.float64).ravel()
-    samples = np.sort(samples[np.isfinite(samples)])
+    samples = sorted_valid(samples_mm)
     start = np.asarray(start_mm, dtype=np.float64).ravel()
-    if samples.size == 0 or not np.isfinite(start).all():
-        raise ValueError("samples and starting means must be finite, and there must be a sample")
+    if not np.isfinite(start).all():
+        raise ValueError("start: a starting mean is not finite")
     beam, knobs = beam_of(sensor), knobs_of(options or EstimateOptions())
     k = len(start)
     fit = new_components(max(k, 1))

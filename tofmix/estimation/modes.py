@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.density import BANDWIDTH, REACH, kernel_sums, sigma_at, within_reach
+from tofmix.estimation.samples import sorted_valid
 from tofmix.jit import jit
 from tofmix.sensor import NoiseCurve
 
@@ -131,10 +132,7 @@ def find_modes(
     ----------
     Pathak, Birk and Poppinga, IROS 2008, equation (5).
     """
-    samples = np.asarray(samples_mm, dtype=np.float64).ravel()
-    samples = np.sort(samples[np.isfinite(samples)])
-    if samples.size == 0:
-        raise ValueError("samples: none is finite")
+    samples = sorted_valid(samples_mm)
     places, heights = np.empty(most), np.empty(most)
     curve = np.array(noise.range_mm), np.array(noise.sigma_mm)
     count = find_peaks(samples, *curve, gamma, epsilon, places, heights)

@@ -7,6 +7,7 @@ neither skip invalid values nor depend on the order of the frames.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.jit import jit
@@ -38,3 +39,28 @@ def sort_samples(block: Float32Array) -> SortedSamples:
         values[pixel, :n].sort()
         count[pixel] = n
     return SortedSamples(values, count)
+
+
+def sorted_valid(samples_mm: ArrayLike) -> FloatArray:
+    """Sort one pixel's finite samples.
+
+    Parameters
+    ----------
+    samples_mm : array_like
+        Samples, mm, of any shape.
+
+    Returns
+    -------
+    (n,) float64
+        Finite samples, ascending.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    samples = np.asarray(samples_mm, dtype=np.float64).ravel()
+    samples = np.sort(samples[np.isfinite(samples)])
+    if samples.size == 0:
+        raise ValueError("samples: none is finite")
+    return samples
