@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tofmix.arrays import BoolArray
+from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.sequence import estimate_layers
 from tofmix.io.model_file import load_model
@@ -88,11 +88,20 @@ def separations(rng: np.random.Generator) -> None:
         print(f"| {share} | " + " | ".join(row) + " |")
 
 
+def _linear_share(frames: Float32Array) -> FloatArray:
+    """Share of each pixel's variance over time that a straight line explains."""
+    time = np.arange(len(frames)) - (len(frames) - 1) / 2
+    centred = frames.astype(np.float64) - frames.mean(axis=0, dtype=np.float64)
+    slope = np.tensordot(time, centred, axes=1) / (time @ time)
+    return np.asarray(slope**2 * (time @ time) / (centred**2).sum(axis=0))
+
+
 def real_recording() -> None:
     """Print what comes out of the real sample recording."""
     with open_recording(SAMPLE) as recording:
         layers = estimate_layers(recording, workers=2)
-        samples = np.sort(recording.read_range(slice(None), slice(None)), axis=0)
+        frames = recording.read_range(slice(None), slice(None))
+    samples = np.sort(frames, axis=0)
     gaps = np.diff(samples, axis=0)
     edge = gaps.max(axis=0) > 1000
     at = gaps.argmax(axis=0) + 1
@@ -105,6 +114,12 @@ def real_recording() -> None:
         f"pixels with two depths, the lesser with 3 samples or more: {wanted.sum()}; found: {far_apart[wanted].sum()}"
     )
     print(f"other pixels: {(~edge).sum()}; no layer 150 mm from the median: {(away[~edge] <= 150).sum()}")
+    split = ~edge & (layers.n_modes[0] > 1)
+    near, drifting = np.median(samples, axis=0) < 400, _linear_share(frames) > 0.5
+    print(
+        f"of those, with several layers: {split.sum()}; on the near object: {(split & near).sum()};"
+        f" with more than half of their variance a linear drift: {(split & drifting).sum()}"
+    )
     print(f"pixels by number of surfaces: {np.bincount(layers.n_modes.ravel()).tolist()}")
 
 
