@@ -12,12 +12,32 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
 from tofmix.estimation.acceleration import maximise_likelihood
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.density import sigma_at, within_reach
+from tofmix.estimation.components import (
+    GAIN,
+    MEAN,
+    MOMENT_2,
+    OTHER,
+    SIGMA,
+    SPARE,
+    SUPPORT,
+    TOTAL,
+    WEIGHT,
+    Components,
+    Room,
+    capacity_of,
+    copy_components,
+    new_components,
+    new_room,
+    remove_surface,
+)
+from tofmix.estimation.curve import sigma_at
+from tofmix.estimation.density import within_reach
 from tofmix.estimation.gradient import best_share, steepest_place
-from tofmix.estimation.mixture import Components, log_likelihood, sample_densities
+from tofmix.estimation.mixture import expect, log_likelihood, mix
+from tofmix.estimation.promise import promise_of_clear
+from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.jit import jit
 
@@ -47,6 +67,10 @@ MOST_BY_CHANCE = 12.0
 those of one surface lie within `SCAN_SIGMAS`."""
 
 
+PROMISE = 0.4
+"""One more surface is tried where its promise (see `gradient`) is this part of the least gain."""
+
+
 class Rules(NamedTuple):
     """When a surface stands: the least gain, nat, the wanted chance of a false alarm, and the most layers."""
 
@@ -55,24 +79,39 @@ class Rules(NamedTuple):
     max_layers: int
 
 
-@jit
-def _most_orphans(samples: FloatArray, k: int, fit: Components, beam: Beam, orphans: FloatArray) -> tuple[int, float]:
-    """Find where most samples lie together that only c_r explains; return their number and mean.
+class Workshop(NamedTuple):
+    """Three fits and the room they share: `fit` is what stands, `trial` what is tried, `best` the best of the tries."""
 
-    `orphans` is room for as many samples as there are.
-    """
-    n = 0
-    for j in range(len(samples)):
-        density = sample_densities(samples[j], k, fit, beam)[0]
-        if beam.outlier_density > 0.5 * density and samples[j] <= beam.no_return_from:
-            orphans[n] = samples[j]
+    fit: Components
+    trial: Components
+    best: Components
+    room: Room
+
+
+@jit
+def new_workshop(capacity: int, values: int) -> Workshop:
+    """Make a workshop for pixels of up to `values` different values and `capacity` surfaces."""
+    return Workshop(
+        new_components(capacity), new_components(capacity), new_components(capacity), new_room(capacity, values)
+    )
+
+
+@jit
+def _most_orphans(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> tuple[float, float]:
+    """Find where most samples lie together that only c_r explains; return their number and mean."""
+    mix(data, k, fit, beam, room)
+    orphans, counts, n = room[SPARE], room[OTHER], 0
+    for j in range(len(data.value)):
+        if beam.outlier_density > 0.5 * room[TOTAL, j] and data.value[j] <= beam.no_return_from:
+            orphans[n], counts[n] = data.value[j], data.count[j]
             n += 1
-    most, place, first, stop = 0, 0.0, 0, 0
+    most, place, first, stop = 0.0, 0.0, 0, 0
     for centre in orphans[:n]:
         reach = ORPHAN_SIGMAS * sigma_at(centre, beam.curve_range, beam.curve_sigma)
         first, stop = within_reach(orphans[:n], first, stop, centre - reach, centre + reach)
-        if stop - first > most:
-            most, place = stop - first, np.sum(orphans[first:stop]) / (stop - first)
+        together = np.sum(counts[first:stop])
+        if together > most:
+            most, place = together, np.sum(orphans[first:stop] * counts[first:stop]) / together
     return most, place
 
 
@@ -80,55 +119,32 @@ def _most_orphans(samples: FloatArray, k: int, fit: Components, beam: Beam, orph
 def _add_surface(k: int, place: float, share: float, fit: Components, beam: Beam) -> int:
     """Add a surface with this share, all others scaled down; return k + 1."""
     for i in range(k):
-        fit.weight[i] *= 1.0 - share
-    fit.no_return[0] *= 1.0 - share
-    fit.mean[k] = place
-    fit.sigma[k] = sigma_at(place, beam.curve_range, beam.curve_sigma)
-    fit.weight[k] = share * (1.0 - beam.p_outlier)
+        fit[WEIGHT, i] *= 1.0 - share
+    fit[WEIGHT, -1] *= 1.0 - share
+    fit[MEAN, k] = place
+    fit[SIGMA, k] = sigma_at(place, beam.curve_range, beam.curve_sigma)
+    fit[WEIGHT, k] = share * (1.0 - beam.p_outlier)
     return k + 1
 
 
 @jit
-def _settle(samples: FloatArray, k: int, fit: Components, beam: Beam) -> int:
+def _settle(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> int:
     """Fit with tied sigmas, as far as a comparison of likelihoods needs; return the EM iterations."""
-    return abs(maximise_likelihood(samples, k, fit, beam, MODE_TIED, COUNT_ITER, COUNT_TOL))
+    return abs(maximise_likelihood(data, k, fit, beam, MODE_TIED, COUNT_ITER, COUNT_TOL, room))
 
 
 @jit
-def _adopt_orphans(samples: FloatArray, k: int, fit: Components, beam: Beam, orphans: FloatArray) -> int:
+def _adopt_orphans(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> int:
     """Add surfaces for samples that only c_r explains; return the surfaces."""
-    while k < len(fit.mean):
-        together, place = _most_orphans(samples, k, fit, beam, orphans)
+    while k < capacity_of(fit):
+        together, place = _most_orphans(data, k, fit, beam, room)
         if together < MIN_SUPPORT:
             break
-        k = _add_surface(k, place, together / len(samples), fit, beam)
-        _settle(samples, k, fit, beam)
-        if fit.support[k - 1] < MIN_SUPPORT:
+        k = _add_surface(k, place, together / data.total, fit, beam)
+        _settle(data, k, fit, beam, room)
+        if fit[SUPPORT, k - 1] < MIN_SUPPORT:
             break
     return k
-
-
-@jit
-def remove_surface(k: int, index: int, fit: Components) -> int:
-    """Close the gap that surface `index` leaves; return k - 1."""
-    for i in range(index, k - 1):
-        fit.mean[i] = fit.mean[i + 1]
-        fit.sigma[i] = fit.sigma[i + 1]
-        fit.weight[i] = fit.weight[i + 1]
-        fit.support[i] = fit.support[i + 1]
-    return k - 1
-
-
-@jit
-def copy_components(k: int, source: Components, target: Components) -> None:
-    """Copy the state of `k` surfaces."""
-    for i in range(k):
-        target.mean[i] = source.mean[i]
-        target.sigma[i] = source.sigma[i]
-        target.weight[i] = source.weight[i]
-        target.support[i] = source.support[i]
-    target.no_return[0] = source.no_return[0]
-    target.no_return[1] = source.no_return[1]
 
 
 @jit
@@ -137,23 +153,23 @@ def _gap_sigmas(k: int, index: int, fit: Components, beam: Beam) -> float:
     nearest = math.inf
     for i in range(k):
         if i != index:
-            nearest = min(nearest, abs(fit.mean[i] - fit.mean[index]) / max(fit.sigma[i], fit.sigma[index]))
-    if fit.no_return[0] > 0.0:
-        nearest = min(nearest, abs(beam.range_max - fit.mean[index]) / beam.sigma_max)
+            nearest = min(nearest, abs(fit[MEAN, i] - fit[MEAN, index]) / max(fit[SIGMA, i], fit[SIGMA, index]))
+    if fit[WEIGHT, -1] > 0.0:
+        nearest = min(nearest, abs(beam.range_max - fit[MEAN, index]) / beam.sigma_max)
     return nearest
 
 
 @jit
-def _by_chance(n: int, k: int, index: int, fit: Components, beam: Beam, rules: Rules) -> bool:
+def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules: Rules) -> bool:
     """Whether outliers alone would give such a surface too often.
 
     Of N p(c_r) outliers, spread evenly, each finds m - 1 or more others in the `SCAN_SIGMAS` after it with the
     chance of a Poisson variable; that many times the number of outliers bounds the chance of one such heap.
     """
-    support = fit.support[index]
+    support = fit[SUPPORT, index]
     if support > MOST_BY_CHANCE or _gap_sigmas(k, index, fit, beam) < ALONE_SIGMAS:
         return False
-    expected = n * beam.outlier_density * SCAN_SIGMAS * fit.sigma[index]
+    expected = n * beam.outlier_density * SCAN_SIGMAS * fit[SIGMA, index]
     fewer, term = 0.0, math.exp(-expected)
     for m in range(round(support) - 1):
         fewer += term
@@ -162,17 +178,17 @@ def _by_chance(n: int, k: int, index: int, fit: Components, beam: Beam, rules: R
 
 
 @jit
-def drop_unsupported(n: int, k: int, fit: Components, beam: Beam, rules: Rules) -> int:
+def drop_unsupported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> int:
     """Take out what is no surface: those that belong to c_0, the weakest without support, outliers by chance."""
     for i in range(k - 1, -1, -1):
-        if fit.mean[i] > beam.no_return_from:
-            fit.no_return[0] += fit.weight[i]
+        if fit[MEAN, i] > beam.no_return_from:
+            fit[WEIGHT, -1] += fit[WEIGHT, i]
             k = remove_surface(k, i, fit)
     weakest = 0
     for i in range(1, k):
-        if fit.support[i] < fit.support[weakest]:
+        if fit[SUPPORT, i] < fit[SUPPORT, weakest]:
             weakest = i
-    if k > 0 and (fit.support[weakest] < MIN_SUPPORT or _by_chance(n, k, weakest, fit, beam, rules)):
+    if k > 0 and (fit[SUPPORT, weakest] < MIN_SUPPORT or _by_chance(n, k, weakest, fit, beam, rules)):
         k = remove_surface(k, weakest, fit)
     return k
 
@@ -180,34 +196,35 @@ def drop_unsupported(n: int, k: int, fit: Components, beam: Beam, rules: Rules) 
 @jit
 def _certain(k: int, index: int, fit: Components, beam: Beam) -> bool:
     """Whether a surface stands so clear of all others that its loss need not be computed."""
-    return fit.support[index] >= CERTAIN_SUPPORT and _gap_sigmas(k, index, fit, beam) > CERTAIN_SIGMAS
+    return fit[SUPPORT, index] >= CERTAIN_SUPPORT and _gap_sigmas(k, index, fit, beam) > CERTAIN_SIGMAS
 
 
 @jit
 def prune(
-    samples: FloatArray,
+    data: Readings,
     k: int,
-    work: tuple[Components, Components, Components],
+    work: Workshop,
     beam: Beam,
     rules: Rules,
 ) -> int:
-    """Take out the surfaces of work[0] that are not missed, the least missed first; return how many are left."""
-    fit, trial, best = work
+    """Take out the surfaces of work.fit that are not missed, the least missed first; return how many are left."""
+    fit, trial, best, room = work
     while k > 0:
-        left = drop_unsupported(len(samples), k, fit, beam, rules)
+        left = drop_unsupported(data.total, k, fit, beam, rules)
         if left < k:
             k = left
-            _settle(samples, k, fit, beam)
+            _settle(data, k, fit, beam, room)
             continue
-        full = log_likelihood(samples, k, fit, beam)
-        least = math.inf
+        full, least = math.nan, math.inf
         for i in range(k):
             if k <= rules.max_layers and _certain(k, i, fit, beam):
                 continue
+            if math.isnan(full):
+                full = log_likelihood(data, k, fit, beam, room)
             copy_components(k, fit, trial)
             remove_surface(k, i, trial)
-            _settle(samples, k - 1, trial, beam)
-            gain = full - log_likelihood(samples, k - 1, trial, beam)
+            _settle(data, k - 1, trial, beam, room)
+            gain = full - log_likelihood(data, k - 1, trial, beam, room)
             if gain < least:
                 least = gain
                 copy_components(k - 1, trial, best)
@@ -219,27 +236,23 @@ def prune(
 
 
 @jit
-def _most_spread(samples: FloatArray, k: int, fit: Components, beam: Beam) -> int:
+def _most_spread(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> int:
     """Return the surface whose samples spread most beyond its sigma, by the score test of its variance."""
-    excess = np.zeros(k)
-    for j in range(len(samples)):
-        total = sample_densities(samples[j], k, fit, beam)[0]
-        for i in range(k):
-            z = (samples[j] - fit.mean[i]) / fit.sigma[i]
-            excess[i] += fit.scratch[0, i] / total * (z * z - 1.0)
-    most = 0
+    expect(data, k, fit, beam, room)
+    most, largest = 0, -math.inf
     for i in range(k):
-        excess[i] /= math.sqrt(max(fit.support[i], 1.0))
-        if excess[i] > excess[most]:
-            most = i
+        excess = fit[MOMENT_2, i] / fit[SIGMA, i] ** 2 - fit[SUPPORT, i]
+        excess /= math.sqrt(max(fit[SUPPORT, i], 1.0))
+        if excess > largest:
+            most, largest = i, excess
     return most
 
 
 @jit
-def _supported(n: int, k: int, fit: Components, beam: Beam, rules: Rules) -> bool:
+def _supported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> bool:
     """Whether every surface is one: none belongs to c_0, lacks support or may be outliers."""
     for i in range(k):
-        if fit.mean[i] > beam.no_return_from or fit.support[i] < MIN_SUPPORT:
+        if fit[MEAN, i] > beam.no_return_from or fit[SUPPORT, i] < MIN_SUPPORT:
             return False
         if _by_chance(n, k, i, fit, beam, rules):
             return False
@@ -247,98 +260,85 @@ def _supported(n: int, k: int, fit: Components, beam: Beam, rules: Rules) -> boo
 
 
 @jit
-def try_one_more(
-    samples: FloatArray,
-    k: int,
-    work: tuple[Components, Components, Components],
-    beam: Beam,
-    rules: Rules,
-    densities: FloatArray,
-) -> float:
-    """Fit one more surface than work[0] has; return its gain, nat, with the fit in work[2].
+def promises_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> bool:
+    """Whether one more surface than work.fit has could gain enough; a quick look, true where it cannot tell."""
+    wanted = PROMISE * rules.least_gain
+    return bool(promise_of_clear(data, k, work.fit, beam, work.room, wanted) >= wanted)
+
+
+@jit
+def try_one_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> float:
+    """Fit one more surface than work.fit has; return its gain, nat, with the fit in work.best.
 
     Two starts: where the likelihood rises most, and the most spread surface split in two. The gain is 0 where it
-    cannot reach the least gain, or the new fit has something that is no surface.
+    cannot reach the least gain, or does not promise to, or the new fit has something that is no surface.
     """
-    fit, trial, best = work
-    slope, place = steepest_place(samples, k, fit, beam, densities)
-    if slope < rules.least_gain or k + 1 > len(fit.mean):
+    fit, trial, best, room = work
+    wanted = PROMISE * rules.least_gain
+    if k + 1 > capacity_of(fit):
         return 0.0
-    share = best_share(samples, place, beam, densities)
-    before, gain = log_likelihood(samples, k, fit, beam), 0.0
+    slope, place, promise = steepest_place(data, k, fit, beam, room, wanted)
+    if slope < rules.least_gain or promise < wanted:
+        return 0.0
+    share = best_share(data, place, beam, room)
+    before, gain = log_likelihood(data, k, fit, beam, room), 0.0
     for start in range(2):
         copy_components(k, fit, trial)
         if start == 0:
             _add_surface(k, place, share, trial, beam)
         elif k > 0:
-            i = _most_spread(samples, k, fit, beam)
-            _add_surface(k, fit.mean[i] + SPLIT_SIGMAS * fit.sigma[i], 0.0, trial, beam)
-            trial.mean[i] -= SPLIT_SIGMAS * fit.sigma[i]
-            trial.weight[i] *= 0.5
-            trial.weight[k] = trial.weight[i]
+            i = _most_spread(data, k, fit, beam, room)
+            _add_surface(k, fit[MEAN, i] + SPLIT_SIGMAS * fit[SIGMA, i], 0.0, trial, beam)
+            trial[MEAN, i] -= SPLIT_SIGMAS * fit[SIGMA, i]
+            trial[WEIGHT, i] *= 0.5
+            trial[WEIGHT, k] = trial[WEIGHT, i]
         else:
             continue
-        _settle(samples, k + 1, trial, beam)
-        found = log_likelihood(samples, k + 1, trial, beam) - before
-        if found > gain and _supported(len(samples), k + 1, trial, beam, rules):
+        _settle(data, k + 1, trial, beam, room)
+        found = log_likelihood(data, k + 1, trial, beam, room) - before
+        if found > gain and _supported(data.total, k + 1, trial, beam, rules):
             gain = found
             copy_components(k + 1, trial, best)
     return gain
 
 
 @jit
-def grow(
-    samples: FloatArray,
-    k: int,
-    work: tuple[Components, Components, Components],
-    beam: Beam,
-    rules: Rules,
-    densities: FloatArray,
-) -> int:
-    """Add surfaces to work[0] while one more gains enough; return how many there are."""
-    while k < rules.max_layers:
-        if try_one_more(samples, k, work, beam, rules, densities) < rules.least_gain:
+def grow(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> int:
+    """Add surfaces to work.fit while one more gains enough; return how many there are."""
+    while k < rules.max_layers and promises_more(data, k, work, beam, rules):
+        if try_one_more(data, k, work, beam, rules) < rules.least_gain:
             break
         k += 1
-        copy_components(k, work[2], work[0])
+        copy_components(k, work.best, work.fit)
     return k
 
 
 @jit
-def count_surfaces(
-    samples: FloatArray,
-    k: int,
-    work: tuple[Components, Components, Components],
-    room: FloatArray,
-    beam: Beam,
-    rules: Rules,
-) -> int:
-    """Count the surfaces from a start of `k` in work[0]; return how many there are, with their tied fit in work[0].
-
-    `room` holds as many numbers as there are samples.
-    """
-    fit = work[0]
-    _settle(samples, k, fit, beam)
-    k = _adopt_orphans(samples, k, fit, beam, room)
-    k = prune(samples, k, work, beam, rules)
-    return grow(samples, k, work, beam, rules, room)
+def count_surfaces(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> int:
+    """Count the surfaces from a start of `k` in work.fit; return how many there are, with their tied fit there."""
+    _settle(data, k, work.fit, beam, work.room)
+    k = _adopt_orphans(data, k, work.fit, beam, work.room)
+    k = prune(data, k, work, beam, rules)
+    return grow(data, k, work, beam, rules)
 
 
 @jit
-def surface_gains(samples: FloatArray, k: int, work: tuple[Components, Components, Components], beam: Beam) -> None:
-    """Set the gain of each surface of work[0]: the likelihood, nat, lost without it; infinite where it is certain.
+def surface_gains(data: Readings, k: int, work: Workshop, beam: Beam) -> None:
+    """Set the gain of each surface of work.fit: the likelihood, nat, lost without it; infinite where it is certain.
 
-    With tied sigmas, as in counting, whatever the sigmas of work[0] are.
+    With tied sigmas, as in counting, whatever the sigmas of work.fit are.
     """
-    fit, trial, tied = work
-    copy_components(k, fit, tied)
-    _settle(samples, k, tied, beam)
-    full = log_likelihood(samples, k, tied, beam)
+    fit, trial, tied, room = work
+    full = math.nan
     for i in range(k):
-        fit.gain[i] = math.inf
+        fit[GAIN, i] = math.inf
         if _certain(k, i, fit, beam):
             continue
+        if math.isnan(full):
+            copy_components(k, fit, tied)
+            _settle(data, k, tied, beam, room)
+            full = log_likelihood(data, k, tied, beam, room)
         copy_components(k, tied, trial)
         remove_surface(k, i, trial)
-        _settle(samples, k - 1, trial, beam)
-        fit.gain[i] = full - log_likelihood(samples, k - 1, trial, beam)
+        _settle(data, k - 1, trial, beam, room)
+        fit[GAIN, i] = full - log_likelihood(data, k - 1, trial, beam, room)

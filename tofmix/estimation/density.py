@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.samples import sorted_valid
+from tofmix.estimation.curve import sigma_at
+from tofmix.estimation.samples import Readings, readings_of
+from tofmix.estimation.vector import exp_minus, sums_of
 from tofmix.jit import jit
 from tofmix.sensor import NoiseCurve
 
@@ -26,66 +28,58 @@ REACH = 5.0
 
 
 @jit
-def sigma_at(range_mm: float, curve_range: FloatArray, curve_sigma: FloatArray) -> float:
-    """sigma(r), linear between the curve's points and constant past its ends."""
-    last = len(curve_range) - 1
-    if range_mm <= curve_range[0]:
-        return float(curve_sigma[0])
-    if range_mm >= curve_range[last]:
-        return float(curve_sigma[last])
-    low, high = 0, last
-    while high - low > 1:
-        middle = (low + high) // 2
-        if curve_range[middle] <= range_mm:
-            low = middle
-        else:
-            high = middle
-    share = (range_mm - curve_range[low]) / (curve_range[high] - curve_range[low])
-    return float(curve_sigma[low] + share * (curve_sigma[high] - curve_sigma[low]))
+def kernel_sums(
+    data: Readings, first: int, stop: int, range_mm: float, h: float, room: FloatArray
+) -> tuple[float, float]:
+    """Sums over the values [first, stop) of e and e z, with z = (r - r_j) / h and e = exp(-z^2 / 2).
 
-
-@jit
-def kernel_sums(samples: FloatArray, first: int, stop: int, range_mm: float, h: float) -> tuple[float, float, float]:
-    """Sums over samples[first:stop] of e, e z and e z^2, with z = (r - r_j) / h and e = exp(-z^2 / 2).
-
-    They are p, -p' and p'' + p of equation (4) with h held at its local value,
-    in units of 1 / (N h sqrt(2 pi)) and of h.
+    They are p and -p' of equation (4) with h held at its local value, in units of 1 / (N h sqrt(2 pi)) and of h.
+    `room` is left with the e, by which `kernel_bend` goes on.
     """
-    total, moment1, moment2 = 0.0, 0.0, 0.0
-    for j in range(first, stop):
-        z = (range_mm - samples[j]) / h
-        kernel = math.exp(-0.5 * z * z)
-        total += kernel
-        moment1 += kernel * z
-        moment2 += kernel * z * z
-    return total, moment1, moment2
+    value, count, e = data.value[first:stop], data.count[first:stop], room[: stop - first]
+    scale = 1.0 / h
+    for j in range(len(value)):
+        z = (range_mm - value[j]) * scale
+        e[j] = count[j] * exp_minus(0.5 * z * z)
+    total, moment = sums_of(e, value)
+    return total, (range_mm * total - moment) * scale
 
 
 @jit
-def within_reach(samples: FloatArray, first: int, stop: int, low: float, high: float) -> tuple[int, int]:
-    """Move [first, stop) to the sorted samples in [low, high]; cheap when it moves little."""
-    n = len(samples)
-    while first > 0 and samples[first - 1] >= low:
+def kernel_bend(data: Readings, first: int, stop: int, range_mm: float, h: float, room: FloatArray) -> float:
+    """Sum of e (z^2 - 1) over the same values: p'' of equation (4), after `kernel_sums`."""
+    bend = 0.0
+    for j in range(stop - first):
+        z = (range_mm - data.value[first + j]) / h
+        bend += room[j] * (z * z - 1.0)
+    return bend
+
+
+@jit
+def within_reach(values: FloatArray, first: int, stop: int, low: float, high: float) -> tuple[int, int]:
+    """Move [first, stop) to the ascending values in [low, high]; cheap when it moves little."""
+    n = len(values)
+    while first > 0 and values[first - 1] >= low:
         first -= 1
-    while first < n and samples[first] < low:
+    while first < n and values[first] < low:
         first += 1
     stop = max(stop, first)
-    while stop > first and samples[stop - 1] > high:
+    while stop > first and values[stop - 1] > high:
         stop -= 1
-    while stop < n and samples[stop] <= high:
+    while stop < n and values[stop] <= high:
         stop += 1
     return first, stop
 
 
 @jit
-def _density(samples: FloatArray, at: FloatArray, curve_range: FloatArray, curve_sigma: FloatArray) -> FloatArray:
-    out = np.zeros(len(at))
+def _density(data: Readings, at: FloatArray, curve_range: FloatArray, curve_sigma: FloatArray) -> FloatArray:
+    out, room = np.zeros(len(at)), np.zeros(len(data.value))
     first, stop = 0, 0
     for k in range(len(at)):
         h = BANDWIDTH * sigma_at(at[k], curve_range, curve_sigma)
-        first, stop = within_reach(samples, first, stop, at[k] - REACH * h, at[k] + REACH * h)
-        total, _, _ = kernel_sums(samples, first, stop, at[k], h)
-        out[k] = total / (len(samples) * h * math.sqrt(2.0 * math.pi))  # eq. (4)
+        first, stop = within_reach(data.value, first, stop, at[k] - REACH * h, at[k] + REACH * h)
+        total, _ = kernel_sums(data, first, stop, at[k], h, room)
+        out[k] = total / (data.total * h * math.sqrt(2.0 * math.pi))  # eq. (4)
     return out
 
 
@@ -115,6 +109,6 @@ def density(samples_mm: ArrayLike, at_mm: ArrayLike, noise: NoiseCurve) -> Float
     ----------
     Pathak, Birk and Poppinga, IROS 2008, equation (4).
     """
-    samples = sorted_valid(samples_mm)
+    data = readings_of(samples_mm)
     at = np.ascontiguousarray(at_mm, dtype=np.float64).ravel()
-    return _density(samples, at, np.array(noise.range_mm), np.array(noise.sigma_mm))
+    return _density(data, at, np.array(noise.range_mm), np.array(noise.sigma_mm))

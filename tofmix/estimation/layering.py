@@ -14,28 +14,46 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.estimation.acceleration import maximise_likelihood
 from tofmix.estimation.beam import Beam, beam_of
+from tofmix.estimation.components import (
+    GAIN,
+    MEAN,
+    SHARE,
+    SIGMA,
+    SPARE,
+    SUPPORT,
+    TOTAL,
+    WEIGHT,
+    Components,
+    Room,
+    remove_surface,
+)
 from tofmix.estimation.counters.base import MAX_PEAKS, Peaks
 from tofmix.estimation.counting import (
     Rules,
+    Workshop,
     count_surfaces,
     drop_unsupported,
     grow,
-    remove_surface,
+    new_workshop,
+    promises_more,
     surface_gains,
 )
-from tofmix.estimation.density import sigma_at
+from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.false_alarms import chance_of, gain_table, least_gain
 from tofmix.estimation.mixture import (
-    Components,
+    ROOT_TWO_PI,
     em_step,
     expectation_maximisation,
+    gaussians,
     log_likelihood,
-    new_components,
+    mix,
+    new_sigma,
     start_at,
 )
-from tofmix.estimation.samples import SortedSamples, sort_samples
+from tofmix.estimation.samples import Readings, SortedSamples, gather, sort_samples
 from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Knobs, knobs_of
 from tofmix.estimation.uncertainty import standard_errors
+from tofmix.estimation.vector import product_of
 from tofmix.flags import Status
 from tofmix.jit import jit
 from tofmix.layers import Layers
@@ -46,6 +64,9 @@ CLEAR_SIGMAS = 4.0
 
 NO_RETURN_REACH = 6.0
 """Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""
+
+QUIET = 1.0e-3
+"""A sample of which c_r takes no more than this part belongs to the surface."""
 
 _OK = int(Status.OK)
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
@@ -65,62 +86,95 @@ def _split_no_return(places: FloatArray, heights: FloatArray, k: int, beam: Beam
 
 
 @jit
-def _fit_clear(samples: FloatArray, fit: Components, beam: Beam) -> bool:
+def _fit_clear(data: Readings, fit: Components, beam: Beam) -> bool:
     """Fit one surface by the mean of all samples, if none is far from it (paper, section V: no EM is needed)."""
-    n = len(samples)
-    mean = np.sum(samples) / n
+    values = data.value
+    mean = product_of(values, data.count) / data.total
     sigma = sigma_at(mean, beam.curve_range, beam.curve_sigma)
-    if max(samples[n - 1] - mean, mean - samples[0]) > CLEAR_SIGMAS * sigma or mean > beam.no_return_from:
+    if max(values[-1] - mean, mean - values[0]) > CLEAR_SIGMAS * sigma or mean > beam.no_return_from:
         return False
-    fit.mean[0], fit.sigma[0], fit.weight[0], fit.no_return[0] = mean, sigma, 1.0 - beam.p_outlier, 0.0
-    fit.support[0], fit.no_return[1] = n, 0.0
+    fit[MEAN, 0], fit[SIGMA, 0], fit[WEIGHT, 0], fit[WEIGHT, -1] = mean, sigma, 1.0 - beam.p_outlier, 0.0
+    fit[SUPPORT, 0], fit[SUPPORT, -1] = data.total, 0.0
     return True
 
 
 @jit
-def _finish_clear(samples: FloatArray, fit: Components, beam: Beam, mode: int) -> None:
-    """Give the sigma of the one surface that holds all samples: one EM iteration is the solution."""
+def _no_return_helps(data: Readings, fit: Components, beam: Beam, room: Room) -> bool:
+    """Whether the likelihood rises as share moves from the one surface to c_0: if not, p(c_0) is 0."""
+    mix(data, 1, fit, beam, room)
+    m, count, total = len(data.value), data.count, room[TOTAL]
+    no_return, share = room[SPARE, :m], room[SHARE]
+    gaussians(data.value, beam.range_max, beam.sigma_max, no_return)
+    for j in range(m):
+        share[j] = count[j] / total[j]
+        no_return[j] = (1.0 - beam.p_outlier) * no_return[j] + beam.outlier_density
+    return bool(product_of(no_return, share) > data.total)
+
+
+@jit
+def _finish_clear(data: Readings, fit: Components, beam: Beam, mode: int, room: Room) -> float:
+    """Give the sigma of the one surface that holds all samples; return the log likelihood, nat.
+
+    Where even the farthest sample is not c_r's, all samples are the surface's, and both follow from their spread.
+    """
+    values, m, mean = data.value, len(data.value), fit[MEAN, 0]
+    square, away = room[SPARE, :m], max(values[m - 1] - mean, mean - values[0])
+    for j in range(m):
+        square[j] = (values[j] - mean) * (values[j] - mean)
+    squares = product_of(square, data.count)
+    curve_sigma = fit[SIGMA, 0]
+    sigma = new_sigma(curve_sigma, squares, data.total, mode)
+    height = fit[WEIGHT, 0] / (sigma * ROOT_TWO_PI)
+    if beam.outlier_density < QUIET * height * math.exp(-0.5 * (away / sigma) ** 2):
+        fit[SIGMA, 0] = sigma
+        return float(data.total * math.log(height) - 0.5 * squares / sigma**2)
     if mode != MODE_TIED:
-        em_step(samples, 1, fit, beam, mode)
-    fit.support[0], fit.no_return[1] = len(samples), 0.0
+        em_step(data, 1, fit, beam, mode, room)  # one EM iteration is the solution
+        fit[SUPPORT, 0], fit[SUPPORT, -1] = data.total, 0.0
+    return log_likelihood(data, 1, fit, beam, room)
 
 
 @jit
 def _fit_pixel(
-    samples: FloatArray,
+    data: Readings,
     places: FloatArray,
     heights: FloatArray,
     found: int,
-    work: tuple[Components, Components, Components],
-    room: FloatArray,
+    work: Workshop,
     beam: Beam,
     knobs: Knobs,
     rules: Rules,
-) -> tuple[int, int, int]:
-    """Return surfaces found, peaks found, and EM iterations (negative: not converged); the fit is work[0]."""
-    fit = work[0]
+) -> tuple[int, int, int, float]:
+    """Return surfaces found, peaks found, EM iterations (negative: not converged) and the log likelihood, nat.
+
+    The fit is work.fit.
+    """
+    fit, room = work.fit, work.room
     start, no_return = _split_no_return(places, heights, max(found, 1), beam)
     n_peaks = min(start, found)
-    near = samples[len(samples) - 1] > beam.range_max - NO_RETURN_REACH * beam.sigma_max
-    if start == 1 and no_return == 0.0 and not near and _fit_clear(samples, fit, beam):
-        k = grow(samples, 1, work, beam, rules, room) if knobs.refine else 1
+    near = data.value[-1] > beam.range_max - NO_RETURN_REACH * beam.sigma_max
+    k = 0
+    clear = (start == 1 or knobs.refine) and no_return == 0.0 and _fit_clear(data, fit, beam)
+    if clear and not (near and _no_return_helps(data, fit, beam, room)):
+        if not knobs.refine or not promises_more(data, 1, work, beam, rules):
+            return 1, n_peaks, 0, _finish_clear(data, fit, beam, knobs.mode, room)
+        k = grow(data, 1, work, beam, rules) if start == 1 else 0
         if k == 1:
-            _finish_clear(samples, fit, beam, knobs.mode)
-            return 1, n_peaks, 0
-    else:
-        no_return = max(no_return, 1.0 / len(samples)) if near else 0.0
+            return 1, n_peaks, 0, _finish_clear(data, fit, beam, knobs.mode, room)
+    if k == 0:
+        no_return = max(no_return, 1.0 / data.total) if near else 0.0
         start_at(places, heights, start, no_return, fit, beam)
-        k = count_surfaces(samples, start, work, room, beam, rules) if knobs.refine else start
+        k = count_surfaces(data, start, work, beam, rules) if knobs.refine else start
     while True:
         if knobs.refine:
-            n_iter = maximise_likelihood(samples, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol)
+            n_iter = maximise_likelihood(data, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol, room)
         else:
-            n_iter = expectation_maximisation(samples, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol)
-        left = drop_unsupported(len(samples), k, fit, beam, rules)
+            n_iter = expectation_maximisation(data, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol, room)
+        left = drop_unsupported(data.total, k, fit, beam, rules)
         while left > knobs.max_layers:
-            left = remove_surface(left, int(np.argmin(fit.weight[:left])), fit)
+            left = remove_surface(left, int(np.argmin(fit[WEIGHT, :left])), fit)
         if left == k:
-            return k, n_peaks, n_iter
+            return k, n_peaks, n_iter, log_likelihood(data, k, fit, beam, room)
         k = left
 
 
@@ -129,10 +183,10 @@ def _sort_surfaces(k: int, fit: Components) -> None:
     """Put the surfaces in order, near to far."""
     for i in range(1, k):
         for j in range(i, 0, -1):
-            if fit.mean[j - 1] <= fit.mean[j]:
+            if fit[MEAN, j - 1] <= fit[MEAN, j]:
                 break
-            for values in (fit.mean, fit.sigma, fit.weight, fit.support, fit.gain):
-                values[j - 1], values[j] = values[j], values[j - 1]
+            for row in (MEAN, SIGMA, WEIGHT, SUPPORT, GAIN):
+                fit[row, j - 1], fit[row, j] = fit[row, j], fit[row, j - 1]
 
 
 @jit
@@ -142,32 +196,34 @@ def _layer_block(
     """Fill `out`, the arrays of `Layers` in their order, for the pixels of a block and their peaks."""
     (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
      n_samples, n_iter, status) = out  # fmt: skip
-    room, range_errors, weight_errors = np.zeros(block.values.shape[1]), np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)
-    work = new_components(MAX_PEAKS), new_components(MAX_PEAKS), new_components(MAX_PEAKS)
-    fit = work[0]
+    columns = block.values.shape[1]
+    value, count = np.empty(columns), np.empty(columns)
+    range_errors, weight_errors = np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)
+    work = new_workshop(MAX_PEAKS, columns)
+    fit = work.fit
     for pixel in range(len(block.valid)):
         n = block.valid[pixel]
         n_samples[pixel] = n
         if n < knobs.min_samples:
             status[pixel] = _TOO_FEW_SAMPLES
             continue
-        samples = block.values[pixel, :n]
+        data = gather(block.values[pixel], n, beam.curve_range, beam.curve_sigma, value, count)
         place, height, found = peaks.place[pixel], peaks.height[pixel], peaks.found[pixel]
         gain = least_gain(knobs.false_alarm, table[n]) if knobs.refine else 0.0
         rules = Rules(gain, knobs.false_alarm if knobs.refine else math.inf, knobs.max_layers)
-        k, kept, iterations = _fit_pixel(samples, place, height, found, work, room, beam, knobs, rules)
-        surface_gains(samples, k, work, beam)
+        k, kept, iterations, fitted = _fit_pixel(data, place, height, found, work, beam, knobs, rules)
+        surface_gains(data, k, work, beam)
         _sort_surfaces(k, fit)
-        known = standard_errors(samples, k, fit, beam, knobs.mode, range_errors, weight_errors)
+        known = standard_errors(data, k, fit, beam, knobs.mode, work.room, range_errors, weight_errors)
         n_modes[pixel], n_peaks[pixel] = k, kept
         n_iter[pixel] = abs(iterations)
         for i in range(k):
-            mean[pixel, i], sigma[pixel, i], weight[pixel, i] = fit.mean[i], fit.sigma[i], fit.weight[i]
+            mean[pixel, i], sigma[pixel, i], weight[pixel, i] = fit[MEAN, i], fit[SIGMA, i], fit[WEIGHT, i]
             range_stderr[pixel, i], weight_stderr[pixel, i] = range_errors[i], weight_errors[i]
-            probability[pixel, i] = 1.0 - chance_of(fit.gain[i], table[n])
-        no_return[pixel] = fit.no_return[0]
-        outlier[pixel] = beam.p_outlier if k > 0 or fit.no_return[0] > 0.0 else 1.0
-        likelihood[pixel] = log_likelihood(samples, k, fit, beam)
+            probability[pixel, i] = 1.0 - chance_of(fit[GAIN, i], table[n])
+        no_return[pixel] = fit[WEIGHT, -1]
+        outlier[pixel] = beam.p_outlier if k > 0 or fit[WEIGHT, -1] > 0.0 else 1.0
+        likelihood[pixel] = fitted
         if k == 0:
             status[pixel] = _NO_SURFACE
         elif iterations < 0:

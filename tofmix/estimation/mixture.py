@@ -12,16 +12,33 @@ outvote and a strong one can.
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.density import sigma_at
-from tofmix.estimation.samples import sorted_valid
+from tofmix.estimation.components import (
+    DENSITY,
+    MEAN,
+    MOMENT_1,
+    MOMENT_2,
+    SHARE,
+    SIGMA,
+    SPARE,
+    SUPPORT,
+    TOTAL,
+    WEIGHT,
+    Components,
+    Room,
+    new_components,
+    new_room,
+    no_return_row,
+)
+from tofmix.estimation.curve import sigma_at
+from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.settings import MODE_FREE, MODE_TIED, EstimateOptions, knobs_of
+from tofmix.estimation.vector import exp_minus, log_of, moments_of, product_of, total_of
 from tofmix.jit import jit
 from tofmix.sensor import Sensor
 
@@ -31,99 +48,71 @@ PRIOR_SAMPLES = 50.0
 FREE_SIGMA_FLOOR = 0.1
 """Least free sigma_i in units of the curve's: below it a component shrinks onto one sample without end."""
 
-_ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
-
-
-class Components(NamedTuple):
-    """The surfaces of a mixture under fit, changed in place: arrays (capacity,) float64.
-
-    `support` is the sum of a component's responsibilities, in samples; `gain` what the likelihood loses
-    without it, nat; `scratch` has four rows for the
-    sums of one E step, `vectors` three for an acceleration. `no_return` holds p(c_0) and its support.
-    """
-
-    mean: FloatArray
-    sigma: FloatArray
-    weight: FloatArray
-    support: FloatArray
-    gain: FloatArray
-    no_return: FloatArray
-    scratch: FloatArray
-    vectors: FloatArray
+ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 
 
 @jit
-def new_components(capacity: int) -> Components:
-    """Room for `capacity` surfaces."""
-    return Components(
-        np.zeros(capacity),
-        np.zeros(capacity),
-        np.zeros(capacity),
-        np.zeros(capacity),
-        np.zeros(capacity),
-        np.zeros(2),
-        np.zeros((4, capacity)),
-        np.zeros((3, 3 * capacity + 1)),
-    )
+def gaussians(values: FloatArray, mean: float, sigma: float, out: FloatArray) -> None:
+    """Fill `out` with the normal densities of the values, 1/mm."""
+    scale, height = 1.0 / sigma, 1.0 / (sigma * ROOT_TWO_PI)
+    for j in range(len(values)):
+        z = (values[j] - mean) * scale
+        out[j] = height * exp_minus(0.5 * z * z)
 
 
 @jit
-def gaussian(range_mm: float, mean: float, sigma: float) -> float:
-    """Normal density, 1/mm."""
-    z = (range_mm - mean) / sigma
-    return math.exp(-0.5 * z * z) / (sigma * _ROOT_TWO_PI)
-
-
-@jit
-def sample_densities(sample: float, k: int, fit: Components, beam: Beam) -> tuple[float, float]:
-    """p(r | surfaces) of equation (1) and its c_0 term; the surfaces' terms go to scratch[0]."""
-    no_return = 0.0
-    if fit.no_return[0] > 0.0:
-        no_return = fit.no_return[0] * gaussian(sample, beam.range_max, beam.sigma_max)
-    total = beam.outlier_density + no_return
+def mix(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None:
+    """Fill the densities of `room`, and p(r | surfaces) of equation (1)."""
+    values, total, m = data.value, room[TOTAL], len(data.value)
+    for j in range(m):
+        total[j] = beam.outlier_density
+    if fit[WEIGHT, -1] > 0.0:
+        row, weight = room[no_return_row(fit)], fit[WEIGHT, -1]
+        gaussians(values, beam.range_max, beam.sigma_max, row)
+        for j in range(m):
+            total[j] += weight * row[j]
     for i in range(k):
-        term = fit.weight[i] * gaussian(sample, fit.mean[i], fit.sigma[i])
-        fit.scratch[0, i] = term
-        total += term
-    return total, no_return
+        row, weight = room[DENSITY + i], fit[WEIGHT, i]
+        gaussians(values, fit[MEAN, i], fit[SIGMA, i], row)
+        for j in range(m):
+            total[j] += weight * row[j]
 
 
 @jit
-def log_likelihood(samples: FloatArray, k: int, fit: Components, beam: Beam) -> float:
+def _sum_of_logs(data: Readings, room: Room) -> float:
+    """Log likelihood, nat, of what `mix` left."""
+    count, total, term = data.count, room[TOTAL], room[SPARE, : len(data.count)]
+    for j in range(len(count)):
+        term[j] = count[j] * log_of(total[j])
+    return float(total_of(term))
+
+
+@jit
+def log_likelihood(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> float:
     """Log likelihood of the samples under equation (1), nat."""
-    out = 0.0
-    for j in range(len(samples)):
-        out += math.log(sample_densities(samples[j], k, fit, beam)[0])
-    return out
+    mix(data, k, fit, beam, room)
+    return _sum_of_logs(data, room)
 
 
 @jit
-def _expect(samples: FloatArray, k: int, fit: Components, beam: Beam) -> float:
-    """E step: support, and in scratch[2] and [3] the first and second moments about the means.
-
-    Return the log likelihood of the values that it started from.
-    """
-    likelihood = 0.0
-    fit.no_return[1] = 0.0
+def expect(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None:
+    """E step: support, and in rows MOMENT_1 and MOMENT_2 the moments about the means."""
+    mix(data, k, fit, beam, room)
+    count, total, share = data.count, room[TOTAL], room[SHARE, : len(data.count)]
+    for j in range(len(count)):
+        share[j] = count[j] / total[j]
+    fit[SUPPORT, -1] = 0.0
+    if fit[WEIGHT, -1] > 0.0:
+        fit[SUPPORT, -1] = fit[WEIGHT, -1] * product_of(share, room[no_return_row(fit)])
     for i in range(k):
-        fit.support[i] = 0.0
-        fit.scratch[2, i] = 0.0
-        fit.scratch[3, i] = 0.0
-    for j in range(len(samples)):
-        total, no_return = sample_densities(samples[j], k, fit, beam)
-        likelihood += math.log(total)
-        fit.no_return[1] += no_return / total
-        for i in range(k):
-            share = fit.scratch[0, i] / total  # p(c_i | r_j)
-            away = samples[j] - fit.mean[i]
-            fit.support[i] += share
-            fit.scratch[2, i] += share * away
-            fit.scratch[3, i] += share * away * away
-    return likelihood
+        support, first, second = moments_of(data.value, room[DENSITY + i], share, fit[MEAN, i])
+        fit[SUPPORT, i] = fit[WEIGHT, i] * support  # sum of p(c_i | r_j)
+        fit[MOMENT_1, i] = fit[WEIGHT, i] * first
+        fit[MOMENT_2, i] = fit[WEIGHT, i] * second
 
 
 @jit
-def _new_sigma(curve_sigma: float, squares: float, support: float, mode: int) -> float:
+def new_sigma(curve_sigma: float, squares: float, support: float, mode: int) -> float:
     """sigma_i from the squares about the new mean, by the chosen mode."""
     if mode == MODE_TIED:
         return curve_sigma
@@ -133,46 +122,46 @@ def _new_sigma(curve_sigma: float, squares: float, support: float, mode: int) ->
 
 
 @jit
-def _maximise(k: int, fit: Components, beam: Beam, mode: int) -> float:
-    """M step; return the largest change: of a mean in sigmas, of a weight as it is."""
-    total = fit.no_return[1]
+def maximise(k: int, fit: Components, beam: Beam, mode: int) -> float:
+    """M step after `expect`; return the largest change: of a mean in sigmas, of a weight as it is."""
+    total = fit[SUPPORT, -1]
     for i in range(k):
-        total += fit.support[i]
+        total += fit[SUPPORT, i]
     scale = (1.0 - beam.p_outlier) / total if total > 0.0 else 0.0
-    change = float(abs(scale * fit.no_return[1] - fit.no_return[0]))
-    fit.no_return[0] = scale * fit.no_return[1]
+    change = float(abs(scale * fit[SUPPORT, -1] - fit[WEIGHT, -1]))
+    fit[WEIGHT, -1] = scale * fit[SUPPORT, -1]
     for i in range(k):
-        support = fit.support[i]
+        support = fit[SUPPORT, i]
         weight = scale * support
-        change = max(change, float(abs(weight - fit.weight[i])))
-        fit.weight[i] = weight
+        change = max(change, float(abs(weight - fit[WEIGHT, i])))
+        fit[WEIGHT, i] = weight
         if support <= 0.0:
             continue
-        shift = fit.scratch[2, i] / support
-        fit.mean[i] += shift
-        change = max(change, float(abs(shift) / fit.sigma[i]))
-        curve_sigma = sigma_at(fit.mean[i], beam.curve_range, beam.curve_sigma)
-        squares = max(fit.scratch[3, i] - support * shift * shift, 0.0)
-        fit.sigma[i] = _new_sigma(curve_sigma, squares, support, mode)
+        shift = fit[MOMENT_1, i] / support
+        fit[MEAN, i] += shift
+        change = max(change, float(abs(shift) / fit[SIGMA, i]))
+        curve_sigma = sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma)
+        squares = max(fit[MOMENT_2, i] - support * shift * shift, 0.0)
+        fit[SIGMA, i] = new_sigma(curve_sigma, squares, support, mode)
     return change
 
 
 @jit
-def em_step(samples: FloatArray, k: int, fit: Components, beam: Beam, mode: int) -> float:
+def em_step(data: Readings, k: int, fit: Components, beam: Beam, mode: int, room: Room) -> float:
     """One iteration of EM; return the log likelihood of the values that it started from."""
-    likelihood = _expect(samples, k, fit, beam)
-    _maximise(k, fit, beam, mode)
-    return likelihood
+    expect(data, k, fit, beam, room)
+    maximise(k, fit, beam, mode)
+    return _sum_of_logs(data, room)
 
 
 @jit
 def expectation_maximisation(
-    samples: FloatArray, k: int, fit: Components, beam: Beam, mode: int, max_iter: int, tol: float
+    data: Readings, k: int, fit: Components, beam: Beam, mode: int, max_iter: int, tol: float, room: Room
 ) -> int:
     """Run EM on `k` surfaces from the values in `fit`; return its iterations, negative if it did not converge."""
     for iteration in range(max_iter):
-        _expect(samples, k, fit, beam)
-        if _maximise(k, fit, beam, mode) < tol:
+        expect(data, k, fit, beam, room)
+        if maximise(k, fit, beam, mode) < tol:
             return iteration + 1
     return -max_iter
 
@@ -183,10 +172,10 @@ def start_at(places: FloatArray, heights: FloatArray, k: int, no_return: float, 
     total = no_return + np.sum(heights[:k])
     scale = (1.0 - beam.p_outlier) / total if total > 0.0 else 0.0
     for i in range(k):
-        fit.mean[i] = places[i]
-        fit.sigma[i] = sigma_at(places[i], beam.curve_range, beam.curve_sigma)
-        fit.weight[i] = scale * heights[i]
-    fit.no_return[0] = scale * no_return
+        fit[MEAN, i] = places[i]
+        fit[SIGMA, i] = sigma_at(places[i], beam.curve_range, beam.curve_sigma)
+        fit[WEIGHT, i] = scale * heights[i]
+    fit[WEIGHT, -1] = scale * no_return
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -235,22 +224,22 @@ def fit_mixture(
     ----------
     Pathak, Birk and Poppinga, IROS 2008, equation (1) and section V.
     """
-    samples = sorted_valid(samples_mm)
+    data = readings_of(samples_mm)
     start = np.asarray(start_mm, dtype=np.float64).ravel()
     if not np.isfinite(start).all():
         raise ValueError("start: a starting mean is not finite")
     beam, knobs = beam_of(sensor), knobs_of(options or EstimateOptions())
     k = len(start)
-    fit = new_components(max(k, 1))
+    fit, room = new_components(max(k, 1)), new_room(max(k, 1), len(data.value))
     no_return = 1.0 if math.isfinite(beam.range_max) else 0.0
     start_at(start, np.ones(k), k, no_return, fit, beam)
-    n_iter = expectation_maximisation(samples, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol)
+    n_iter = expectation_maximisation(data, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol, room)
     return MixtureFit(
-        mean_mm=fit.mean[:k].copy(),
-        sigma_mm=fit.sigma[:k].copy(),
-        weight=fit.weight[:k].copy(),
-        weight_no_return=float(fit.no_return[0]),
-        log_likelihood=float(log_likelihood(samples, k, fit, beam)),
+        mean_mm=fit[MEAN, :k].copy(),
+        sigma_mm=fit[SIGMA, :k].copy(),
+        weight=fit[WEIGHT, :k].copy(),
+        weight_no_return=float(fit[WEIGHT, -1]),
+        log_likelihood=float(log_likelihood(data, k, fit, beam, room)),
         n_iter=abs(n_iter),
         converged=n_iter > 0,
     )

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.density import BANDWIDTH, REACH, kernel_sums, sigma_at, within_reach
-from tofmix.estimation.samples import sorted_valid
+from tofmix.estimation.curve import sigma_at
+from tofmix.estimation.density import BANDWIDTH, REACH, kernel_bend, kernel_sums, within_reach
+from tofmix.estimation.samples import Readings, readings_of
 from tofmix.jit import jit
 from tofmix.sensor import NoiseCurve
 
-STEP = 0.125
-"""Step of the walk in units of sigma(r): a quarter of the bandwidth."""
+STEP = 0.25
+"""Step of the walk in units of sigma(r): half the bandwidth."""
 
 PEAK_OF_SHARE = 1.0 / math.sqrt(1.0 + 1.0 / BANDWIDTH**2)
 """Height of the smoothed peak of a surface of share 1, in units of one kernel's peak."""
@@ -34,40 +35,42 @@ LONE_SAMPLES = 3.0
 
 @jit
 def find_peaks(
-    samples: FloatArray,
+    data: Readings,
     curve_range: FloatArray,
     curve_sigma: FloatArray,
     gamma: float,
     epsilon: float,
+    room: FloatArray,
     places: FloatArray,
     heights: FloatArray,
 ) -> int:
     """Fill `places` (mm) and `heights` (share) with the peaks, ascending; return how many.
 
-    `samples` are sorted. The highest place is kept even where no peak passes gamma,
-    with the count 0, as the start of a fit: few samples may not pile up.
+    The highest place is kept even where no peak passes gamma, with the count 0, as the start of a fit: few samples
+    may not pile up. `room` holds as many numbers as there are values.
     """
-    n = len(samples)
+    n, values = data.total, data.value
     threshold = max(gamma * n, LONE_SAMPLES) * PEAK_OF_SHARE
     count, in_run = 0, False
     place, height, flattest = 0.0, 0.0, math.inf
-    best_place, best_height = samples[0], 0.0
+    best_place, best_height = values[0], 0.0
     first, stop, before = 0, 0, math.nan
-    r = samples[0] - sigma_at(samples[0], curve_range, curve_sigma)
-    # The walk ends past the last kernel's reach, where every run has ended.
-    end = samples[n - 1] + (BANDWIDTH * REACH + 1.0) * sigma_at(samples[n - 1], curve_range, curve_sigma)
+    # p rises up to the first sample and falls from the last one on: a step beyond each is enough.
+    r = values[0] - STEP * sigma_at(values[0], curve_range, curve_sigma)
+    end = values[-1] + STEP * sigma_at(values[-1], curve_range, curve_sigma)
     while r <= end:
         sigma = sigma_at(r, curve_range, curve_sigma)
         h = BANDWIDTH * sigma
-        first, stop = within_reach(samples, first, stop, r - REACH * h, r + REACH * h)
+        first, stop = within_reach(values, first, stop, r - REACH * h, r + REACH * h)
         turns, flat, slope, total, next_r = False, False, math.nan, 0.0, r + STEP * sigma
         if first < stop:
-            total, moment1, moment2 = kernel_sums(samples, first, stop, r, h)
-            slope = -moment1 / total  # dp/dr in units of p / h
+            total, moment = kernel_sums(data, first, stop, r, h, room)
+            slope = -moment / total  # dp/dr in units of p / h
             turns = before > 0.0 >= slope
-            flat = abs(slope) < epsilon and moment2 < total  # |dp/dr| < epsilon and d2p/dr2 < 0
-        elif first < n:
-            next_r = max(next_r, samples[first] - REACH * h)  # nothing near: go to the next sample
+            if abs(slope) < epsilon:  # |dp/dr| < epsilon and d2p/dr2 < 0
+                flat = kernel_bend(data, first, stop, r, h, room) < 0.0
+        elif first < len(values):
+            next_r = max(next_r, values[first] - REACH * h)  # nothing near: go to the next sample
         if turns or flat:
             if not in_run:
                 in_run, height, flattest = True, 0.0, math.inf
@@ -83,6 +86,8 @@ def find_peaks(
             if height > threshold:  # p > gamma
                 count = keep_peak(places, heights, count, place, height / (n * PEAK_OF_SHARE))
         before, r = slope, next_r
+    if in_run and height > threshold:
+        count = keep_peak(places, heights, count, place, height / (n * PEAK_OF_SHARE))
     if count == 0:
         places[0], heights[0] = best_place, best_height / (n * PEAK_OF_SHARE)
     return count
@@ -132,8 +137,8 @@ def find_modes(
     ----------
     Pathak, Birk and Poppinga, IROS 2008, equation (5).
     """
-    samples = sorted_valid(samples_mm)
-    places, heights = np.empty(most), np.empty(most)
+    data = readings_of(samples_mm)
+    places, heights, room = np.empty(most), np.empty(most), np.empty(len(data.value))
     curve = np.array(noise.range_mm), np.array(noise.sigma_mm)
-    count = find_peaks(samples, *curve, gamma, epsilon, places, heights)
+    count = find_peaks(data, *curve, gamma, epsilon, room, places, heights)
     return places[:count].copy()

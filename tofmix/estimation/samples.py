@@ -1,47 +1,78 @@
 """The samples of a block of pixels, in the order in which every step reads them.
 
-Sorted once, valid ones first, one pixel after the other in memory: the steps then
-neither skip invalid values nor depend on the order of the frames.
+Sorted once, one pixel after the other in memory. The steps then neither skip invalid
+values nor depend on the order of the frames. They read a pixel as `Readings`: values
+that are equal are one value with a count, and where a window is long, so are values
+that differ by a small part of sigma. What a pixel costs then stops growing with its
+samples.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.estimation.curve import sigma_at
 from tofmix.jit import jit
 
 FARTHEST_MM = 1.0e9
 """A value beyond this is no range of any camera, and is skipped as invalid."""
 
+LONG_WINDOW = 1000
+"""From this many samples on, values closer than `BIN` sigma become one, their mean."""
+
+BIN = 1.0 / 16.0
+"""Width of a bin in sigmas. Its values are replaced by their mean: what is lost is their spread, 0.02 % of sigma^2."""
+
 
 class SortedSamples(NamedTuple):
-    """Samples of many pixels: `values` (pixel, frame) float64 in mm, of which the first `valid` (pixel,) ascend."""
+    """Samples of many pixels: `values` (pixel, frame) float32 in mm, of which the first `valid` (pixel,) ascend."""
 
-    values: FloatArray
+    values: Float32Array
     valid: IntArray
 
 
-@jit
-def sort_samples(block: Float32Array) -> SortedSamples:
+class Readings(NamedTuple):
+    """The samples of one pixel: ascending values (m,) float64 in mm, how often each came (m,), and all together."""
+
+    value: FloatArray
+    count: FloatArray
+    total: float
+
+
+def sort_samples(block: NDArray[np.floating]) -> SortedSamples:
     """Sort the valid samples of each pixel of a block (frame, pixel)."""
-    frames, pixels = block.shape
-    values = np.zeros((pixels, frames))
-    count = np.zeros(pixels, dtype=np.int64)
-    for pixel in range(pixels):
-        n = 0
-        for frame in range(frames):
-            value = block[frame, pixel]
-            if abs(value) <= FARTHEST_MM:  # false for NaN
-                values[pixel, n] = value
-                n += 1
-        values[pixel, :n].sort()
-        count[pixel] = n
-    return SortedSamples(values, count)
+    values = np.array(block.T, dtype=np.float32, order="C", copy=True)
+    with np.errstate(invalid="ignore"):
+        values[~(np.abs(values) <= FARTHEST_MM)] = np.nan
+    values.sort(axis=1)  # NaN last
+    return SortedSamples(values, np.count_nonzero(~np.isnan(values), axis=1).astype(np.int64))
 
 
-def sorted_valid(samples_mm: ArrayLike) -> FloatArray:
+@jit
+def gather(
+    values: Float32Array, n: int, curve_range: FloatArray, curve_sigma: FloatArray, value: FloatArray, count: FloatArray
+) -> Readings:
+    """Make `Readings` of the first `n` of ascending values, n > 0; `value` and `count` are room for as many."""
+    m, width, first, last, inside, pulled = -1, -1.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(n):
+        x = float(values[j])
+        if m >= 0 and (x == last or x - first <= width):
+            inside += 1.0
+            pulled += x - first
+        else:
+            if m >= 0:
+                value[m], count[m] = first + pulled / inside, inside
+            m, first, inside, pulled = m + 1, x, 1.0, 0.0
+            if n >= LONG_WINDOW:
+                width = BIN * sigma_at(x, curve_range, curve_sigma)
+        last = x
+    value[m], count[m] = first + pulled / inside, inside
+    return Readings(value[: m + 1], count[: m + 1], float(n))
+
+
+def readings_of(samples_mm: ArrayLike) -> Readings:
     """Sort one pixel's finite samples.
 
     Parameters
@@ -51,8 +82,8 @@ def sorted_valid(samples_mm: ArrayLike) -> FloatArray:
 
     Returns
     -------
-    (n,) float64
-        Finite samples, ascending.
+    Readings
+        Every sample by itself.
 
     Raises
     ------
@@ -63,4 +94,4 @@ def sorted_valid(samples_mm: ArrayLike) -> FloatArray:
     samples = np.sort(samples[np.isfinite(samples)])
     if samples.size == 0:
         raise ValueError("samples: none is finite")
-    return samples
+    return Readings(samples, np.ones_like(samples), float(samples.size))

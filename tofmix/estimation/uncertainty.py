@@ -12,9 +12,25 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.density import sigma_at
-from tofmix.estimation.mixture import PRIOR_SAMPLES, Components, gaussian, sample_densities
+from tofmix.estimation.components import (
+    DENSITY,
+    MEAN,
+    SHARE,
+    SIGMA,
+    SPARE,
+    SUPPORT,
+    TOTAL,
+    WEIGHT,
+    Components,
+    Room,
+    gradient_row,
+    no_return_row,
+)
+from tofmix.estimation.curve import sigma_at
+from tofmix.estimation.mixture import PRIOR_SAMPLES, expect
+from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
+from tofmix.estimation.vector import product_of
 from tofmix.jit import jit
 
 _SINGULAR = 1.0e-10
@@ -25,64 +41,92 @@ _LEAST_NO_RETURN = 0.5
 
 
 @jit
-def _shapes(sample: float, mean: float, sigma: float) -> tuple[float, float, float, float, float, float]:
-    """Density of a surface and its derivatives by mean (m) and log sigma (s): f, f_m, f_s, f_mm, f_ms, f_ss."""
-    z = (sample - mean) / sigma
-    f = gaussian(sample, mean, sigma)
-    square = z * z - 1.0
-    return (
-        f,
-        f * z / sigma,
-        f * square,
-        f * square / sigma**2,
-        f * z * (z * z - 3.0) / sigma,
-        f * (square * square - 2.0 * z * z),
-    )
+def _moments(
+    data: Readings, density: FloatArray, share: FloatArray, mean: float, scale: float
+) -> tuple[float, float, float, float, float]:
+    """Sums of share * density * z^p for p = 0..4, z = (value - mean) * scale."""
+    m0, m1, m2, m3, m4 = 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(len(data.value)):
+        term, z = share[j] * density[j], (data.value[j] - mean) * scale
+        m0 += term
+        term *= z
+        m1 += term
+        term *= z
+        m2 += term
+        term *= z
+        m3 += term
+        m4 += term * z
+    return m0, m1, m2, m3, m4
+
+
+@jit
+def _fill_gradient(data: Readings, k: int, fit: Components, mode: int, shares: int, room: Room) -> None:
+    """Fill the gradient's rows: log p(r_j) by k means, k log sigmas unless tied, and all shares but the last.
+
+    The densities are those of the fit, as `expect` leaves them.
+    """
+    m, free, rows = len(data.value), mode != MODE_TIED, room[gradient_row(fit) :]
+    total = room[TOTAL]
+    first_share = 2 * k if free else k
+    for i in range(k):
+        scale, weight, density = 1.0 / fit[SIGMA, i], fit[WEIGHT, i], room[DENSITY + i]
+        by_mean, by_sigma = rows[i], rows[k + i]
+        for j in range(m):
+            by_mean[j] = weight * density[j] * (data.value[j] - fit[MEAN, i]) * scale * scale / total[j]
+        if free:
+            for j in range(m):
+                z = (data.value[j] - fit[MEAN, i]) * scale
+                by_sigma[j] = weight * density[j] * (z * z - 1.0) / total[j]
+    # c_0 is the last share where it takes part; its densities stand in the last row.
+    last = room[DENSITY + k - 1] if shares == k else room[no_return_row(fit)]
+    for b in range(shares - 1):
+        by_share, density = rows[first_share + b], room[DENSITY + b]
+        for j in range(m):
+            by_share[j] = (density[j] - last[j]) / total[j]
 
 
 @jit
 def _information(
-    samples: FloatArray, k: int, fit: Components, beam: Beam, mode: int, with_no_return: bool
+    data: Readings, k: int, fit: Components, beam: Beam, mode: int, with_no_return: bool, room: Room
 ) -> FloatArray:
     """Observed information: minus the Hessian of the log likelihood, and of the sigmas' prior where there is one.
 
     Parameters in order: k means, k log sigmas unless they are tied, and all shares but the last, which is what the
-    others leave. c_0 takes part as one more share where it has samples.
+    others leave. Where c_0 has samples, its share is the last one; else that of the last surface.
     """
     shares = k + 1 if with_no_return else k
-    free = mode != MODE_TIED
+    free, m = mode != MODE_TIED, len(data.value)
     first_share = 2 * k if free else k
     size = first_share + shares - 1
-    information, second, gradient = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
-    terms = np.zeros(shares)
-    for j in range(len(samples)):
-        total = sample_densities(samples[j], k, fit, beam)[0]
-        second[:] = 0.0
-        if with_no_return:
-            terms[k] = gaussian(samples[j], beam.range_max, beam.sigma_max)
-        for i in range(k):
-            f, f_m, f_s, f_mm, f_ms, f_ss = _shapes(samples[j], fit.mean[i], fit.sigma[i])
-            terms[i] = f
-            gradient[i] = fit.weight[i] * f_m / total
-            second[i, i] = fit.weight[i] * f_mm
-            if free:
-                gradient[k + i] = fit.weight[i] * f_s / total
-                second[i, k + i] = second[k + i, i] = fit.weight[i] * f_ms
-                second[k + i, k + i] = fit.weight[i] * f_ss
-            for b in range(shares - 1):
-                # A share moves its own surface up and the last one down.
-                sign = 1.0 if b == i else (-1.0 if i == shares - 1 else 0.0)
-                second[i, first_share + b] = second[first_share + b, i] = sign * f_m
-                if free:
-                    second[k + i, first_share + b] = second[first_share + b, k + i] = sign * f_s
+    information = np.zeros((size, size))
+    expect(data, k, fit, beam, room)
+    _fill_gradient(data, k, fit, mode, shares, room)
+    rows, term = room[gradient_row(fit) :], room[SPARE, :m]
+    for a in range(size):
+        for j in range(m):
+            term[j] = data.count[j] * rows[a, j]
+        for b in range(a, size):
+            information[a, b] = information[b, a] = product_of(term, rows[b])
+    for i in range(k):
+        weight, scale = fit[WEIGHT, i], 1.0 / fit[SIGMA, i]
+        m0, m1, m2, m3, m4 = _moments(data, room[DENSITY + i], room[SHARE], fit[MEAN, i], scale)
+        information[i, i] -= weight * (m2 - m0) * scale * scale
+        if free:
+            information[i, k + i] -= weight * (m3 - 3.0 * m1) * scale
+            information[k + i, i] = information[i, k + i]
+            information[k + i, k + i] -= weight * (m4 - 4.0 * m2 + m0)
         for b in range(shares - 1):
-            gradient[first_share + b] = (terms[b] - terms[shares - 1]) / total
-        for a in range(size):
-            for b in range(size):
-                information[a, b] += gradient[a] * gradient[b] - second[a, b] / total
+            # A share moves its own surface up and the last one down.
+            sign = 1.0 if b == i else (-1.0 if i == shares - 1 else 0.0)
+            place = first_share + b
+            information[i, place] -= sign * m1 * scale
+            information[place, i] = information[i, place]
+            if free:
+                information[k + i, place] -= sign * (m2 - m0)
+                information[place, k + i] = information[k + i, place]
     if mode == MODE_PRIOR:
         for i in range(k):
-            ratio = sigma_at(fit.mean[i], beam.curve_range, beam.curve_sigma) / fit.sigma[i]
+            ratio = sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma) / fit[SIGMA, i]
             information[k + i, k + i] += 2.0 * PRIOR_SAMPLES * ratio * ratio
     return information
 
@@ -130,26 +174,33 @@ def _invert(matrix: FloatArray) -> bool:
 
 @jit
 def standard_errors(
-    samples: FloatArray, k: int, fit: Components, beam: Beam, mode: int, ranges: FloatArray, weights: FloatArray
+    data: Readings,
+    k: int,
+    fit: Components,
+    beam: Beam,
+    mode: int,
+    room: Room,
+    ranges: FloatArray,
+    weights: FloatArray,
 ) -> bool:
     """Fill ranges[:k], mm, and weights[:k] with the standard errors of means and shares.
 
     Return false where the information is singular; the errors are then those of surfaces that share nothing, and
     too small. A share that nothing competes with has the error 0: it is 1 - p(c_r).
     """
-    n = len(samples)
+    n = data.total
     for i in range(k):
-        share = fit.weight[i]
-        ranges[i] = fit.sigma[i] / math.sqrt(max(fit.support[i], 1.0))
+        share = fit[WEIGHT, i]
+        ranges[i] = fit[SIGMA, i] / math.sqrt(max(fit[SUPPORT, i], 1.0))
         weights[i] = math.sqrt(max(share * (1.0 - share), 0.0) / n)
     if k == 0:
         return True
-    with_no_return = fit.no_return[1] > _LEAST_NO_RETURN
+    with_no_return = fit[SUPPORT, -1] > _LEAST_NO_RETURN
     if k == 1 and not with_no_return:
         weights[0] = 0.0
-        if fit.support[0] > n - 0.01:
+        if fit[SUPPORT, 0] > n - 0.01:
             return True
-    information = _information(samples, k, fit, beam, mode, with_no_return)
+    information = _information(data, k, fit, beam, mode, with_no_return, room)
     if not _invert(information):
         return False
     first_share = k if mode == MODE_TIED else 2 * k

@@ -10,21 +10,24 @@ import numpy as np
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.counters.base import Peaks, no_peaks
 from tofmix.estimation.modes import find_peaks
-from tofmix.estimation.samples import SortedSamples
+from tofmix.estimation.samples import SortedSamples, gather
 from tofmix.jit import jit
 
 
 @jit
 def _fill(samples: SortedSamples, beam: Beam, gamma: float, epsilon: float, out: Peaks) -> None:
+    frames = samples.values.shape[1]
+    value, count, room = np.empty(frames), np.empty(frames), np.empty(frames)
     for pixel in range(len(samples.valid)):
         n = samples.valid[pixel]
         if n > 0:
             out.found[pixel] = find_peaks(
-                samples.values[pixel, :n],
+                gather(samples.values[pixel], n, beam.curve_range, beam.curve_sigma, value, count),
                 beam.curve_range,
                 beam.curve_sigma,
                 gamma,
                 epsilon,
+                room,
                 out.place[pixel],
                 out.height[pixel],
             )
