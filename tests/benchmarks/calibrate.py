@@ -13,9 +13,11 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.counting import Rules, try_one_more
+from tofmix.estimation.components import MEAN, SIGMA, WEIGHT
+from tofmix.estimation.counting import Rules, new_workshop, try_one_more
 from tofmix.estimation.false_alarms import FALSE_ALARMS, SAMPLES
-from tofmix.estimation.mixture import expectation_maximisation, new_components
+from tofmix.estimation.mixture import expectation_maximisation
+from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.jit import jit
 from tofmix.sensor import NoiseCurve, Sensor
@@ -26,14 +28,15 @@ CAMERA = Sensor(name="unit", range_min_mm=0.0, noise=NoiseCurve(np.array([10000.
 
 @jit
 def _gains(samples: FloatArray, beam: Beam, out: FloatArray) -> None:
-    work = new_components(8), new_components(8), new_components(8)
-    room = np.zeros(samples.shape[1])
-    fit, rules = work[0], Rules(LEAST_GAIN, 1.0, 8)
+    work = new_workshop(8, samples.shape[1])
+    fit, rules = work.fit, Rules(LEAST_GAIN, 1.0, 8)
+    once = np.ones(samples.shape[1])
     for pixel in range(samples.shape[0]):
-        fit.mean[0], fit.sigma[0] = samples[pixel].mean(), 1.0
-        fit.weight[0], fit.no_return[0] = 1.0 - beam.p_outlier, 0.0
-        expectation_maximisation(samples[pixel], 1, fit, beam, MODE_TIED, 100, 1.0e-9)
-        out[pixel] = try_one_more(samples[pixel], 1, work, beam, rules, room)
+        data = Readings(samples[pixel], once, float(samples.shape[1]))
+        fit[MEAN, 0], fit[SIGMA, 0] = samples[pixel].mean(), 1.0
+        fit[WEIGHT, 0], fit[WEIGHT, -1] = 1.0 - beam.p_outlier, 0.0
+        expectation_maximisation(data, 1, fit, beam, MODE_TIED, 100, 1.0e-9, work.room)
+        out[pixel] = try_one_more(data, 1, work, beam, rules)
 
 
 def quantiles(n: int, pixels: int, rng: np.random.Generator) -> FloatArray:

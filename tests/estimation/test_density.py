@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import trapezoid
 
-from tofmix.estimation.density import density, sigma_at
+from tofmix.estimation.curve import sigma_at
+from tofmix.estimation.density import density
 from tofmix.sensor import NoiseCurve, Sensor
 
 CURVE = NoiseCurve(np.array([400.0, 1500.0, 3000.0, 6000.0]), np.array([12.0, 25.0, 60.0, 200.0]))

@@ -5,8 +5,10 @@ import numpy as np
 from drawing import draw
 
 from tofmix.estimation.beam import beam_of
+from tofmix.estimation.components import MEAN, SIGMA, TOTAL, WEIGHT, new_components, new_room
 from tofmix.estimation.gradient import best_share, steepest_place
-from tofmix.estimation.mixture import expectation_maximisation, new_components
+from tofmix.estimation.mixture import expectation_maximisation
+from tofmix.estimation.samples import readings_of
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.sensor import Sensor
 
@@ -16,14 +18,14 @@ def test_no_second_surface_gains_more_than_the_steepest_slope(rng: np.random.Gen
     beam = beam_of(sensor)
     block = draw(rng, sensor, ranges_mm=[1500, 1530], shares=[0.7, 0.3], n=50, pixels=40)
     for column in np.sort(block, axis=0).T:
-        samples = column.astype(np.float64)
-        fit = new_components(1)
-        fit.mean[0], fit.sigma[0], fit.weight[0] = samples.mean(), 25.0, 1 - beam.p_outlier
-        expectation_maximisation(samples, 1, fit, beam, MODE_TIED, 200, 1e-9)
-        densities = np.zeros(len(samples))
-        slope, place = steepest_place(samples, 1, fit, beam, densities)
-        one = naive.mixture_density(samples, fit.mean, fit.sigma, fit.weight, 0.0, sensor)
-        np.testing.assert_allclose(densities, one, rtol=1e-9)
+        samples, data = column.astype(np.float64), readings_of(column)
+        fit, room = new_components(1), new_room(1, len(column))
+        fit[MEAN, 0], fit[SIGMA, 0], fit[WEIGHT, 0] = samples.mean(), 25.0, 1 - beam.p_outlier
+        expectation_maximisation(data, 1, fit, beam, MODE_TIED, 200, 1e-9, room)
+        slope, place, _ = steepest_place(data, 1, fit, beam, room, 0.0)
+        mean, sigma, weight = (fit[row, :1] for row in (MEAN, SIGMA, WEIGHT))
+        one = naive.mixture_density(samples, mean, sigma, weight, 0.0, sensor)
+        np.testing.assert_allclose(room[TOTAL], one, rtol=1e-9)
 
         # The slope is that of the likelihood as share moves there.
         def moved(share: float, place: float = place, one: naive.Array = one, samples: naive.Array = samples) -> float:
@@ -37,5 +39,5 @@ def test_no_second_surface_gains_more_than_the_steepest_slope(rng: np.random.Gen
         gain = np.log(naive.mixture_density(samples, *two, sensor)).sum() - np.log(one).sum()
         assert gain < slope + 0.1
         # and the best share is where it peaks
-        best = best_share(samples, place, beam, densities)
+        best = best_share(data, place, beam, room)
         assert moved(best) >= max(moved(0.8 * best), moved(min(1.2 * best, 0.95))) - 1e-3 or slope < 0

@@ -53,7 +53,6 @@ _LEAST_NORM = 1.0e-6
 """Below this, by sample, a direction is no direction: its information is rounding."""
 
 
-
 @jit
 def steepest_place(
     data: Readings, k: int, fit: Components, beam: Beam, room: Room, least: float

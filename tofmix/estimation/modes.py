@@ -23,8 +23,11 @@ from tofmix.estimation.samples import Readings, readings_of
 from tofmix.jit import jit
 from tofmix.sensor import NoiseCurve
 
-STEP = 0.25
-"""Step of the walk in units of sigma(r): half the bandwidth."""
+STEP = 0.125
+"""Step of the walk in units of sigma(r): a quarter of the bandwidth."""
+
+STEEP = 0.3
+"""Where |dp/dr| is above this, in units of p / h, the walk takes double steps: two turns do not fit into one."""
 
 PEAK_OF_SHARE = 1.0 / math.sqrt(1.0 + 1.0 / BANDWIDTH**2)
 """Height of the smoothed peak of a surface of share 1, in units of one kernel's peak."""
@@ -54,7 +57,7 @@ def find_peaks(
     count, in_run = 0, False
     place, height, flattest = 0.0, 0.0, math.inf
     best_place, best_height = values[0], 0.0
-    first, stop, before = 0, 0, math.nan
+    first, stop, before, last = 0, 0, math.nan, 0.0
     # p rises up to the first sample and falls from the last one on: a step beyond each is enough.
     r = values[0] - STEP * sigma_at(values[0], curve_range, curve_sigma)
     end = values[-1] + STEP * sigma_at(values[-1], curve_range, curve_sigma)
@@ -62,20 +65,22 @@ def find_peaks(
         sigma = sigma_at(r, curve_range, curve_sigma)
         h = BANDWIDTH * sigma
         first, stop = within_reach(values, first, stop, r - REACH * h, r + REACH * h)
-        turns, flat, slope, total, next_r = False, False, math.nan, 0.0, r + STEP * sigma
+        turns, flat, slope, total, step = False, False, math.nan, 0.0, STEP * sigma
         if first < stop:
             total, moment = kernel_sums(data, first, stop, r, h, room)
             slope = -moment / total  # dp/dr in units of p / h
             turns = before > 0.0 >= slope
             if abs(slope) < epsilon:  # |dp/dr| < epsilon and d2p/dr2 < 0
                 flat = kernel_bend(data, first, stop, r, h, room) < 0.0
+            if abs(slope) > STEEP:
+                step *= 2.0
         elif first < len(values):
-            next_r = max(next_r, values[first] - REACH * h)  # nothing near: go to the next sample
+            step = max(step, values[first] - REACH * h - r)  # nothing near: go to the next sample
         if turns or flat:
             if not in_run:
                 in_run, height, flattest = True, 0.0, math.inf
             if turns:
-                place, flattest = r - STEP * sigma * slope / (slope - before), 0.0
+                place, flattest = r - last * slope / (slope - before), 0.0
             elif abs(slope) < flattest:
                 place, flattest = r, abs(slope)
             height = max(height, total)
@@ -85,7 +90,7 @@ def find_peaks(
             in_run = False
             if height > threshold:  # p > gamma
                 count = keep_peak(places, heights, count, place, height / (n * PEAK_OF_SHARE))
-        before, r = slope, next_r
+        before, last, r = slope, step, r + step
     if in_run and height > threshold:
         count = keep_peak(places, heights, count, place, height / (n * PEAK_OF_SHARE))
     if count == 0:

@@ -118,9 +118,7 @@ def _promise_near(own: Readings, mean: float, sigma: float, room: Room, least: f
 
 
 @jit
-def _next_power(
-    power: FloatArray, base: FloatArray, z: FloatArray, count: FloatArray
-) -> tuple[float, float, float]:
+def _next_power(power: FloatArray, base: FloatArray, z: FloatArray, count: FloatArray) -> tuple[float, float, float]:
     """Multiply the powers by the base; return the sums of them, of them times z, and of their squares."""
     a0, b0, a1, b1, a2, b2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     m = len(power)

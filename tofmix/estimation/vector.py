@@ -25,7 +25,7 @@ _ROOT_2 = math.sqrt(2.0)
 
 @jit
 def exp_minus(x: float) -> float:
-    """exp(-x) for x >= 0, to 1e-10 of its value up to x = 20, and to 1e-5 up to 300.
+    """exp(-x) for x >= 0, to 1e-10 of its value up to x = 20, and to 1 % up to 400.
 
     exp(-x / 1024) by its series, squared ten times. Never 0: values past `LARGEST` are as at it.
     """
@@ -111,9 +111,7 @@ def sums_of(values: FloatArray, others: FloatArray) -> tuple[float, float]:
 
 
 @jit
-def moments_of(
-    values: FloatArray, density: FloatArray, share: FloatArray, about: float
-) -> tuple[float, float, float]:
+def moments_of(values: FloatArray, density: FloatArray, share: FloatArray, about: float) -> tuple[float, float, float]:
     """Sums over the values of density * share, of that times (value - about), and times its square."""
     a0, b0, c0, d0 = 0.0, 0.0, 0.0, 0.0
     a1, b1, c1, d1 = 0.0, 0.0, 0.0, 0.0
