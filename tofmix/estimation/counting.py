@@ -14,7 +14,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.acceleration import maximise_likelihood
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Beam, is_no_return
 from tofmix.estimation.density import sigma_at, within_reach
 from tofmix.estimation.gradient import best_share, steepest_place
 from tofmix.estimation.mixture import Components, log_likelihood, sample_densities
@@ -64,7 +64,7 @@ def _most_orphans(samples: FloatArray, k: int, fit: Components, beam: Beam, orph
     n = 0
     for j in range(len(samples)):
         density = sample_densities(samples[j], k, fit, beam)[0]
-        if beam.outlier_density > 0.5 * density and samples[j] <= beam.no_return_from:
+        if beam.outlier_density > 0.5 * density and not is_no_return(samples[j], beam):
             orphans[n] = samples[j]
             n += 1
     most, place, first, stop = 0, 0.0, 0, 0
@@ -165,7 +165,7 @@ def _by_chance(n: int, k: int, index: int, fit: Components, beam: Beam, rules: R
 def drop_unsupported(n: int, k: int, fit: Components, beam: Beam, rules: Rules) -> int:
     """Take out what is no surface: those that belong to c_0, the weakest without support, outliers by chance."""
     for i in range(k - 1, -1, -1):
-        if fit.mean[i] > beam.no_return_from:
+        if is_no_return(fit.mean[i], beam):
             fit.no_return[0] += fit.weight[i]
             k = remove_surface(k, i, fit)
     weakest = 0
@@ -239,7 +239,7 @@ def _most_spread(samples: FloatArray, k: int, fit: Components, beam: Beam) -> in
 def _supported(n: int, k: int, fit: Components, beam: Beam, rules: Rules) -> bool:
     """Whether every surface is one: none belongs to c_0, lacks support or may be outliers."""
     for i in range(k):
-        if fit.mean[i] > beam.no_return_from or fit.support[i] < MIN_SUPPORT:
+        if is_no_return(fit.mean[i], beam) or fit.support[i] < MIN_SUPPORT:
             return False
         if _by_chance(n, k, i, fit, beam, rules):
             return False

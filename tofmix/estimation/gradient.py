@@ -10,8 +10,10 @@ References
 Lindsay, The geometry of mixture likelihoods, Annals of Statistics 11(1), 1983, doi:10.1214/aos/1176346059.
 """
 
+import math
+
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Beam, is_no_return
 from tofmix.estimation.density import sigma_at, within_reach
 from tofmix.estimation.mixture import Components, gaussian, sample_densities
 from tofmix.jit import jit
@@ -39,7 +41,9 @@ def steepest_place(
     most, place = -float(n), samples[0]
     first, stop = 0, 0
     theta = samples[0] - sigma_at(samples[0], beam.curve_range, beam.curve_sigma)
-    end = min(samples[n - 1] + sigma_at(samples[n - 1], beam.curve_range, beam.curve_sigma), beam.no_return_from)
+    end = samples[n - 1] + sigma_at(samples[n - 1], beam.curve_range, beam.curve_sigma)
+    if math.isinf(beam.no_return_to):
+        end = min(end, beam.no_return_from)
     while theta <= end:
         sigma = sigma_at(theta, beam.curve_range, beam.curve_sigma)
         first, stop = within_reach(samples, first, stop, theta - _REACH * sigma, theta + _REACH * sigma)
@@ -50,7 +54,7 @@ def steepest_place(
         if first == stop and first < n:
             next_theta = max(next_theta, samples[first] - sigma)  # nothing near: go to the next sample
         slope = (1.0 - beam.p_outlier) * total + outliers - n
-        if slope > most:
+        if slope > most and not is_no_return(theta, beam):
             most, place = slope, theta
         theta = next_theta
     return most, place

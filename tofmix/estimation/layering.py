@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.acceleration import maximise_likelihood
-from tofmix.estimation.beam import Beam, beam_of
+from tofmix.estimation.beam import Beam, beam_of, is_no_return, reaches_no_return
 from tofmix.estimation.counters.base import MAX_PEAKS, Peaks
 from tofmix.estimation.counting import (
     Rules,
@@ -36,6 +36,7 @@ from tofmix.estimation.mixture import (
 from tofmix.estimation.samples import SortedSamples, sort_samples
 from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Knobs, knobs_of
 from tofmix.estimation.uncertainty import standard_errors
+from tofmix.estimation.unrolling import fold_layers, unroll
 from tofmix.flags import Status
 from tofmix.jit import jit
 from tofmix.layers import Layers
@@ -43,9 +44,6 @@ from tofmix.sensor import NoiseCurve, Sensor
 
 CLEAR_SIGMAS = 4.0
 """One peak and no sample farther from the mean than this: the mean is the fit, no EM is needed."""
-
-NO_RETURN_REACH = 6.0
-"""Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""
 
 _OK = int(Status.OK)
 _TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
@@ -56,11 +54,14 @@ _DEGENERATE = int(Status.DEGENERATE)
 
 @jit
 def _split_no_return(places: FloatArray, heights: FloatArray, k: int, beam: Beam) -> tuple[int, float]:
-    """Take the peaks that belong to c_0 off the end; return the surfaces' number and c_0's height."""
+    """Take out the peaks that belong to c_0; return the surfaces' number and c_0's height."""
     no_return = 0.0
-    while k > 0 and places[k - 1] > beam.no_return_from:
-        k -= 1
-        no_return += heights[k]
+    for i in range(k - 1, -1, -1):
+        if is_no_return(places[i], beam):
+            no_return += heights[i]
+            for j in range(i, k - 1):
+                places[j], heights[j] = places[j + 1], heights[j + 1]
+            k -= 1
     return k, no_return
 
 
@@ -70,7 +71,7 @@ def _fit_clear(samples: FloatArray, fit: Components, beam: Beam) -> bool:
     n = len(samples)
     mean = np.sum(samples) / n
     sigma = sigma_at(mean, beam.curve_range, beam.curve_sigma)
-    if max(samples[n - 1] - mean, mean - samples[0]) > CLEAR_SIGMAS * sigma or mean > beam.no_return_from:
+    if max(samples[n - 1] - mean, mean - samples[0]) > CLEAR_SIGMAS * sigma or is_no_return(mean, beam):
         return False
     fit.mean[0], fit.sigma[0], fit.weight[0], fit.no_return[0] = mean, sigma, 1.0 - beam.p_outlier, 0.0
     fit.support[0], fit.no_return[1] = n, 0.0
@@ -101,7 +102,7 @@ def _fit_pixel(
     fit = work[0]
     start, no_return = _split_no_return(places, heights, max(found, 1), beam)
     n_peaks = min(start, found)
-    near = samples[len(samples) - 1] > beam.range_max - NO_RETURN_REACH * beam.sigma_max
+    near = reaches_no_return(samples, beam)
     if start == 1 and no_return == 0.0 and not near and _fit_clear(samples, fit, beam):
         k = grow(samples, 1, work, beam, rules, room) if knobs.refine else 1
         if k == 1:
@@ -196,7 +197,8 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
     Raises
     ------
     ValueError
-        If the samples have another number of dimensions or no frame, or the sensor has no noise curve.
+        If the samples have another number of dimensions or no frame, the sensor has no noise curve, or the circle of
+        `unambiguous_range_mm` is too short for it.
     """
     samples = np.asarray(range_mm, dtype=np.float32)
     if samples.ndim not in (2, 3) or samples.shape[0] == 0:
@@ -204,14 +206,20 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
     options = options or EstimateOptions()
     block = np.ascontiguousarray(samples).reshape(samples.shape[0], math.prod(samples.shape[1:]))
     out = Layers.empty((block.shape[1],), options.max_layers)
-    beam = beam_of(sensor)
+    length = options.unambiguous_range_mm
+    beam = beam_of(sensor, length)
     ordered, table = sort_samples(block), gain_table(block.shape[0])
+    if length is not None:
+        unroll(ordered, beam, length)
     _layer_block(ordered, options.counter.peaks(ordered, beam), out.arrays(), beam, knobs_of(options), table)
+    if length is not None:
+        fold_layers(out, length)
     return out.reshaped(samples.shape[1:])
 
 
 def warm_up(options: EstimateOptions) -> None:
     """Compile the kernels, or load them from their cache, by fitting one made-up pixel."""
-    noise = NoiseCurve(np.array([1000.0]), np.array([10.0]))
+    sigma = 10.0 if options.unambiguous_range_mm is None else 0.01 * options.unambiguous_range_mm
+    noise = NoiseCurve(np.array([1000.0]), np.array([sigma]))
     sensor = Sensor(name="warm-up", range_max_mm=2000.0, noise=noise)
     layer_pixels(np.full((options.min_samples, 1), 1000.0), sensor, options)

@@ -18,10 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
+from tofmix.circle import fold
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.density import sigma_at
 from tofmix.estimation.samples import sorted_valid
 from tofmix.estimation.settings import MODE_FREE, MODE_TIED, EstimateOptions, knobs_of
+from tofmix.estimation.unrolling import unrolled_pixel
 from tofmix.jit import jit
 from tofmix.sensor import Sensor
 
@@ -219,7 +221,7 @@ def fit_mixture(
     sensor : Sensor
         Noise curve, p(c_r), and the range up to which there is a c_0.
     options : EstimateOptions, optional
-        `sigma`, `max_iter` and `tol` are used.
+        `sigma`, `max_iter`, `tol` and `unambiguous_range_mm` are used.
 
     Returns
     -------
@@ -239,14 +241,18 @@ def fit_mixture(
     start = np.asarray(start_mm, dtype=np.float64).ravel()
     if not np.isfinite(start).all():
         raise ValueError("start: a starting mean is not finite")
-    beam, knobs = beam_of(sensor), knobs_of(options or EstimateOptions())
+    options = options or EstimateOptions()
+    length = options.unambiguous_range_mm
+    beam, knobs = beam_of(sensor, length), knobs_of(options)
+    if length is not None:
+        samples, start = unrolled_pixel(samples, start, beam, length)
     k = len(start)
     fit = new_components(max(k, 1))
     no_return = 1.0 if math.isfinite(beam.range_max) else 0.0
     start_at(start, np.ones(k), k, no_return, fit, beam)
     n_iter = expectation_maximisation(samples, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol)
     return MixtureFit(
-        mean_mm=fit.mean[:k].copy(),
+        mean_mm=fit.mean[:k].copy() if length is None else fold(fit.mean[:k], length),
         sigma_mm=fit.sigma[:k].copy(),
         weight=fit.weight[:k].copy(),
         weight_no_return=float(fit.no_return[0]),

@@ -1,0 +1,79 @@
+"""Range as a circle: a phase says where a surface is, but for whole turns of d_u = c / (2 f).
+
+Use it where readings are folded at the unambiguous range d_u: a surface at the
+fold then reads near 0 at times and near d_u at others, and is one surface. All
+functions here are for values; `tofmix.estimation.unrolling` cuts the circle open
+for the estimator.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tofmix.arrays import FloatArray
+from tofmix.sensor import NoiseCurve, Sensor
+
+NO_RETURN_SIGMAS = 2.0
+"""A surface within this many sigma of `range_max_mm` is taken as no return, c_0."""
+
+FOLD_SIGMAS = 4.0
+"""Readings this many sigma past the fold may be of a surface before it."""
+
+TURNS = (-1, 0, 1, 2)
+"""Turns of the circle that an unrolled noise curve covers: a cut range axis is within the middle two."""
+
+
+def fold(range_mm: ArrayLike, unambiguous_range_mm: float) -> FloatArray:
+    """Fold ranges of any shape, mm, into [0, d_u); what is not finite becomes NaN."""
+    values = np.asarray(range_mm, dtype=np.float64)
+    values = np.where(np.isfinite(values), values, np.nan)
+    folded: FloatArray = values - unambiguous_range_mm * np.floor(values / unambiguous_range_mm)
+    # A tiny negative value is rounded to d_u itself.
+    return np.where(folded >= unambiguous_range_mm, 0.0, folded)
+
+
+def circular_noise(sensor: Sensor, unambiguous_range_mm: float) -> NoiseCurve:
+    """sigma(r) on the circle, unrolled over `TURNS`.
+
+    The file's curve on most of the circle. Right after the fold it is not known whether a reading is of a near
+    surface or of one a turn farther away, which is likelier where the camera sees nothing so near: sigma goes
+    linearly from sigma(d_u) to sigma at the far end of that zone, so that a surface at the fold has one sigma on
+    both sides. The zone ends at the largest of the curve's first range, `range_min_mm` and 4 sigma(d_u), and takes at
+    most half of the circle.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Noise curve and `range_min_mm`.
+    unambiguous_range_mm : float
+        d_u, mm.
+
+    Returns
+    -------
+    NoiseCurve
+        From -d_u to 3 d_u; it repeats from turn to turn.
+
+    Raises
+    ------
+    ValueError
+        If the sensor has no noise curve, or the circle is shorter than 20 sigma.
+    """
+    curve, length = sensor.noise, float(unambiguous_range_mm)
+    if curve is None:
+        raise ValueError("the sensor has no noise curve sigma(r)")
+    top = float(curve.sigma(length))
+    zone = min(max(float(curve.range_mm[0]), sensor.range_min_mm or 0.0, FOLD_SIGMAS * top), 0.5 * length)
+    inner = curve.range_mm[(curve.range_mm > zone) & (curve.range_mm < length)]
+    range_mm = np.concatenate([[0.0, zone], inner])
+    sigma_mm = np.concatenate([[top], curve.sigma(range_mm[1:])])
+    if not length >= 20.0 * sigma_mm.max():
+        raise ValueError(f"an unambiguous range of {length:g} mm is shorter than 20 sigma, {20 * sigma_mm.max():g} mm")
+    knots = np.concatenate([range_mm + turn * length for turn in TURNS] + [[(TURNS[-1] + 1) * length]])
+    return NoiseCurve(knots, np.append(np.tile(sigma_mm, len(TURNS)), top))
+
+
+def has_no_return(sensor: Sensor, unambiguous_range_mm: float) -> bool:
+    """Whether c_0 can be told on the circle: it lies at `range_max_mm`, and 2 sigma of it do not reach the fold."""
+    if sensor.range_max_mm is None or sensor.noise is None:
+        return False
+    reach = NO_RETURN_SIGMAS * float(sensor.noise.sigma(sensor.range_max_mm))
+    return sensor.range_max_mm + reach <= unambiguous_range_mm
