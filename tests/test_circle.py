@@ -50,8 +50,8 @@ def test_the_zone_reaches_to_where_the_camera_begins_to_see(range_min: float | N
 
 
 def test_a_circle_too_short_for_the_noise_is_refused(sensor: Sensor) -> None:
-    with pytest.raises(ValueError, match="shorter than 20 sigma"):
-        circular_noise(sensor, 200.0)
+    with pytest.raises(ValueError, match="shorter than 10 sigma"):
+        circular_noise(sensor, 100.0)
     with pytest.raises(ValueError, match="no noise curve"):
         circular_noise(replace(sensor, noise=None), 5000.0)
 

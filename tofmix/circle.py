@@ -18,6 +18,9 @@ NO_RETURN_SIGMAS = 2.0
 FOLD_SIGMAS = 4.0
 """Readings this many sigma past the fold may be of a surface before it."""
 
+LEAST_SIGMAS = 10.0
+"""On a shorter circle there is no room for a cut that is clear of a surface."""
+
 TURNS = (-1, 0, 1, 2)
 """Turns of the circle that an unrolled noise curve covers: a cut range axis is within the middle two."""
 
@@ -55,7 +58,7 @@ def circular_noise(sensor: Sensor, unambiguous_range_mm: float) -> NoiseCurve:
     Raises
     ------
     ValueError
-        If the sensor has no noise curve, or the circle is shorter than 20 sigma.
+        If the sensor has no noise curve, or the circle is shorter than `LEAST_SIGMAS` sigma.
     """
     curve, length = sensor.noise, float(unambiguous_range_mm)
     if curve is None:
@@ -65,8 +68,9 @@ def circular_noise(sensor: Sensor, unambiguous_range_mm: float) -> NoiseCurve:
     inner = curve.range_mm[(curve.range_mm > zone) & (curve.range_mm < length)]
     range_mm = np.concatenate([[0.0, zone], inner])
     sigma_mm = np.concatenate([[top], curve.sigma(range_mm[1:])])
-    if not length >= 20.0 * sigma_mm.max():
-        raise ValueError(f"an unambiguous range of {length:g} mm is shorter than 20 sigma, {20 * sigma_mm.max():g} mm")
+    least = LEAST_SIGMAS * float(sigma_mm.max())
+    if not length >= least:
+        raise ValueError(f"an unambiguous range of {length:g} mm is shorter than {LEAST_SIGMAS:g} sigma, {least:g} mm")
     knots = np.concatenate([range_mm + turn * length for turn in TURNS] + [[(TURNS[-1] + 1) * length]])
     return NoiseCurve(knots, np.append(np.tile(sigma_mm, len(TURNS)), top))
 
