@@ -173,7 +173,7 @@ def at_the_fold(pixels: int) -> None:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pixels", type=int, default=10000)
+    parser.add_argument("--pixels", type=int, default=4000)
     pixels = parser.parse_args().pixels
     print("One surface, found as more than one; the standard deviation is the curve's sigma:\n")
     _table(NOISES, pixels)

@@ -169,7 +169,8 @@ class _Search:
     def _finished(self, starts: list[FloatArray]) -> _Solution:
         """Follow every start a little, the best of them to the end; return the best end."""
         tried = []
-        for start in starts:
+        for theta in starts:
+            start = np.ascontiguousarray(theta)  # one layout, one compiled kernel
             if self._equal:
                 start[1] = 0.5 * math.log(np.exp(2.0 * start[1]) @ np.exp(start[2]))
             likelihood, *_ = _climb(self._samples, start, self._equal, self._floor, SHORT_ITER, 0.0)
