@@ -34,14 +34,23 @@ def fold(range_mm: ArrayLike, unambiguous_range_mm: float) -> FloatArray:
     return np.where(folded >= unambiguous_range_mm, 0.0, folded)
 
 
-def circular_noise(sensor: Sensor, unambiguous_range_mm: float) -> NoiseCurve:
+def unseen_zone(sensor: Sensor, unambiguous_range_mm: float) -> float:
+    """End of the zone after the fold in which the camera sees nothing: readings there are of what lies a turn beyond.
+
+    The larger of the noise curve's first range and `range_min_mm`, at most half of the circle, mm.
+    """
+    first = 0.0 if sensor.noise is None else float(sensor.noise.range_mm[0])
+    return min(max(first, sensor.range_min_mm or 0.0, 0.0), 0.5 * unambiguous_range_mm)
+
+
+def circular_noise(sensor: Sensor, unambiguous_range_mm: float, *, at_fold: bool = True) -> NoiseCurve:
     """sigma(r) on the circle, unrolled over `TURNS`.
 
     The file's curve on most of the circle. Right after the fold it is not known whether a reading is of a near
     surface or of one a turn farther away, which is likelier where the camera sees nothing so near: sigma goes
     linearly from sigma(d_u) to sigma at the far end of that zone, so that a surface at the fold has one sigma on
     both sides. The zone ends at the largest of the curve's first range, `range_min_mm` and 4 sigma(d_u), and takes at
-    most half of the circle.
+    most half of the circle. Without `at_fold`, for pixels with nothing at the fold, 4 sigma(d_u) do not count.
 
     Parameters
     ----------
@@ -49,6 +58,8 @@ def circular_noise(sensor: Sensor, unambiguous_range_mm: float) -> NoiseCurve:
         Noise curve and `range_min_mm`.
     unambiguous_range_mm : float
         d_u, mm.
+    at_fold : bool
+        Whether a surface may lie at the fold.
 
     Returns
     -------
@@ -64,9 +75,11 @@ def circular_noise(sensor: Sensor, unambiguous_range_mm: float) -> NoiseCurve:
     if curve is None:
         raise ValueError("the sensor has no noise curve sigma(r)")
     top = float(curve.sigma(length))
-    zone = min(max(float(curve.range_mm[0]), sensor.range_min_mm or 0.0, FOLD_SIGMAS * top), 0.5 * length)
+    zone = unseen_zone(sensor, length)
+    if at_fold:
+        zone = min(max(zone, FOLD_SIGMAS * top), 0.5 * length)
     inner = curve.range_mm[(curve.range_mm > zone) & (curve.range_mm < length)]
-    range_mm = np.concatenate([[0.0, zone], inner])
+    range_mm = np.concatenate([[0.0, zone] if zone > 0 else [0.0], inner])
     sigma_mm = np.concatenate([[top], curve.sigma(range_mm[1:])])
     least = LEAST_SIGMAS * float(sigma_mm.max())
     if not length >= least:

@@ -156,7 +156,8 @@ def test_on_a_circle_the_modes_agree_with_the_batch_search(rng: np.random.Genera
     density.add(block)
     modes = density.modes()
     samples, beam = sort_samples(block), beam_of(CAMERA, 6000.0)
-    unroll(samples, beam, 6000.0)
+    _, at_fold = unroll(samples, beam, 400.0, 6000.0)
+    assert at_fold.all()
     batch = Kde().peaks(samples, beam)
     same = modes.found == batch.found
     assert same.mean() > 0.96  # two maxima, or a shoulder and a maximum, within a step; a height next to gamma

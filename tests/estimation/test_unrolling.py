@@ -176,7 +176,7 @@ def test_unrolled_samples_ascend_over_one_turn_and_fold_back(*, seed: int, n: in
     block = sort_samples(readings.astype(np.float32))
     before = np.sort(fold(block.values, LENGTH), axis=1)
     beam = beam_of(RISING, LENGTH)
-    cuts = unroll(block, beam, LENGTH)
+    cuts, _ = unroll(block, beam, 600.0, LENGTH)
     assert (np.diff(block.values, axis=1) >= 0).all()
     assert (block.values >= cuts[:, np.newaxis]).all()
     assert (block.values < cuts[:, np.newaxis] + LENGTH).all()
@@ -198,6 +198,22 @@ def test_no_return_stays_a_reading_and_what_lies_beyond_it_is_a_surface(rng: np.
         assert (alone.n_modes == modes).all(), place
 
 
+def test_near_surfaces_keep_their_sigma_where_nothing_is_at_the_fold(rng: np.random.Generator) -> None:
+    noisy = replace(RISING, range_max_mm=None, noise=NoiseCurve(np.array([500.0, 7500.0]), np.array([6.0, 400.0])))
+    assert noisy.noise is not None
+    assert circular_noise(noisy, LENGTH).sigma(900.0) > 5 * noisy.noise.sigma(900.0)  # 4 sigma(d_u) are 1600 mm
+    mean = rng.choice([900.0, 1200.0], size=(100, 40))
+    readings = mean + rng.standard_normal(mean.shape) * noisy.noise.sigma(mean)
+    readings[3] = 7300.0  # one reading alone at the fold is an outlier
+    line, circle = layer_pixels(readings, noisy), layer_pixels(readings, noisy, ON_CIRCLE)
+    assert (line.n_modes == 2).mean() > 0.95
+    np.testing.assert_array_equal(circle.n_modes, line.n_modes)
+    np.testing.assert_allclose(circle.range, line.range, atol=0.1)
+    # The noise of a surface at the fold reaches as far, and is no surface of its own.
+    at_fold = fold(7450.0 + 400.0 * rng.standard_normal((100, 40)), LENGTH)
+    assert (layer_pixels(at_fold, noisy, ON_CIRCLE).n_modes == 1).mean() > 0.95
+
+
 def test_without_room_before_the_fold_there_is_no_c0(rng: np.random.Generator) -> None:
     camera = replace(CAMERA, range_max_mm=7450.0)
     layers = layer_pixels(fold(_surfaces(rng, [7450.0], [1.0], 60, 10), LENGTH), camera, ON_CIRCLE)
@@ -215,8 +231,8 @@ def test_one_pixel_fitted_from_given_means(rng: np.random.Generator) -> None:
 
 
 def test_unrolling_one_pixel_takes_its_starts_along() -> None:
-    beam = beam_of(CAMERA, LENGTH)
-    samples, start = unrolled_pixel(np.array([7480.0, 30.0, 20.0]), np.array([7490.0, 10.0]), beam, LENGTH)
+    samples, start, beam = unrolled_pixel(np.array([7480.0, 30.0, 20.0]), np.array([7490.0, 10.0]), CAMERA, LENGTH)
+    np.testing.assert_array_equal(beam.curve_sigma, beam_of(CAMERA, LENGTH).curve_sigma)
     assert samples.tolist() == [7480.0, 20 + LENGTH, 30 + LENGTH]
     assert start.tolist() == [7490.0, 10 + LENGTH]
 

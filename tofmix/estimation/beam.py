@@ -54,7 +54,7 @@ def reaches_no_return(samples: FloatArray, beam: Beam) -> bool:
     return j >= 0 and samples[j] > beam.range_max - reach
 
 
-def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None) -> Beam:
+def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fold: bool = True) -> Beam:
     """Take the fixed part of equation (1) from a sensor.
 
     Without `range_max_mm`, the random values spread up to the last range of the noise curve; on a circle, over all
@@ -66,6 +66,8 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None) -> Beam:
         The camera.
     unambiguous_range_mm : float, optional
         Length of the circle that ranges are on, mm; a line without it.
+    at_fold : bool
+        Whether a surface may lie at the fold, as for `tofmix.circle.circular_noise`.
 
     Raises
     ------
@@ -74,7 +76,7 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None) -> Beam:
         short for the noise or the working range.
     """
     if unambiguous_range_mm is not None:
-        return _circular_beam(sensor, unambiguous_range_mm)
+        return _circular_beam(sensor, unambiguous_range_mm, at_fold=at_fold)
     if sensor.noise is None:
         raise ValueError("the sensor has no noise curve sigma(r)")
     low = sensor.range_min_mm or 0.0
@@ -99,9 +101,9 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None) -> Beam:
     )
 
 
-def _circular_beam(sensor: Sensor, length: float) -> Beam:
+def _circular_beam(sensor: Sensor, length: float, *, at_fold: bool) -> Beam:
     """The beam on a circle; without c_0 where it could not be told from a surface at the fold."""
-    curve = circular_noise(sensor, length)
+    curve = circular_noise(sensor, length, at_fold=at_fold)
     low = sensor.range_min_mm or 0.0
     if not low < length:
         raise ValueError(f"range_min_mm {low:g} is not below the unambiguous range {length:g} mm")

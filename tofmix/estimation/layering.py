@@ -36,10 +36,10 @@ from tofmix.estimation.mixture import (
 from tofmix.estimation.samples import SortedSamples, sort_samples
 from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Knobs, knobs_of
 from tofmix.estimation.uncertainty import standard_errors
-from tofmix.estimation.unrolling import fold_layers, unroll
+from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.flags import Status
 from tofmix.jit import jit
-from tofmix.layers import Layers
+from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.sensor import NoiseCurve, Sensor
 
 CLEAR_SIGMAS = 4.0
@@ -206,15 +206,28 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
     options = options or EstimateOptions()
     block = np.ascontiguousarray(samples).reshape(samples.shape[0], math.prod(samples.shape[1:]))
     out = Layers.empty((block.shape[1],), options.max_layers)
-    length = options.unambiguous_range_mm
-    beam = beam_of(sensor, length)
-    ordered, table = sort_samples(block), gain_table(block.shape[0])
-    if length is not None:
-        unroll(ordered, beam, length)
-    _layer_block(ordered, options.counter.peaks(ordered, beam), out.arrays(), beam, knobs_of(options), table)
-    if length is not None:
-        fold_layers(out, length)
+    ordered = sort_samples(block)
+    if options.unambiguous_range_mm is None:
+        _layers_on_line(ordered, beam_of(sensor), options, out)
+    else:
+        _layers_on_circle(ordered, sensor, options, options.unambiguous_range_mm, out)
     return out.reshaped(samples.shape[1:])
+
+
+def _layers_on_line(samples: SortedSamples, beam: Beam, options: EstimateOptions, out: Layers) -> None:
+    table = gain_table(samples.values.shape[1])
+    _layer_block(samples, options.counter.peaks(samples, beam), out.arrays(), beam, knobs_of(options), table)
+
+
+def _layers_on_circle(
+    samples: SortedSamples, sensor: Sensor, options: EstimateOptions, length: float, out: Layers
+) -> None:
+    for part in unrolled(samples, sensor, length):
+        found = Layers.empty((len(part.pixels),), options.max_layers)
+        _layers_on_line(part.samples, part.beam, options, found)
+        for spec in LAYER_FIELDS:
+            getattr(out, spec.name)[part.pixels] = getattr(found, spec.name)
+    fold_layers(out, length)
 
 
 def warm_up(options: EstimateOptions) -> None:

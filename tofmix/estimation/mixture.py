@@ -243,9 +243,11 @@ def fit_mixture(
         raise ValueError("start: a starting mean is not finite")
     options = options or EstimateOptions()
     length = options.unambiguous_range_mm
-    beam, knobs = beam_of(sensor, length), knobs_of(options)
-    if length is not None:
-        samples, start = unrolled_pixel(samples, start, beam, length)
+    knobs = knobs_of(options)
+    if length is None:
+        beam = beam_of(sensor)
+    else:
+        samples, start, beam = unrolled_pixel(samples, start, sensor, length)
     k = len(start)
     fit = new_components(max(k, 1))
     no_return = 1.0 if math.isfinite(beam.range_max) else 0.0

@@ -5,18 +5,22 @@ lies, and the readings below the cut move up a turn: a surface at the fold is
 then one heap, at d_u or just beyond. Where no reading is near the fold, the cut is
 the fold itself and nothing moves. Ranges are folded back at the end.
 
+A pixel with nothing just before the fold, nor nearer than the camera sees, has no surface at
+the fold: its near readings are near, and keep the noise curve's sigma.
+
 c_0 is a reading at range_max, whatever is folded: the cut never parts it from that
 place, so that its term of equation (1) holds as it stands.
 """
 
 import math
 import warnings
+from typing import NamedTuple
 
 import numpy as np
 
-from tofmix.arrays import Float32Array, FloatArray
-from tofmix.circle import FOLD_SIGMAS, fold
-from tofmix.estimation.beam import Beam
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.circle import FOLD_SIGMAS, fold, unseen_zone
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.density import sigma_at
 from tofmix.estimation.samples import FARTHEST_MM, SortedSamples
 from tofmix.jit import jit
@@ -79,13 +83,21 @@ def _emptiest(values: FloatArray, beam: Beam, length: float) -> float:
 
 
 @jit
-def unroll(samples: SortedSamples, beam: Beam, length: float) -> FloatArray:
-    """Cut the circle of each pixel and unroll its sorted samples, in place; return the cuts (pixel,), mm.
+def _at_fold(values: FloatArray, beam: Beam, unseen: float, length: float) -> bool:
+    """Whether two or more sorted readings lie where only a surface at the fold puts them: one alone is an outlier."""
+    before = length - CUT_SIGMAS * sigma_at(0.0, beam.curve_range, beam.curve_sigma)
+    return bool(np.searchsorted(values, unseen) + len(values) - np.searchsorted(values, before) > 1)
+
+
+@jit
+def unroll(samples: SortedSamples, beam: Beam, unseen: float, length: float) -> tuple[FloatArray, BoolArray]:
+    """Cut the circle of each pixel and unroll its sorted samples, in place; return the cuts, mm, and what is `at_fold`.
 
     Samples then ascend from the cut on, over less than `length`. A cut past range_max, where there is a c_0, is taken
-    a turn lower, so that range_max stays where it is.
+    a turn lower, so that range_max stays where it is. `unseen` is the zone after the fold that the camera does not
+    see. Both results have the shape (pixel,).
     """
-    cuts = np.zeros(len(samples.valid))
+    cuts, at_fold = np.zeros(len(samples.valid)), np.zeros(len(samples.valid), dtype=np.bool_)
     for pixel in range(len(samples.valid)):
         n = samples.valid[pixel]
         values = samples.values[pixel, :n]
@@ -93,22 +105,51 @@ def unroll(samples: SortedSamples, beam: Beam, length: float) -> FloatArray:
             value = values[j] - length * math.floor(values[j] / length)
             values[j] = 0.0 if value >= length else value
         values.sort()
-        cut = _emptiest(values, beam, length)
+        at_fold[pixel] = _at_fold(values, beam, unseen, length)
+        cut = _emptiest(values, beam, length) if at_fold[pixel] else 0.0
         below = np.searchsorted(values, cut)
         lower = length if math.isfinite(beam.range_max) and cut > beam.range_max else 0.0
         if below > 0 or lower > 0.0:
             values[:] = np.concatenate((values[below:] - lower, values[:below] + (length - lower)))
         cuts[pixel] = cut - lower
-    return cuts
+    return cuts, at_fold
+
+
+class Part(NamedTuple):
+    """Pixels of a block, by their numbers, that share a beam; their unrolled samples; and their cuts (pixel,), mm."""
+
+    pixels: IntArray
+    samples: SortedSamples
+    beam: Beam
+    cuts: FloatArray
+
+
+def unrolled(samples: SortedSamples, sensor: Sensor, unambiguous_range_mm: float) -> list[Part]:
+    """Unroll the circles of a block of pixels: those with a surface at the fold, perhaps, and those without.
+
+    Raises
+    ------
+    ValueError
+        As `beam_of`.
+    """
+    beam = beam_of(sensor, unambiguous_range_mm)
+    cuts, at_fold = unroll(samples, beam, unseen_zone(sensor, unambiguous_range_mm), unambiguous_range_mm)
+    parts = []
+    for chosen, its_beam in ((at_fold, beam), (~at_fold, beam_of(sensor, unambiguous_range_mm, at_fold=False))):
+        if chosen.any():
+            own = SortedSamples(samples.values[chosen], samples.valid[chosen])
+            parts.append(Part(np.flatnonzero(chosen), own, its_beam, cuts[chosen]))
+    return parts
 
 
 def unrolled_pixel(
-    samples: FloatArray, start: FloatArray, beam: Beam, unambiguous_range_mm: float
-) -> tuple[FloatArray, FloatArray]:
+    samples: FloatArray, start: FloatArray, sensor: Sensor, unambiguous_range_mm: float
+) -> tuple[FloatArray, FloatArray, Beam]:
     """Unroll one pixel's samples (n,) and, with the same cut, starting means (k,); samples come back sorted."""
     block = SortedSamples(samples[np.newaxis].copy(), np.array([len(samples)]))
-    cut = unroll(block, beam, unambiguous_range_mm)[0]
-    return block.values[0], cut + fold(start - cut, unambiguous_range_mm)
+    (part,) = unrolled(block, sensor, unambiguous_range_mm)
+    cut = part.cuts[0]
+    return part.samples.values[0], cut + fold(start - cut, unambiguous_range_mm), part.beam
 
 
 def fold_layers(layers: Layers, unambiguous_range_mm: float) -> None:

@@ -254,12 +254,12 @@ def _close(window: Layers, length: float | None) -> int:
 
 
 def noise_of(provenance: Provenance) -> NoiseCurve | None:
-    """Return the curve that sigmas are held against: the sensor's, or on a circle what the estimator made of it."""
+    """Return the curve that sigmas are held against: the sensor's, on a circle continuous across the fold."""
     sensor, length = provenance.sensor, provenance.unambiguous_range_mm
     if length is None or sensor.noise is None:
         return sensor.noise
     try:
-        return circular_noise(sensor, length)
+        return circular_noise(sensor, length, at_fold=False)
     except ValueError:
         return sensor.noise  # a circle that the estimator would have refused
 
