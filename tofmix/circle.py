@@ -47,10 +47,11 @@ def circular_noise(sensor: Sensor, unambiguous_range_mm: float, *, at_fold: bool
     """sigma(r) on the circle, unrolled over `TURNS`.
 
     The file's curve on most of the circle. Right after the fold it is not known whether a reading is of a near
-    surface or of one a turn farther away, which is likelier where the camera sees nothing so near: sigma goes
-    linearly from sigma(d_u) to sigma at the far end of that zone, so that a surface at the fold has one sigma on
-    both sides. The zone ends at the largest of the curve's first range, `range_min_mm` and 4 sigma(d_u), and takes at
-    most half of the circle. Without `at_fold`, for pixels with nothing at the fold, 4 sigma(d_u) do not count.
+    surface or of one a turn farther away, which is certain where the camera sees nothing so near (`unseen_zone`):
+    sigma stays sigma(d_u) over half of that, and goes linearly to sigma at the far end of the zone, so that a
+    surface at the fold has one sigma on both sides. The zone ends at the largest of the curve's first range,
+    `range_min_mm` and 4 sigma(d_u), and takes at most half of the circle. Without `at_fold`, for pixels with
+    nothing at the fold, 4 sigma(d_u) do not count.
 
     Parameters
     ----------
@@ -75,12 +76,13 @@ def circular_noise(sensor: Sensor, unambiguous_range_mm: float, *, at_fold: bool
     if curve is None:
         raise ValueError("the sensor has no noise curve sigma(r)")
     top = float(curve.sigma(length))
-    zone = unseen_zone(sensor, length)
+    unseen = zone = unseen_zone(sensor, length)
     if at_fold:
         zone = min(max(zone, FOLD_SIGMAS * top), 0.5 * length)
+    level = [0.5 * unseen] if unseen > 0 else []
     inner = curve.range_mm[(curve.range_mm > zone) & (curve.range_mm < length)]
-    range_mm = np.concatenate([[0.0, zone] if zone > 0 else [0.0], inner])
-    sigma_mm = np.concatenate([[top], curve.sigma(range_mm[1:])])
+    range_mm = np.concatenate([[0.0], level, [zone] if zone > 0 else [], inner])
+    sigma_mm = np.concatenate([np.full(1 + len(level), top), curve.sigma(range_mm[1 + len(level) :])])
     least = LEAST_SIGMAS * float(sigma_mm.max())
     if not length >= least:
         raise ValueError(f"an unambiguous range of {length:g} mm is shorter than {LEAST_SIGMAS:g} sigma, {least:g} mm")
