@@ -4,6 +4,7 @@
 layers file stores one, the report reads one; all three follow this list.
 """
 
+import math
 from dataclasses import dataclass, field, fields
 from typing import Any, Self
 
@@ -117,6 +118,12 @@ class Provenance:
     sensor: Sensor
     options: dict[str, str | int | float] = field(default_factory=dict)
     frames_left_out: int = 0
+
+    @property
+    def unambiguous_range_mm(self) -> float | None:
+        """Length of the circle that the ranges are on, mm; None: they are on a line."""
+        value = self.options.get("unambiguous_range_mm")
+        return float(value) if isinstance(value, int | float) and 0 < value < math.inf else None
 
 
 if tuple(f.name for f in fields(Layers)) != tuple(spec.name for spec in LAYER_FIELDS):

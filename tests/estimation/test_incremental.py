@@ -8,11 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import trapezoid
 
+from tofmix.circle import circular_noise, fold
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.counters import Kde
 from tofmix.estimation.incremental import IncrementalDensity
 from tofmix.estimation.modes import find_modes
 from tofmix.estimation.samples import sort_samples
+from tofmix.estimation.unrolling import unroll
 from tofmix.sensor import NoiseCurve, Sensor
 
 NOISE = NoiseCurve(np.array([400.0, 1500.0, 3000.0, 6000.0]), np.array([12.0, 25.0, 60.0, 200.0]))
@@ -121,3 +123,48 @@ def test_refusals_of_its_own() -> None:
         IncrementalDensity(CAMERA, 0)
     with pytest.raises(ValueError, match="gamma"):
         IncrementalDensity(CAMERA, 1).modes(gamma=2.0)
+
+
+def _folded_block(rng: np.random.Generator, n: int, pixels: int) -> np.ndarray:
+    mean = np.array([5800.0, 6010.0, 2200.0])[rng.choice(3, p=[0.2, 0.4, 0.4], size=(n, pixels))]
+    return np.asarray(fold(mean + rng.standard_normal((n, pixels)) * 0.03 * mean, 6000.0), dtype=np.float32)
+
+
+def test_on_a_circle_the_density_goes_round_it(rng: np.random.Generator) -> None:
+    block = _folded_block(rng, 60, 3)
+    block[0] = 0.0
+    block[1, 2] = np.nan
+    density = IncrementalDensity(CAMERA, 3, unambiguous_range_mm=6000.0)
+    density.add(block[:20])
+    density.add(block[20:])
+    assert density.n_samples.tolist() == [60, 60, 59]
+    grid, noise = density.range_mm, circular_noise(CAMERA, 6000.0)
+    assert grid[0] == 0
+    assert grid[-1] < 6000
+    steps = np.diff(np.append(grid, 6000.0)) / noise.sigma(grid)
+    assert (steps < 0.13).all()
+    for pixel, p in enumerate(density.density()):
+        samples = block[:, pixel][np.isfinite(block[:, pixel])].astype(np.float64)
+        # Every sample on this turn, the one before and the one after.
+        images = np.concatenate([samples - 6000.0, samples, samples + 6000.0])
+        np.testing.assert_allclose(p, 3 * naive.density(images, grid, noise), atol=1e-5 * p.max())
+
+
+def test_on_a_circle_the_modes_agree_with_the_batch_search(rng: np.random.Generator) -> None:
+    block = _folded_block(rng, 80, 200)
+    density = IncrementalDensity(CAMERA, 200, unambiguous_range_mm=6000.0)
+    density.add(block)
+    modes = density.modes()
+    samples, beam = sort_samples(block), beam_of(CAMERA, 6000.0)
+    _, at_fold = unroll(samples, beam, 400.0, 6000.0)
+    assert at_fold.all()
+    batch = Kde().peaks(samples, beam)
+    same = modes.found == batch.found
+    assert same.mean() > 0.96  # two maxima, or a shoulder and a maximum, within a step; a height next to gamma
+    for pixel in np.flatnonzero(same):
+        k = modes.found[pixel]
+        place = fold(batch.place[pixel, :k], 6000.0)
+        order = np.argsort(place)
+        away = fold(modes.place[pixel, :k] - place[order] + 3000.0, 6000.0) - 3000.0
+        assert (np.abs(away) < 0.1 * circular_noise(CAMERA, 6000.0).sigma(place[order])).all()
+        np.testing.assert_allclose(modes.height[pixel, :k], batch.height[pixel, :k][order], rtol=0.05)

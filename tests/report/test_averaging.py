@@ -117,3 +117,20 @@ def test_nothing_given_is_altered(make_layers: Callable[..., Layers], make_recor
     average_samples(recording, start=0, stop=50)  # type: ignore[arg-type]
     for old, new in zip(before, (layers.range, recording.range_mm, recording.amplitude), strict=True):  # type: ignore[attr-defined]
         np.testing.assert_array_equal(old, new)
+
+
+def test_on_a_circle_the_mean_is_a_direction() -> None:
+    samples = np.where(np.arange(40) % 2, 30.0, 5980.0)[:, np.newaxis, np.newaxis]
+    recording = ArrayRecording(np.concatenate([samples, np.full((40, 1, 1), np.nan)], axis=2), Sensor(name="x"))
+    image = average_samples(recording, start=0, stop=40, unambiguous_range_mm=6000.0)
+    assert image.averaging is Averaging.CIRCULAR
+    assert image.range_mm[0, 0] == pytest.approx(5.0, abs=1e-3)
+    assert np.isnan(image.range_mm[0, 1])
+
+
+def test_on_a_circle_layers_are_averaged_by_their_directions() -> None:
+    layers = Layers.empty((1, 2), 2)
+    layers.range[0, 0], layers.weight[0, 0] = (30.0, 5980.0), (0.5, 0.5)
+    image = average_layers(layers, unambiguous_range_mm=6000.0)
+    assert image.range_mm[0, 0] == pytest.approx(5.0, abs=1e-3)
+    assert np.isnan(image.range_mm[0, 1])

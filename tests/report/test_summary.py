@@ -11,7 +11,7 @@ from tofmix.io.layers_file import LayersWriter, open_layers
 from tofmix.layers import Layers
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary import Summary, summarise
-from tofmix.sensor import Sensor
+from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.windows import plan_windows
 
 
@@ -128,3 +128,27 @@ def test_a_status_of_a_later_version_keeps_its_number(
     layers = make_layers()
     layers.status[0, :2] = 77
     assert summarise(make_source(layers)).pixels_by_status["status_77"] == 2
+
+
+def test_layers_on_both_sides_of_the_fold_are_close(make_source: Callable[..., LayersSource]) -> None:
+    layers = Layers.empty((1, 3), 3)
+    layers.n_modes[0] = (2, 2, 1)
+    layers.range[0, 0, :2], layers.range[0, 1, :2], layers.range[0, 2, 0] = (20.0, 6980.0), (1000.0, 6980.0), 20.0
+    layers.sigma[0, :, :2] = 15.0
+    line, circle = (
+        summarise(make_source(layers, options=options)) for options in ({}, {"unambiguous_range_mm": 7000.0})
+    )
+    assert (line.pixels_with_close_layers, circle.pixels_with_close_layers) == (0, 1)
+
+
+CURVE = NoiseCurve(np.array([500.0, 3000.0, 7500.0]), np.array([9.0, 70.0, 430.0]))
+
+
+def test_sigma_is_held_against_the_circle(make_source: Callable[..., LayersSource]) -> None:
+    layers = Layers.empty((1, 1), 2)
+    layers.n_modes[:], layers.weight[..., 0] = 1, 1.0
+    layers.range[..., 0], layers.sigma[..., 0] = 3.0, CURVE.sigma(7000.0)
+    summary = summarise(
+        make_source(layers, options={"unambiguous_range_mm": 7000.0}, sensor=Sensor(name="x", noise=CURVE))
+    )
+    assert summary.sigma_over_curve.q50 == pytest.approx(1, abs=0.02)

@@ -2,6 +2,7 @@
 
 import math
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from tofmix.cli.options import PATH, default_workers, examples, overwrite_option, progress_bar
-from tofmix.cli.sensor_choice import outlier_choice, sensor_for
+from tofmix.cli.sensor_choice import circle_choice, circle_of, outlier_choice, sensor_for
 from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ tofmix estimate sample_data/three_boards.h5 -o boards.layers.h5
 tofmix estimate long.h5 --window 100 --stride 50
 tofmix estimate foreign.h5 --noise auto --outliers auto
 tofmix estimate foreign.h5 --noise sr3000 --sigma tied
+tofmix estimate folded.h5 --wrap
 tofmix estimate boards.h5 --counter cpdf --bins 30 -o cpdf.layers.h5
 """
 )
@@ -91,6 +93,11 @@ tofmix estimate boards.h5 --counter cpdf --bins 30 -o cpdf.layers.h5
     "--level", type=click.FloatRange(0, 1, max_open=True), default=0.1, show_default=True,
     help="fourier: least share of the samples that makes a peak in the series.",
 )  # fmt: skip
+@click.option(
+    "--unambiguous-range", type=click.FloatRange(0, min_open=True), metavar="MM",
+    help="Take range as a circle of this length: a surface at the fold is one surface.",
+)  # fmt: skip
+@click.option("--wrap", is_flag=True, help="The same, with c / 2f of the recording's modulation frequency f.")
 @click.option("--max-iter", type=click.IntRange(1, 65535), default=50, show_default=True, help="Most EM iterations.")
 @click.option(
     "--tol", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=1e-3, show_default=True,
@@ -116,6 +123,8 @@ def estimate(
     stride: int | None,
     noise: str,
     outliers: str,
+    unambiguous_range: float | None,
+    wrap: bool,
     workers: int | None,
     chunk_mb: float,
     overwrite: bool,
@@ -143,13 +152,16 @@ def estimate(
         raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
     try:
         counter = _counter(context, choices)
-        options = EstimateOptions(counter=counter, **choices)  # type: ignore[arg-type]  # click has checked the types
+        length = circle_choice(unambiguous_range, wrap=wrap)
+        options = EstimateOptions(counter=counter, unambiguous_range_mm=length, **choices)  # type: ignore[arg-type]  # click has checked the types
     except ValueError as error:
         raise UsageError(str(error)) from error
     choice = outlier_choice(outliers)
     with open_recording(recording) as source:
         check_output(target, overwrite=overwrite, inputs=(recording,))
-        source.sensor = sensor_for(source, noise=noise, outliers=choice)
+        if wrap:
+            options = replace(options, unambiguous_range_mm=circle_of(source))
+        source.sensor = sensor_for(source, noise=noise, outliers=choice, circle_mm=options.unambiguous_range_mm)
         try:
             windows = plan_windows(source.shape[0], window=window, stride=stride)
         except ValueError as error:

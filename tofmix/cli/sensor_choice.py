@@ -37,7 +37,40 @@ def outlier_choice(text: str) -> str | float:
     return probability
 
 
-def sensor_for(source: "RecordingFile", *, noise: str, outliers: str | float) -> "Sensor":
+def circle_choice(unambiguous_range: float | None, *, wrap: bool) -> float | None:
+    """What --unambiguous-range says.
+
+    Raises
+    ------
+    UsageError
+        If --wrap is there too.
+    """
+    if wrap and unambiguous_range is not None:
+        raise UsageError("--wrap takes the unambiguous range from the recording; leave out --unambiguous-range")
+    return unambiguous_range
+
+
+def circle_of(source: "RecordingFile") -> float:
+    """Return the unambiguous range of the recording's camera, mm.
+
+    Raises
+    ------
+    BadInputError
+        If its modulation frequency is not known.
+    """
+    from tofmix.ranging import unambiguous_range_mm
+
+    frequency = source.sensor.modulation_frequency_hz
+    if frequency is None:
+        raise BadInputError(
+            f"{source.path}: sensor: no modulation_frequency_hz, which --wrap needs; give --unambiguous-range MM"
+        )
+    return unambiguous_range_mm(frequency)
+
+
+def sensor_for(
+    source: "RecordingFile", *, noise: str, outliers: str | float, circle_mm: float | None = None
+) -> "Sensor":
     """The recording's sensor with the chosen noise curve and p(c_r).
 
     Parameters
@@ -48,6 +81,8 @@ def sensor_for(source: "RecordingFile", *, noise: str, outliers: str | float) ->
         ``file``, ``auto`` or the name of a built-in sensor.
     outliers : str or float
         What `outlier_choice` returned.
+    circle_mm : float, optional
+        Unambiguous range, mm, at which readings are folded.
 
     Raises
     ------
@@ -56,6 +91,7 @@ def sensor_for(source: "RecordingFile", *, noise: str, outliers: str | float) ->
     BadInputError
         If there is no noise curve, or the recording does not tell it.
     """
+    from tofmix.circle import has_no_return
     from tofmix.estimation.beam import beam_of
     from tofmix.sensors import PROFILES
 
@@ -67,7 +103,7 @@ def sensor_for(source: "RecordingFile", *, noise: str, outliers: str | float) ->
             f"{source.path}: sensor/noise_sigma: no noise curve; measure it with --noise auto,"
             f" or choose a built-in one with --noise PROFILE ({', '.join(PROFILES)})"
         )
-    measured = _measured(source) if AUTO in (noise, outliers) else None
+    measured = _measured(source, circle_mm) if AUTO in (noise, outliers) else None
     if noise == AUTO and measured is not None:
         _warn_where_they_differ(source, measured)
         sensor = replace(sensor, noise=measured.curve)
@@ -78,17 +114,24 @@ def sensor_for(source: "RecordingFile", *, noise: str, outliers: str | float) ->
     elif isinstance(outliers, float):
         sensor = replace(sensor, outlier_probability=outliers)
     try:
-        beam_of(sensor)
+        beam_of(sensor, circle_mm)
     except ValueError as error:
         raise BadInputError(f"{source.path}: sensor: {error}") from error
+    if circle_mm is not None and sensor.range_max_mm is not None and not has_no_return(sensor, circle_mm):
+        click.echo(
+            f"tofmix: {source.path}: sensor: samples without a return, at range_max_mm {sensor.range_max_mm:g}, cannot"
+            f" be told from a surface at the fold of {circle_mm:.1f} mm; there is no c_0",
+            err=True,
+        )
     return sensor
 
 
-def _measured(source: "RecordingFile") -> "MeasuredNoise":
+def _measured(source: "RecordingFile", circle_mm: float | None) -> "MeasuredNoise":
     from tofmix.estimation.noise import measure_noise
+    from tofmix.estimation.unrolling import UnrolledSource
 
     try:
-        return measure_noise(source)
+        return measure_noise(source if circle_mm is None else UnrolledSource(source, circle_mm))
     except ValueError as error:
         raise BadInputError(f"{source.path}: {error}") from error
 

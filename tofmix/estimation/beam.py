@@ -1,14 +1,17 @@
 """The fixed part of equation (1), the same for every pixel, as the kernels read it."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
+from tofmix.jit import jit
 from tofmix.sensor import Sensor
 
-NO_RETURN_SIGMAS = 2.0
-"""A surface within this many sigma of `range_max_mm` is taken as no return, c_0."""
+NO_RETURN_REACH = 6.0
+"""Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""
 
 _SMALLEST_OUTLIER_PROBABILITY = 1.0e-12
 
@@ -17,6 +20,7 @@ class Beam(NamedTuple):
     """The fixed part of equation (1), in mm, as the kernels read it.
 
     `range_max` is infinite where the sensor has no such limit; there is no c_0 then.
+    What lies past `no_return_from`, up to `no_return_to`, is c_0; the latter is infinite but on a circle.
     `outlier_density` is p(c_r) / (range_max - range_min), 1/mm. `range_min` and `range_top`, always
     finite, are the ends of that interval: the working range, or what stands in for it.
     """
@@ -26,22 +30,53 @@ class Beam(NamedTuple):
     range_max: float
     sigma_max: float
     no_return_from: float
+    no_return_to: float
     p_outlier: float
     outlier_density: float
     range_min: float
     range_top: float
 
 
-def beam_of(sensor: Sensor) -> Beam:
+@jit
+def is_no_return(range_mm: float, beam: Beam) -> bool:
+    """Whether a surface there would be c_0."""
+    return beam.no_return_from < range_mm <= beam.no_return_to
+
+
+@jit
+def reaches_no_return(samples: FloatArray, beam: Beam) -> bool:
+    """Whether any of the sorted samples lies so near to range_max that there may be a c_0."""
+    reach = NO_RETURN_REACH * beam.sigma_max
+    j = len(samples) - 1
+    if not math.isinf(beam.no_return_to):
+        while j >= 0 and samples[j] > beam.range_max + reach:
+            j -= 1
+    return j >= 0 and samples[j] > beam.range_max - reach
+
+
+def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fold: bool = True) -> Beam:
     """Take the fixed part of equation (1) from a sensor.
 
-    Without `range_max_mm`, the random values spread up to the last range of the noise curve.
+    Without `range_max_mm`, the random values spread up to the last range of the noise curve; on a circle, over all
+    of it. The working range of a circle is one turn from `range_min_mm` on.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The camera.
+    unambiguous_range_mm : float, optional
+        Length of the circle that ranges are on, mm; a line without it.
+    at_fold : bool
+        Whether a surface may lie at the fold, as for `tofmix.circle.circular_noise`.
 
     Raises
     ------
     ValueError
-        If the sensor has no noise curve, or the random values have no interval to spread over.
+        If the sensor has no noise curve, the random values have no interval to spread over, or the circle is too
+        short for the noise or the working range.
     """
+    if unambiguous_range_mm is not None:
+        return _circular_beam(sensor, unambiguous_range_mm, at_fold=at_fold)
     if sensor.noise is None:
         raise ValueError("the sensor has no noise curve sigma(r)")
     low = sensor.range_min_mm or 0.0
@@ -57,9 +92,34 @@ def beam_of(sensor: Sensor) -> Beam:
         range_max=float(range_max),
         sigma_max=sigma_max,
         no_return_from=float(range_max - NO_RETURN_SIGMAS * sigma_max),
+        no_return_to=np.inf,
         p_outlier=p_outlier,
         # With p(c_r) = 0 a sample far from every surface would have no likelihood at all.
         outlier_density=max(p_outlier, _SMALLEST_OUTLIER_PROBABILITY) / (high - low),
         range_min=float(low),
         range_top=float(high),
+    )
+
+
+def _circular_beam(sensor: Sensor, length: float, *, at_fold: bool) -> Beam:
+    """The beam on a circle; without c_0 where it could not be told from a surface at the fold."""
+    curve = circular_noise(sensor, length, at_fold=at_fold)
+    low = sensor.range_min_mm or 0.0
+    if not low < length:
+        raise ValueError(f"range_min_mm {low:g} is not below the unambiguous range {length:g} mm")
+    range_max, sigma_max = math.inf, float(curve.sigma(length))
+    if sensor.range_max_mm is not None and has_no_return(sensor, length):
+        range_max, sigma_max = sensor.range_max_mm, float(curve.sigma(sensor.range_max_mm))
+    spread = length if sensor.range_max_mm is None else min(sensor.range_max_mm - low, length)
+    return Beam(
+        curve_range=np.array(curve.range_mm),
+        curve_sigma=np.array(curve.sigma_mm),
+        range_max=range_max,
+        sigma_max=sigma_max,
+        no_return_from=range_max - NO_RETURN_SIGMAS * sigma_max,
+        no_return_to=range_max + NO_RETURN_SIGMAS * sigma_max if math.isfinite(range_max) else math.inf,
+        p_outlier=sensor.outlier_probability,
+        outlier_density=max(sensor.outlier_probability, _SMALLEST_OUTLIER_PROBABILITY) / spread,
+        range_min=low,
+        range_top=low + length,
     )

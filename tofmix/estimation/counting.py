@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.estimation.acceleration import maximise_likelihood
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Beam, is_no_return
 from tofmix.estimation.components import (
     GAIN,
     MEAN,
@@ -102,7 +102,7 @@ def _most_orphans(data: Readings, k: int, fit: Components, beam: Beam, room: Roo
     mix(data, k, fit, beam, room)
     orphans, counts, n = room[SPARE], room[OTHER], 0
     for j in range(len(data.value)):
-        if beam.outlier_density > 0.5 * room[TOTAL, j] and data.value[j] <= beam.no_return_from:
+        if beam.outlier_density > 0.5 * room[TOTAL, j] and not is_no_return(data.value[j], beam):
             orphans[n], counts[n] = data.value[j], data.count[j]
             n += 1
     most, place, first, stop = 0.0, 0.0, 0, 0
@@ -181,7 +181,7 @@ def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules:
 def drop_unsupported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> int:
     """Take out what is no surface: those that belong to c_0, the weakest without support, outliers by chance."""
     for i in range(k - 1, -1, -1):
-        if fit[MEAN, i] > beam.no_return_from:
+        if is_no_return(fit[MEAN, i], beam):
             fit[WEIGHT, -1] += fit[WEIGHT, i]
             k = remove_surface(k, i, fit)
     weakest = 0
@@ -252,7 +252,7 @@ def _most_spread(data: Readings, k: int, fit: Components, beam: Beam, room: Room
 def _supported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> bool:
     """Whether every surface is one: none belongs to c_0, lacks support or may be outliers."""
     for i in range(k):
-        if fit[MEAN, i] > beam.no_return_from or fit[SUPPORT, i] < MIN_SUPPORT:
+        if is_no_return(fit[MEAN, i], beam) or fit[SUPPORT, i] < MIN_SUPPORT:
             return False
         if _by_chance(n, k, i, fit, beam, rules):
             return False

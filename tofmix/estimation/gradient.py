@@ -18,7 +18,7 @@ Rao's score statistic with nuisance parameters: Cox and Hinkley, Theoretical Sta
 
 import math
 
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Beam, is_no_return
 from tofmix.estimation.components import (
     DENSITY,
     MEAN,
@@ -69,7 +69,9 @@ def steepest_place(
     most, place, promise, nearest, norms = -n, values[0], 0.0, -1, (0.0, 0.0, 0.0)
     first, stop = 0, 0
     theta = values[0] - sigma_at(values[0], beam.curve_range, beam.curve_sigma)
-    end = min(values[-1] + sigma_at(values[-1], beam.curve_range, beam.curve_sigma), beam.no_return_from)
+    end = values[-1] + sigma_at(values[-1], beam.curve_range, beam.curve_sigma)
+    if math.isinf(beam.no_return_to):
+        end = min(end, beam.no_return_from)
     while theta <= end:
         sigma = sigma_at(theta, beam.curve_range, beam.curve_sigma)
         first, stop = within_reach(values, first, stop, theta - _REACH * sigma, theta + _REACH * sigma)
@@ -82,9 +84,10 @@ def steepest_place(
             z = (value[j] - theta) * scale
             new[j] = height * exp_minus(0.5 * z * z)  # p(r_j | surface at theta), but for c_r
         slope = product_of(new, room[SHARE, first:stop]) + outliers - n
-        if slope > most:
+        is_place = not is_no_return(theta, beam)
+        if is_place and slope > most:
             most, place = slope, theta
-        if slope > 0.0 and promise < least:
+        if is_place and slope > 0.0 and promise < least:
             if slope >= least:
                 promise = max(promise, _gain_of_best_share(data, first, stop, room))
             if promise < least and k > 0:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray, IntArray
+from tofmix.circle import fold
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.counters import Kde, Peaks
 from tofmix.estimation.counters.base import SIGMAS_BEYOND, no_peaks
@@ -121,25 +122,33 @@ class IncrementalDensity:
         Noise curve and working range.
     pixels : int
         Pixels of a block, at least 1.
+    unambiguous_range_mm : float, optional
+        Length of the circle that ranges are on, mm. The grid then goes once round it, from 0 on, samples are folded,
+        and none is outside.
 
     Raises
     ------
     ValueError
-        If there is no pixel, or the sensor has no noise curve or no working range.
+        If there is no pixel, the sensor has no noise curve or no working range, or the circle is too short for it.
 
     References
     ----------
     Pathak, Birk and Poppinga, IROS 2008, section IV c, equations (4) and (5), and Fig. 7.
     """
 
-    def __init__(self, sensor: Sensor, pixels: int) -> None:
+    def __init__(self, sensor: Sensor, pixels: int, *, unambiguous_range_mm: float | None = None) -> None:
         if pixels < 1:
             raise ValueError(f"pixels: {pixels} is not at least 1")
-        beam = beam_of(sensor)
+        self._length = unambiguous_range_mm
+        beam = beam_of(sensor, unambiguous_range_mm)
         curve = beam.curve_range, beam.curve_sigma
-        below = SIGMAS_BEYOND * float(np.interp(beam.range_min, *curve))
-        beyond = SIGMAS_BEYOND * beam.sigma_max
-        self._range_mm = _grid(beam.range_min - below, beam.range_top + beyond, curve)
+        if unambiguous_range_mm is None:
+            below = SIGMAS_BEYOND * float(np.interp(beam.range_min, *curve))
+            beyond = SIGMAS_BEYOND * beam.sigma_max
+            self._range_mm = _grid(beam.range_min - below, beam.range_top + beyond, curve)
+        else:
+            round_it = _grid(0.0, unambiguous_range_mm, curve)
+            self._range_mm = round_it[:-1] * (unambiguous_range_mm / round_it[-1])
         self._h = BANDWIDTH * np.interp(self._range_mm, *curve)
         # Both ascend, as searching needs: h may fall with range faster than the grid rises.
         lowest = np.minimum.accumulate((self._range_mm - REACH * self._h)[::-1])[::-1].copy()
@@ -176,8 +185,20 @@ class IncrementalDensity:
         if values.ndim != _DIMENSIONS or values.shape[1] != len(self._n_samples):
             raise ValueError(f"block: expected (frame, {len(self._n_samples)}), got shape {values.shape}")
         n_samples = self._n_samples.copy()
+        if self._length is not None:
+            values = fold(np.where(np.abs(values) <= FARTHEST_MM, values, np.nan), self._length)
+            self._add_across_the_fold(values, self._length)
         _add(values, self._range_mm, self._h, self._ends, self._sums, n_samples)
         self._n_samples = n_samples
+
+    def _add_across_the_fold(self, values: FloatArray, length: float) -> None:
+        """Add what the kernels of folded samples lend the grid on the other side of the fold."""
+        reach, uncounted = REACH * float(self._h.max()), self._n_samples.copy()
+        for image in (
+            np.where(values < reach, values + length, np.nan),
+            np.where(values > length - reach, values - length, np.nan),
+        ):
+            _add(image, self._range_mm, self._h, self._ends, self._sums, uncounted)
 
     def density(self) -> FloatArray:
         """Return p(r) (pixel, place) in 1/mm on the grid, equation (4); zero where a pixel has no sample yet."""
@@ -211,6 +232,24 @@ class IncrementalDensity:
                 sums = self._sums[0][pixel], self._sums[1][pixel]
                 tests = float(threshold), float(limits.epsilon)
                 place, height = out.place[pixel], out.height[pixel]
-                out.found[pixel] = _peaks(self._range_mm, self._h, *sums, tests, place, height)
+                if self._length is None:
+                    out.found[pixel] = _peaks(self._range_mm, self._h, *sums, tests, place, height)
+                else:
+                    out.found[pixel] = self._peaks_round(sums, tests, place, height, self._length)
                 height /= n * PEAK_OF_SHARE
         return out
+
+    def _peaks_round(
+        self, sums: tuple[FloatArray, FloatArray], tests: tuple[float, float], place: FloatArray, height: FloatArray,
+        length: float,
+    ) -> int:  # fmt: skip
+        """Find the peaks on a circle: as on a line that starts where the density is lowest, and ends there."""
+        start = int(np.argmin(sums[0]))
+        round_it = np.r_[start : len(self._h), 0 : start + 1]
+        grid = self._range_mm[round_it]
+        grid[len(self._h) - start :] += length
+        found = _peaks(grid, self._h[round_it], sums[0][round_it], sums[1][round_it], tests, place, height)
+        order = np.argsort(fold(place[:found], length))
+        place[: max(found, 1)] = fold(place[: max(found, 1)], length)
+        place[:found], height[:found] = place[order], height[order]
+        return found

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.acceleration import maximise_likelihood
-from tofmix.estimation.beam import Beam, beam_of
+from tofmix.estimation.beam import Beam, beam_of, is_no_return, reaches_no_return
 from tofmix.estimation.components import (
     GAIN,
     MEAN,
@@ -56,14 +56,11 @@ from tofmix.estimation.uncertainty import standard_errors
 from tofmix.estimation.vector import product_of
 from tofmix.flags import Status
 from tofmix.jit import jit
-from tofmix.layers import Layers
+from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.sensor import NoiseCurve, Sensor
 
 CLEAR_SIGMAS = 4.0
 """One peak and no sample farther from the mean than this: the mean is the fit, no EM is needed."""
-
-NO_RETURN_REACH = 6.0
-"""Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""
 
 QUIET = 1.0e-3
 """A sample of which c_r takes no more than this part belongs to the surface."""
@@ -77,11 +74,14 @@ _DEGENERATE = int(Status.DEGENERATE)
 
 @jit
 def _split_no_return(places: FloatArray, heights: FloatArray, k: int, beam: Beam) -> tuple[int, float]:
-    """Take the peaks that belong to c_0 off the end; return the surfaces' number and c_0's height."""
+    """Take out the peaks that belong to c_0; return the surfaces' number and c_0's height."""
     no_return = 0.0
-    while k > 0 and places[k - 1] > beam.no_return_from:
-        k -= 1
-        no_return += heights[k]
+    for i in range(k - 1, -1, -1):
+        if is_no_return(places[i], beam):
+            no_return += heights[i]
+            for j in range(i, k - 1):
+                places[j], heights[j] = places[j + 1], heights[j + 1]
+            k -= 1
     return k, no_return
 
 
@@ -91,7 +91,7 @@ def _fit_clear(data: Readings, fit: Components, beam: Beam) -> bool:
     values = data.value
     mean = product_of(values, data.count) / data.total
     sigma = sigma_at(mean, beam.curve_range, beam.curve_sigma)
-    if max(values[-1] - mean, mean - values[0]) > CLEAR_SIGMAS * sigma or mean > beam.no_return_from:
+    if max(values[-1] - mean, mean - values[0]) > CLEAR_SIGMAS * sigma or is_no_return(mean, beam):
         return False
     fit[MEAN, 0], fit[SIGMA, 0], fit[WEIGHT, 0], fit[WEIGHT, -1] = mean, sigma, 1.0 - beam.p_outlier, 0.0
     fit[SUPPORT, 0], fit[SUPPORT, -1] = data.total, 0.0
@@ -152,7 +152,7 @@ def _fit_pixel(
     fit, room = work.fit, work.room
     start, no_return = _split_no_return(places, heights, max(found, 1), beam)
     n_peaks = min(start, found)
-    near = data.value[-1] > beam.range_max - NO_RETURN_REACH * beam.sigma_max
+    near = reaches_no_return(data.value, beam)
     k = 0
     clear = (start == 1 or knobs.refine) and no_return == 0.0 and _fit_clear(data, fit, beam)
     if clear and not (near and _no_return_helps(data, fit, beam, room)):
@@ -252,7 +252,8 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
     Raises
     ------
     ValueError
-        If the samples have another number of dimensions or no frame, or the sensor has no noise curve.
+        If the samples have another number of dimensions or no frame, the sensor has no noise curve, or the circle of
+        `unambiguous_range_mm` is too short for it.
     """
     samples = np.asarray(range_mm, dtype=np.float32)
     if samples.ndim not in (2, 3) or samples.shape[0] == 0:
@@ -260,14 +261,33 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
     options = options or EstimateOptions()
     block = np.ascontiguousarray(samples).reshape(samples.shape[0], math.prod(samples.shape[1:]))
     out = Layers.empty((block.shape[1],), options.max_layers)
-    beam = beam_of(sensor)
-    ordered, table = sort_samples(block), gain_table(block.shape[0])
-    _layer_block(ordered, options.counter.peaks(ordered, beam), out.arrays(), beam, knobs_of(options), table)
+    ordered = sort_samples(block)
+    if options.unambiguous_range_mm is None:
+        _layers_on_line(ordered, beam_of(sensor), options, out)
+    else:
+        _layers_on_circle(ordered, sensor, options, options.unambiguous_range_mm, out)
     return out.reshaped(samples.shape[1:])
+
+
+def _layers_on_line(samples: SortedSamples, beam: Beam, options: EstimateOptions, out: Layers) -> None:
+    table = gain_table(samples.values.shape[1])
+    _layer_block(samples, options.counter.peaks(samples, beam), out.arrays(), beam, knobs_of(options), table)
+
+
+def _layers_on_circle(
+    samples: SortedSamples, sensor: Sensor, options: EstimateOptions, length: float, out: Layers
+) -> None:
+    for part in unrolled(samples, sensor, length):
+        found = Layers.empty((len(part.pixels),), options.max_layers)
+        _layers_on_line(part.samples, part.beam, options, found)
+        for spec in LAYER_FIELDS:
+            getattr(out, spec.name)[part.pixels] = getattr(found, spec.name)
+    fold_layers(out, length)
 
 
 def warm_up(options: EstimateOptions) -> None:
     """Compile the kernels, or load them from their cache, by fitting one made-up pixel."""
-    noise = NoiseCurve(np.array([1000.0]), np.array([10.0]))
+    sigma = 10.0 if options.unambiguous_range_mm is None else 0.01 * options.unambiguous_range_mm
+    noise = NoiseCurve(np.array([1000.0]), np.array([sigma]))
     sensor = Sensor(name="warm-up", range_max_mm=2000.0, noise=noise)
     layer_pixels(np.full((options.min_samples, 1), 1000.0), sensor, options)

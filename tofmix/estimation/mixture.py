@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
+from tofmix.circle import fold
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.components import (
     DENSITY,
@@ -39,6 +40,7 @@ from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.settings import MODE_FREE, MODE_TIED, EstimateOptions, knobs_of
 from tofmix.estimation.vector import exp_minus, log_of, moments_of, product_of, total_of
+from tofmix.estimation.unrolling import unrolled_pixel
 from tofmix.jit import jit
 from tofmix.sensor import Sensor
 
@@ -208,7 +210,7 @@ def fit_mixture(
     sensor : Sensor
         Noise curve, p(c_r), and the range up to which there is a c_0.
     options : EstimateOptions, optional
-        `sigma`, `max_iter` and `tol` are used.
+        `sigma`, `max_iter`, `tol` and `unambiguous_range_mm` are used.
 
     Returns
     -------
@@ -228,14 +230,21 @@ def fit_mixture(
     start = np.asarray(start_mm, dtype=np.float64).ravel()
     if not np.isfinite(start).all():
         raise ValueError("start: a starting mean is not finite")
-    beam, knobs = beam_of(sensor), knobs_of(options or EstimateOptions())
+    options = options or EstimateOptions()
+    length = options.unambiguous_range_mm
+    knobs = knobs_of(options)
+    if length is None:
+        beam = beam_of(sensor)
+    else:
+        values, start, beam = unrolled_pixel(data.value, start, sensor, length)
+        data = Readings(values, data.count, data.total)
     k = len(start)
     fit, room = new_components(max(k, 1)), new_room(max(k, 1), len(data.value))
     no_return = 1.0 if math.isfinite(beam.range_max) else 0.0
     start_at(start, np.ones(k), k, no_return, fit, beam)
     n_iter = expectation_maximisation(data, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol, room)
     return MixtureFit(
-        mean_mm=fit[MEAN, :k].copy(),
+        mean_mm=fit[MEAN, :k].copy() if length is None else fold(fit[MEAN, :k], length),
         sigma_mm=fit[SIGMA, :k].copy(),
         weight=fit[WEIGHT, :k].copy(),
         weight_no_return=float(fit[WEIGHT, -1]),

@@ -40,16 +40,15 @@ def promise_of_clear(data: Readings, k: int, fit: Components, beam: Beam, room: 
 
     It is worked out until it reaches `least`.
     """
-    values, m = data.value, len(data.value)
+    values = data.value
     promise, owned = 0.0, 0.0
     if fit[WEIGHT, -1] > 0.0:
         for i in range(k):
-            if beam.range_max - fit[MEAN, i] < 2.0 * OWN_SIGMAS * max(fit[SIGMA, i], beam.sigma_max):
+            if abs(beam.range_max - fit[MEAN, i]) < 2.0 * OWN_SIGMAS * max(fit[SIGMA, i], beam.sigma_max):
                 return math.inf
-        j = m
-        while j > 0 and values[j - 1] > beam.range_max - OWN_SIGMAS * beam.sigma_max:
-            j -= 1
-            owned += data.count[j]
+        first = _first_from(values, beam.range_max - OWN_SIGMAS * beam.sigma_max)
+        stop = _first_from(values, beam.range_max + OWN_SIGMAS * beam.sigma_max)
+        owned = total_of(data.count[first:stop])
     for i in range(k):
         for other in range(i):
             if abs(fit[MEAN, i] - fit[MEAN, other]) < 2.0 * OWN_SIGMAS * max(fit[SIGMA, i], fit[SIGMA, other]):

@@ -1,5 +1,6 @@
 """What a caller chooses: the options of the estimator, and how the kernels read them."""
 
+import math
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
 from typing import NamedTuple
@@ -49,6 +50,9 @@ class EstimateOptions:
         EM stops when no mean moves by more than `tol` sigma and no weight by more than `tol`.
     min_samples : int
         Fewest valid samples that a pixel is fitted with, at least 2.
+    unambiguous_range_mm : float or None
+        Length of the circle that ranges are on, mm, finite and above 0: a surface at the fold is one surface. None:
+        ranges are on a line, and nothing folds.
 
     Raises
     ------
@@ -64,12 +68,15 @@ class EstimateOptions:
     max_iter: int = 50
     tol: float = 1.0e-3
     min_samples: int = 3
+    unambiguous_range_mm: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sigma", SigmaMode(self.sigma))
         object.__setattr__(self, "refine", Refine(self.refine))
         check_false_alarm(self.false_alarm)
+        length = self.unambiguous_range_mm
         bounds = (
+            (length is None or 0 < length < math.inf, "unambiguous_range_mm", "finite and above 0"),
             (1 <= self.max_layers <= MAX_LAYERS_LIMIT, "max_layers", f"1 to {MAX_LAYERS_LIMIT}"),
             (1 <= self.max_iter < 2**16, "max_iter", "1 to 65535"),
             (0 < self.tol < 1, "tol", "in (0, 1)"),
@@ -80,8 +87,8 @@ class EstimateOptions:
                 raise ValueError(f"{name}: {getattr(self, name)} is not {text}")
 
     def as_dict(self) -> dict[str, str | int | float]:
-        """The options by name, the counter's own among them, for provenance."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        """The options by name, the counter's own among them, for provenance; none that is None."""
+        values = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) is not None}
         names = {kind: name for name, kind in COUNTERS.items()}
         chosen = {"sigma": self.sigma.value, "refine": self.refine.value, "counter": names[type(self.counter)]}
         return values | chosen | self.counter.as_dict()

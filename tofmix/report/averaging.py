@@ -12,6 +12,7 @@ from enum import StrEnum
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.circle import fold
 from tofmix.errors import UsageError
 from tofmix.layers import Layers
 from tofmix.ranging import unambiguous_range_mm
@@ -27,6 +28,7 @@ class Averaging(StrEnum):
 
     PHASOR = "phasor mean of the samples, weighted by amplitude"
     PLAIN = "plain mean of the samples"
+    CIRCULAR = "mean direction of the samples on the circle of the unambiguous range"
     LAYERS = "mean of the layers, weighted by their shares"
 
 
@@ -41,12 +43,16 @@ class AveragedImage:
     averaging: Averaging
 
 
-def average_samples(recording: SampleSource, *, start: int, stop: int) -> AveragedImage:
+def average_samples(
+    recording: SampleSource, *, start: int, stop: int, unambiguous_range_mm: float | None = None
+) -> AveragedImage:
     """Average the samples of frames [start, stop), a block of frames and rows at a time.
 
     With amplitudes A and a modulation frequency, the mean is that of the phasors,
     ``d_u arg(sum A exp(2 pi i r / d_u)) / (2 pi)`` on the turn nearest the plain
-    mean; without them it is the plain mean.
+    mean; without them it is the plain mean. On a circle of `unambiguous_range_mm` it
+    is that of the phasors in any case, of equal amplitudes where there are none, and
+    lies in [0, d_u).
 
     Parameters
     ----------
@@ -54,6 +60,8 @@ def average_samples(recording: SampleSource, *, start: int, stop: int) -> Averag
         Samples; amplitudes too if it is an `AmplitudeSource`.
     start, stop : int
         Frames, 0 <= start < stop.
+    unambiguous_range_mm : float, optional
+        Length of the circle that the layers are on, mm.
 
     Returns
     -------
@@ -75,12 +83,13 @@ def average_samples(recording: SampleSource, *, start: int, stop: int) -> Averag
     range_mm = np.empty((rows, cols))
     for row in range(0, rows, band):
         rows_read = slice(row, min(row + band, rows))
-        range_mm[rows_read] = _band_mean(recording, amplitudes, rows_read, (start, stop, depth))
-    return AveragedImage(range_mm=range_mm, averaging=Averaging.PLAIN if amplitudes is None else Averaging.PHASOR)
+        range_mm[rows_read] = _band_mean(recording, amplitudes, rows_read, (start, stop, depth), unambiguous_range_mm)
+    plain = Averaging.PLAIN if unambiguous_range_mm is None else Averaging.CIRCULAR
+    return AveragedImage(range_mm=range_mm, averaging=plain if amplitudes is None else Averaging.PHASOR)
 
 
-def average_layers(layers: Layers) -> AveragedImage:
-    """Average the layers of each pixel by their shares, sum(w r) / sum(w).
+def average_layers(layers: Layers, *, unambiguous_range_mm: float | None = None) -> AveragedImage:
+    """Average the layers of each pixel by their shares, sum(w r) / sum(w); on a circle, by their directions.
 
     Use it where the recording is not at hand. It has the comet tail, but neither
     the samples without a return nor the weighting by amplitude.
@@ -89,6 +98,8 @@ def average_layers(layers: Layers) -> AveragedImage:
     ----------
     layers : Layers
         Of the leading shape (row, col).
+    unambiguous_range_mm : float, optional
+        Length of the circle that the layers are on, mm.
 
     Returns
     -------
@@ -99,6 +110,10 @@ def average_layers(layers: Layers) -> AveragedImage:
     range_mm = np.where(np.isfinite(layers.range), layers.range, 0.0).astype(np.float64)
     weight = np.where(np.isfinite(weight), weight, 0.0)
     total = weight.sum(axis=-1)
+    if unambiguous_range_mm is not None:
+        phasor = (weight * np.exp(2j * np.pi / unambiguous_range_mm * range_mm)).sum(axis=-1)
+        direction = fold(np.angle(phasor) * unambiguous_range_mm / (2 * np.pi), unambiguous_range_mm)
+        return AveragedImage(range_mm=np.where(total > 0, direction, np.nan), averaging=Averaging.LAYERS)
     return AveragedImage(range_mm=_ratio((weight * range_mm).sum(axis=-1), total), averaging=Averaging.LAYERS)
 
 
@@ -118,13 +133,17 @@ def _block(recording: SampleSource, n_frames: int) -> tuple[int, int]:
 
 
 def _band_mean(
-    recording: SampleSource, amplitudes: AmplitudeSource | None, rows: slice, frames: tuple[int, int, int]
+    recording: SampleSource,
+    amplitudes: AmplitudeSource | None,
+    rows: slice,
+    frames: tuple[int, int, int],
+    circle_mm: float | None,
 ) -> FloatArray:
     start, stop, depth = frames
     shape = (rows.stop - rows.start, recording.shape[2])
     total, count, phasor = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=np.complex128)
     frequency = recording.sensor.modulation_frequency_hz
-    period = unambiguous_range_mm(frequency) if frequency else math.inf
+    period = circle_mm or (unambiguous_range_mm(frequency) if frequency else math.inf)
     for first in range(start, stop, depth):
         block = slice(first, min(first + depth, stop))
         samples = recording.read_range(block, rows).astype(np.float64)
@@ -136,10 +155,14 @@ def _band_mean(
             amplitude = amplitudes.read_amplitude(block, rows).astype(np.float64)
             amplitude = np.where(valid & np.isfinite(amplitude), amplitude, 0.0)
             phasor += (amplitude * np.exp(2j * np.pi / period * samples)).sum(axis=0)
+        elif circle_mm is not None:
+            phasor += (valid * np.exp(2j * np.pi / period * samples)).sum(axis=0)
     mean = _ratio(total, count)
-    if amplitudes is None:
+    if amplitudes is None and circle_mm is None:
         return mean
     turn = np.angle(phasor) * period / (2 * np.pi)
+    if circle_mm is not None:
+        return np.where(count > 0, fold(turn, circle_mm), np.nan)
     turn += period * np.rint((mean - turn) / period)
     # A sum of 0 has no phase: without any light the plain mean is all there is.
     return np.where((np.abs(phasor) > 0) & (count > 0), turn, mean)

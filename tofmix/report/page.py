@@ -4,6 +4,7 @@ For the terminal use `tofmix.report.tables`, for scripts `Summary.as_dict`. This
 is the one module that needs the extra ``report``, and only when it is called.
 """
 
+from dataclasses import replace
 from importlib import import_module, resources
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
 from tofmix.report.sources import LayersSource
-from tofmix.report.summary import Summary, summarise
+from tofmix.report.summary import Summary, noise_of, summarise
 from tofmix.report.tables import ordinal
 
 if TYPE_CHECKING:
@@ -66,11 +67,14 @@ def render_page(
     template = _template()
     layers = layers_file.read_window(window)
     frames = int(layers_file.window_start[window]), int(layers_file.window_stop[window])
+    provenance = layers_file.provenance
+    circle_mm = provenance.unambiguous_range_mm
     averaged = (
-        average_layers(layers) if recording is None else average_samples(recording, start=frames[0], stop=frames[1])
+        average_layers(layers, unambiguous_range_mm=circle_mm)
+        if recording is None
+        else average_samples(recording, start=frames[0], stop=frames[1], unambiguous_range_mm=circle_mm)
     )
     summary = summary or summarise(layers_file)
-    provenance = layers_file.provenance
     return template.render(
         source=provenance.source,
         headline=headline(summary),
@@ -118,7 +122,7 @@ def _template() -> "Template":
 
 def _gallery(layers: Layers, averaged: AveragedImage, provenance: Provenance) -> "Gallery":
     pictures = import_module("tofmix.report.pictures")
-    gallery: Gallery = pictures.draw_gallery(layers, averaged, provenance.sensor)
+    gallery: Gallery = pictures.draw_gallery(layers, averaged, replace(provenance.sensor, noise=noise_of(provenance)))
     return gallery
 
 

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from tofmix.circle import circular_noise
 from tofmix.flags import Status, status_name
-from tofmix.layers import Layers
+from tofmix.layers import Layers, Provenance
 from tofmix.report.findings import CLOSE_SIGMAS, Finding, count_findings, sigma_findings
 from tofmix.report.quantiles import ValueCounts
 from tofmix.report.sources import LayersSource
@@ -124,11 +125,11 @@ def summarise(layers_file: LayersSource) -> Summary:
     Summary
         Over all windows.
     """
-    tally = _Tally(layers_file.max_layers, layers_file.provenance.sensor.noise)
+    provenance = layers_file.provenance
+    tally = _Tally(layers_file.max_layers, noise_of(provenance), provenance.unambiguous_range_mm)
     windows, rows, cols = layers_file.shape
     for k in range(windows):
         tally.add(layers_file.read_window(k))
-    provenance = layers_file.provenance
     pixels = windows * rows * cols
     summaries = tally.layer_summaries()
     by_status = tally.by_status()
@@ -172,8 +173,9 @@ def summarise(layers_file: LayersSource) -> Summary:
 class _Tally:
     """Running counts over windows."""
 
-    def __init__(self, max_layers: int, curve: NoiseCurve | None) -> None:
+    def __init__(self, max_layers: int, curve: NoiseCurve | None, length: float | None) -> None:
         self._curve = curve
+        self._length = length
         self.surfaces = [0] * (max_layers + 1)
         self.peaks = [0]
         self.close = 0
@@ -186,7 +188,7 @@ class _Tally:
     def add(self, window: Layers) -> None:
         self.surfaces = _added(self.surfaces, window.n_modes)
         self.peaks = _added(self.peaks, window.n_peaks)
-        self.close += _close(window)
+        self.close += _close(window, self._length)
         values, counts = np.unique(window.status, return_counts=True)
         for value, count in zip(values.tolist(), counts.tolist(), strict=True):
             self._status[value] = self._status.get(value, 0) + count
@@ -236,12 +238,30 @@ class _LayerTally:
         self.ratio = ValueCounts()
 
 
-def _close(window: Layers) -> int:
-    """Pixels with two layers within `CLOSE_SIGMAS` of each other."""
+def _close(window: Layers, length: float | None) -> int:
+    """Pixels with two layers within `CLOSE_SIGMAS` of each other, across the fold of a circle as well."""
     gap = np.diff(window.range, axis=-1)
     sigma = np.maximum(window.sigma[..., 1:], window.sigma[..., :-1])
     with np.errstate(invalid="ignore"):
-        return int((gap < CLOSE_SIGMAS * sigma).any(axis=-1).sum())
+        close = (gap < CLOSE_SIGMAS * sigma).any(axis=-1)
+    if length is not None:
+        last = np.maximum(window.n_modes.astype(np.int64), 1)[..., np.newaxis] - 1
+        far, sigma_far = (np.take_along_axis(values, last, -1)[..., 0] for values in (window.range, window.sigma))
+        across = window.range[..., 0] + length - far
+        with np.errstate(invalid="ignore"):
+            close |= (window.n_modes > 1) & (across < CLOSE_SIGMAS * np.maximum(window.sigma[..., 0], sigma_far))
+    return int(close.sum())
+
+
+def noise_of(provenance: Provenance) -> NoiseCurve | None:
+    """Return the curve that sigmas are held against: the sensor's, on a circle continuous across the fold."""
+    sensor, length = provenance.sensor, provenance.unambiguous_range_mm
+    if length is None or sensor.noise is None:
+        return sensor.noise
+    try:
+        return circular_noise(sensor, length, at_fold=False)
+    except ValueError:
+        return sensor.noise  # a circle that the estimator would have refused
 
 
 def _added(totals: list[int], values: np.ndarray[Any, np.dtype[np.uint8]]) -> list[int]:
