@@ -1,10 +1,10 @@
-"""The fixed part of equation (1), the same for every pixel, as the kernels read it."""
+"""The fixed part of equation (1), as the kernels read it: the same for every pixel, but for curves of their own."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.sensor import Sensor
 
 NO_RETURN_SIGMAS = 2.0
@@ -13,12 +13,24 @@ NO_RETURN_SIGMAS = 2.0
 _SMALLEST_OUTLIER_PROBABILITY = 1.0e-12
 
 
+class OwnCurves(NamedTuple):
+    """Noise curves of single pixels: `range_mm` and `sigma_mm` (pixel, point), of which the first `size` (pixel,) count.
+
+    Made by `tofmix.estimation.pixel_noise`; of no pixel where the beam's curve holds for all.
+    """
+
+    range_mm: FloatArray
+    sigma_mm: FloatArray
+    size: IntArray
+
+
 class Beam(NamedTuple):
     """The fixed part of equation (1), in mm, as the kernels read it.
 
     `range_max` is infinite where the sensor has no such limit; there is no c_0 then.
     `outlier_density` is p(c_r) / (range_max - range_min), 1/mm. `range_min` and `range_top`, always
-    finite, are the ends of that interval: the working range, or what stands in for it.
+    finite, are the ends of that interval: the working range, or what stands in for it. `own` are the curves of single
+    pixels, for `pixel_noise.beam_of_pixel` to put in the place of the common one.
     """
 
     curve_range: FloatArray
@@ -30,6 +42,7 @@ class Beam(NamedTuple):
     outlier_density: float
     range_min: float
     range_top: float
+    own: OwnCurves
 
 
 def beam_of(sensor: Sensor) -> Beam:
@@ -62,4 +75,5 @@ def beam_of(sensor: Sensor) -> Beam:
         outlier_density=max(p_outlier, _SMALLEST_OUTLIER_PROBABILITY) / (high - low),
         range_min=float(low),
         range_top=float(high),
+        own=OwnCurves(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0, dtype=np.int64)),
     )

@@ -33,6 +33,7 @@ from tofmix.estimation.mixture import (
     new_components,
     start_at,
 )
+from tofmix.estimation.pixel_noise import beam_of_pixel, own_curves
 from tofmix.estimation.samples import SortedSamples, sort_samples
 from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Knobs, knobs_of
 from tofmix.estimation.uncertainty import standard_errors
@@ -137,7 +138,7 @@ def _sort_surfaces(k: int, fit: Components) -> None:
 
 @jit
 def _layer_block(
-    block: SortedSamples, peaks: Peaks, out: tuple[NDArray[Any], ...], beam: Beam, knobs: Knobs, table: FloatArray
+    block: SortedSamples, peaks: Peaks, out: tuple[NDArray[Any], ...], common: Beam, knobs: Knobs, table: FloatArray
 ) -> None:
     """Fill `out`, the arrays of `Layers` in their order, for the pixels of a block and their peaks."""
     (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
@@ -151,6 +152,7 @@ def _layer_block(
         if n < knobs.min_samples:
             status[pixel] = _TOO_FEW_SAMPLES
             continue
+        beam = beam_of_pixel(common, pixel)
         samples = block.values[pixel, :n]
         place, height, found = peaks.place[pixel], peaks.height[pixel], peaks.found[pixel]
         gain = least_gain(knobs.false_alarm, table[n]) if knobs.refine else 0.0
@@ -176,7 +178,13 @@ def _layer_block(
             status[pixel] = _OK if known else _DEGENERATE
 
 
-def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: EstimateOptions | None = None) -> Layers:
+def layer_pixels(
+    range_mm: NDArray[np.floating],
+    sensor: Sensor,
+    options: EstimateOptions | None = None,
+    *,
+    amplitude: NDArray[np.floating] | None = None,
+) -> Layers:
     """Layers of each pixel of a block.
 
     Parameters
@@ -187,6 +195,8 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
         Noise curve, working range and p(c_r).
     options : EstimateOptions, optional
         Defaults without it.
+    amplitude : array of float, optional
+        Amplitudes of the samples, of the same shape; used where the noise curve has a law of amplitude.
 
     Returns
     -------
@@ -196,7 +206,8 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
     Raises
     ------
     ValueError
-        If the samples have another number of dimensions or no frame, or the sensor has no noise curve.
+        If the samples have another number of dimensions or no frame, the amplitudes another shape, or the sensor has
+        no noise curve.
     """
     samples = np.asarray(range_mm, dtype=np.float32)
     if samples.ndim not in (2, 3) or samples.shape[0] == 0:
@@ -205,6 +216,10 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
     block = np.ascontiguousarray(samples).reshape(samples.shape[0], math.prod(samples.shape[1:]))
     out = Layers.empty((block.shape[1],), options.max_layers)
     beam = beam_of(sensor)
+    if amplitude is not None and sensor.noise is not None and sensor.noise.law is not None:
+        if amplitude.shape != samples.shape:
+            raise ValueError(f"amplitude: shape {amplitude.shape} differs from range {samples.shape}")
+        beam = beam._replace(own=own_curves(block, np.asarray(amplitude, np.float32).reshape(block.shape), sensor.noise))
     ordered, table = sort_samples(block), gain_table(block.shape[0])
     _layer_block(ordered, options.counter.peaks(ordered, beam), out.arrays(), beam, knobs_of(options), table)
     return out.reshaped(samples.shape[1:])
