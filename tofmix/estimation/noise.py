@@ -16,7 +16,7 @@ knows a curve beforehand.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from tofmix.estimation.noise_curve import (
     log_curve,
     measure_bins,
     reference_at,
+    smooth,
     with_law,
 )
 from tofmix.estimation.noise_scale import single_share
@@ -192,7 +193,7 @@ class _Spread:
         points, _ = measure_bins(self._range, log_sigma, self._bins, self._degrees)
         group = np.repeat(np.arange(len(self._bins)), [members.stop - members.start for members in self._bins])
         inside = np.concatenate([np.arange(members.start, members.stop) for members in self._bins])
-        return choose_law(
+        chosen = choose_law(
             SpreadSeries(
                 group=group,
                 log_sigma=(log_sigma - log_curve(points, self._range))[inside],
@@ -201,6 +202,13 @@ class _Spread:
                 degrees=self._degrees,
             )
         )
+        if chosen is None:
+            return None
+        # A reference that jumps with the reflectivity of each bin's pixels would make the curve jump with it.
+        log_reference = np.log(chosen.law.reference)
+        error = np.array([_spread_of(self._log_amplitude[members]) for members in self._bins])
+        smoothed = smooth(np.log(np.maximum(self.centres, 1.0)), log_reference, error)
+        return replace(chosen, law=replace(chosen.law, reference=np.exp(smoothed)))
 
     def points(self, law: ChosenLaw | None) -> list[Point]:
         """Measure the bins, at the law's factor 1; noise that remembers is corrected."""
@@ -219,6 +227,12 @@ class _Spread:
         if correction == 1.0:
             return points
         return measure_bins(self._range, self._log_sigma(correction) - log_factor, self._bins, self._degrees)[0]
+
+
+def _spread_of(log_amplitude: FloatArray) -> float:
+    """Standard deviation of the known ones, at least 1 %; 1 without any."""
+    known = log_amplitude[np.isfinite(log_amplitude)]
+    return max(float(known.std()), 0.01) if known.size else 1.0
 
 
 def _without_constant_pile(points: list[Point], sensor: Sensor) -> list[Point]:

@@ -198,5 +198,5 @@ def _law(series: SpreadSeries, fit: _Fit, knots: FloatArray, groups: int) -> Amp
     log_factor = -np.concatenate([[0.0], np.cumsum(fit.exponents * np.diff(knots))])
     log_factor -= np.interp(np.median(series.log_amplitude), knots, log_factor)
     seen = np.unique(series.group)
-    reference = [np.median(series.log_amplitude[series.group == g]) for g in seen]
+    reference = np.array([np.median(series.log_amplitude[series.group == g]) for g in seen])
     return AmplitudeLaw(np.exp(np.interp(np.arange(groups), seen, reference)), np.exp(knots), np.exp(log_factor))
