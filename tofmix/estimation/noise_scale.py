@@ -10,6 +10,7 @@ between pixels, are learned from all groups together: one group says little of i
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Self
 
 import numpy as np
@@ -58,6 +59,7 @@ class Mixtures:
     degrees: FloatArray
 
     @classmethod
+    @cache
     def of(cls, degrees: int) -> Self:
         """Mixtures for variances of so many degrees of freedom."""
         single, density, left = [], [], []
