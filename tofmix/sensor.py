@@ -123,9 +123,7 @@ class NoiseCurve:
         object.__setattr__(self, "range_mm", range_mm)
         object.__setattr__(self, "sigma_mm", sigma_mm)
         if self.law is not None and self.law.reference.shape != range_mm.shape:
-            raise ValueError(
-                f"noise curve: {range_mm.size} ranges, but {self.law.reference.size} reference amplitudes"
-            )
+            raise ValueError(f"noise curve: {range_mm.size} ranges, but {self.law.reference.size} reference amplitudes")
 
     def sigma(self, range_mm: FloatArray | float, amplitude: ArrayLike | None = None) -> FloatArray:
         """sigma(r) in mm at ranges of any shape, mm.

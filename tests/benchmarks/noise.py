@@ -153,7 +153,7 @@ def reflective(exponent: float, frames: int, seed: int) -> tuple[ArrayRecording,
 
 
 def by_amplitude(seeds: list[int]) -> None:
-    """Print one row a power of amplitude: measured over true sigma of every pixel, and one-surface pixels kept whole."""
+    """Print one row a power and seed: measured over true sigma of every pixel, and one-surface pixels kept whole."""
     print("| true power | frames | seed | measured | median | least | most | by range alone: least | most |", end="")
     print(" one surface kept one | by range alone |")
     print("|---" * 11 + "|")

@@ -11,6 +11,7 @@ from tofmix.estimation.pixel_noise import own_curves
 from tofmix.estimation.sequence import estimate_layers
 from tofmix.recording import ArrayRecording, amplitude_source
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
+from tofmix.windows import plan_windows
 
 BARE = Sensor(name="no curve", range_min_mm=300.0, range_max_mm=6000.0)
 ROWS, COLS = 40, 60
@@ -36,7 +37,9 @@ def reflective(
     return ArrayRecording(samples, BARE, recorded), seen, light
 
 
-def errors(measured: MeasuredNoise, seen: NDArray[np.float64], true: NDArray[np.float64], light: NDArray[np.float64]) -> NDArray[np.float64]:
+def errors(
+    measured: MeasuredNoise, seen: NDArray[np.float64], true: NDArray[np.float64], light: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Relative errors of sigma, pixel by pixel."""
     return np.asarray(measured.curve.sigma(seen, light) / true - 1.0)
 
@@ -101,7 +104,9 @@ def test_each_surface_of_a_pixel_has_its_own_sigma(rng: np.random.Generator) -> 
         size = curves.size[pixel]
         at = curves.range_mm[pixel, :size]
         assert (np.diff(at) > 0).all()
-        np.testing.assert_allclose(np.interp([1000.0, 3000.0], at, curves.sigma_mm[pixel, :size]), (near, back), rtol=0.01)
+        np.testing.assert_allclose(
+            np.interp([1000.0, 3000.0], at, curves.sigma_mm[pixel, :size]), (near, back), rtol=0.01
+        )
 
 
 def test_unknown_amplitudes_leave_the_curve(rng: np.random.Generator) -> None:
@@ -141,8 +146,6 @@ def test_the_order_of_frames_changes_nothing(rng: np.random.Generator) -> None:
 def test_windows_read_their_own_amplitudes(rng: np.random.Generator) -> None:
     light = np.repeat([25.0, 400.0], 40)[:, None, None] * np.ones((80, 6, 5))
     samples = 2000.0 + 20.0 * 100.0 / light * rng.standard_normal(light.shape)
-    from tofmix.windows import plan_windows  # noqa: PLC0415
-
     found = estimate_layers(ArrayRecording(samples, CAMERA, light), windows=plan_windows(80, window=40))
     for window in range(2):
         part = slice(40 * window, 40 * window + 40)

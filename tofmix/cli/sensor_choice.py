@@ -115,7 +115,9 @@ def _say_what_amplitude_does(source: "RecordingFile", measured: "MeasuredNoise")
         chosen = "sigma is measured by range alone; amplitude does not tell more"
     else:
         powers = [f"^-{power:.2f}" for power in law.exponents()]
-        falls = powers[0] + "".join(f", {p} from {a:.4g} on" for p, a in zip(powers[1:], law.amplitude[1:-1], strict=True))
+        falls = powers[0] + "".join(
+            f", {p} from {a:.4g} on" for p, a in zip(powers[1:], law.amplitude[1:-1], strict=True)
+        )
         chosen = (
             f"sigma is measured by range and amplitude; it goes as amplitude{falls}"
             f" (+{measured.law_gain:.0f} nat on pixels held out)"

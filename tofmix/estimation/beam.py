@@ -14,7 +14,7 @@ _SMALLEST_OUTLIER_PROBABILITY = 1.0e-12
 
 
 class OwnCurves(NamedTuple):
-    """Noise curves of single pixels: `range_mm` and `sigma_mm` (pixel, point), of which the first `size` (pixel,) count.
+    """Noise curves of single pixels: `range_mm` and `sigma_mm` (pixel, point); the first `size` (pixel,) count.
 
     Made by `tofmix.estimation.pixel_noise`; of no pixel where the beam's curve holds for all.
     """

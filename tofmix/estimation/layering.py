@@ -219,7 +219,9 @@ def layer_pixels(
     if amplitude is not None and sensor.noise is not None and sensor.noise.law is not None:
         if amplitude.shape != samples.shape:
             raise ValueError(f"amplitude: shape {amplitude.shape} differs from range {samples.shape}")
-        beam = beam._replace(own=own_curves(block, np.asarray(amplitude, np.float32).reshape(block.shape), sensor.noise))
+        beam = beam._replace(
+            own=own_curves(block, np.asarray(amplitude, np.float32).reshape(block.shape), sensor.noise)
+        )
     ordered, table = sort_samples(block), gain_table(block.shape[0])
     _layer_block(ordered, options.counter.peaks(ordered, beam), out.arrays(), beam, knobs_of(options), table)
     return out.reshaped(samples.shape[1:])

@@ -98,14 +98,10 @@ def measure_bins(
     centres = np.array([np.median(range_mm[members]) for members in bins])
     points: list[Point] = []
     for _ in range(3):
-        slope = log_sigma
-        if points:
-            at_centre = log_curve(points, centres)
-            slope = log_sigma - log_curve(points, range_mm)
-            groups = [slope[members] + at_centre[b] for b, members in enumerate(bins)]
-        else:
-            groups = [log_sigma[members] for members in bins]
-        found = locate(groups, degrees)
+        slope = log_curve(points, range_mm) if points else np.zeros(len(range_mm))
+        at_centre = log_curve(points, centres) if points else np.zeros(len(centres))
+        level = log_sigma - slope
+        found = locate([level[members] + at_centre[b] for b, members in enumerate(bins)], degrees)
         smoothed = smooth(np.log(np.maximum(centres, 1.0)), found.log_sigma, found.error)
         points = [
             Point(members, float(range_mm[members][0]), float(centre), float(range_mm[members][-1]), float(value))
@@ -148,9 +144,7 @@ def smooth(x: FloatArray, y: FloatArray, error: FloatArray) -> FloatArray:
         straight = np.linalg.solve(normal, basis.T @ values)
         rest = values - basis @ straight
         fits.append(line @ straight + roughness * kernel @ np.linalg.solve(lower.T, rest))
-        likelihood.append(
-            -0.5 * rest @ rest - np.log(np.diag(lower)).sum() - 0.5 * float(np.linalg.slogdet(normal)[1])
-        )
+        likelihood.append(-0.5 * rest @ rest - np.log(np.diag(lower)).sum() - 0.5 * float(np.linalg.slogdet(normal)[1]))
     weight = np.exp(np.array(likelihood) - max(likelihood))
     return np.asarray(weight @ np.array(fits) / weight.sum(), dtype=np.float64)
 
@@ -185,7 +179,7 @@ def join(points: Sequence[Point]) -> NoiseCurve:
 
 
 def reference_at(law: AmplitudeLaw, centres: FloatArray, range_mm: FloatArray) -> FloatArray:
-    """Reference amplitude at any range: a power of range between the `centres`, mm, of the law's, constant past them."""
+    """Reference amplitude at any range: a power of range between the law's `centres`, mm, constant past them."""
     at, x = np.log(np.maximum(centres, 1.0)), np.log(np.maximum(range_mm, 1.0))
     return np.asarray(np.exp(np.interp(x, at, np.log(law.reference))), dtype=np.float64)
 

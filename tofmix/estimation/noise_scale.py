@@ -67,9 +67,7 @@ class Mixtures:
             one = np.exp(_log_density(STEP * GRID, dispersion * degrees))
             for excess in _EXCESS:
                 steps = np.rint(-excess * np.log(1.0 - (np.arange(8) + 0.5) / 8) / STEP).astype(np.int64)
-                wider = np.mean(
-                    [np.exp(_log_density(STEP * (GRID - u), dispersion * degrees)) for u in steps], axis=0
-                )
+                wider = np.mean([np.exp(_log_density(STEP * (GRID - u), dispersion * degrees)) for u in steps], axis=0)
                 for share in _CONTAMINATED:
                     single.append((1.0 - share) * one)
                     density.append(single[-1] + share * wider + _BACKGROUND)
@@ -122,7 +120,8 @@ def single_share(away: FloatArray, degrees: int, chances: FloatArray) -> FloatAr
 
 def place(away: FloatArray) -> IntArray:
     """Number of the nearest place of `GRID`; values beyond it are put at its ends."""
-    return np.clip(np.rint(away / STEP), GRID[0], GRID[-1]).astype(np.int64) - GRID[0]
+    steps = np.clip(np.rint(away / STEP), GRID[0], GRID[-1])
+    return np.asarray(steps - GRID[0], dtype=np.int64)
 
 
 def _likelihoods(away: FloatArray, shifts: IntArray, log_density: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.beam import Beam, OwnCurves
 from tofmix.estimation.density import sigma_at
 from tofmix.estimation.samples import FARTHEST_MM
@@ -45,7 +45,7 @@ def _log_scale(range_mm: float, amplitude: float, law: _Law) -> float:
     if not 0.0 < amplitude < math.inf:
         return math.nan
     reference = sigma_at(range_mm, law.curve_range, law.log_reference_factor)
-    return sigma_at(math.log(amplitude), law.log_amplitude, law.log_factor) - reference
+    return float(sigma_at(math.log(amplitude), law.log_amplitude, law.log_factor) - reference)
 
 
 @jit
