@@ -57,7 +57,7 @@ def _middle(values: FloatArray) -> float:
     if count == 0:
         return 0.0
     ordered = np.sort(values)  # NaN last
-    return 0.5 * (ordered[(count - 1) // 2] + ordered[count // 2])
+    return float(0.5 * (ordered[(count - 1) // 2] + ordered[count // 2]))
 
 
 @jit
