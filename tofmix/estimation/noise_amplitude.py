@@ -25,8 +25,8 @@ FOLDS = 5
 LEAST_GAIN = 10.0
 """Least gain of held-out likelihood, nat, of a law over the one with fewer pieces."""
 
-LEAST_ERRORS = 3.0
-"""The gain must be that many of its standard errors."""
+LEAST_ERRORS = 2.0
+"""The gain must also be that many of its standard errors over the series: a few of them must not decide."""
 
 LEAST_EFFECT = 0.025
 """Least standard deviation of log sigma that a law makes among the series of a bin: 5 % from bright to dark."""
