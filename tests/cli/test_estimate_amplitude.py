@@ -59,7 +59,7 @@ def test_the_stored_law_is_read_again(tofmix: Tofmix, tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.layers.h5") as one, h5py.File(tmp_path / "b.layers.h5") as other:
         for name in ("n_modes", "range", "sigma", "status"):
             np.testing.assert_array_equal(one[name][...], other[name][...])
-    assert tofmix("report", tmp_path / "b.layers.h5", "-o", tmp_path / "b.html").code == 0
+    assert tofmix("report", tmp_path / "b.layers.h5", "--html", tmp_path / "b.html").code == 0
 
 
 def test_amplitude_without_effect_is_told_and_changes_nothing(tofmix: Tofmix, tmp_path: Path) -> None:
