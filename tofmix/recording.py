@@ -4,7 +4,7 @@ Anything with the methods of `SampleSource` can be estimated: a file
 (`tofmix.io.recording_file`), or an array in memory (`ArrayRecording`).
 """
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +34,23 @@ class SampleSource(Protocol):
         """Samples (frame, row, col) float32 in mm, NaN where invalid."""
 
 
+@runtime_checkable
+class AmplitudeSource(Protocol):
+    """A recording that may know the amplitude of its samples."""
+
+    @property
+    def has_amplitude(self) -> bool:
+        """Whether it does."""
+
+    def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
+        """Amplitudes (frame, row, col) float32; NaN where one is not known."""
+
+
+def amplitude_source(source: SampleSource) -> AmplitudeSource | None:
+    """Return the recording itself where it knows the amplitude of its samples."""
+    return source if isinstance(source, AmplitudeSource) and source.has_amplitude else None
+
+
 class ArrayRecording:
     """A recording in memory.
 
@@ -43,19 +60,24 @@ class ArrayRecording:
         Samples, mm; NaN or infinite where invalid. They are copied.
     sensor : Sensor
         The camera.
+    amplitude : (frame, row, col) array_like of float32, optional
+        Amplitude of each sample. They are copied.
 
     Raises
     ------
     ValueError
-        If the samples do not have three dimensions, or there are none.
+        If the samples do not have three dimensions, or there are none, or the amplitudes have another shape.
     """
 
-    def __init__(self, range_mm: ArrayLike, sensor: Sensor) -> None:
+    def __init__(self, range_mm: ArrayLike, sensor: Sensor, amplitude: ArrayLike | None = None) -> None:
         self._samples: Float32Array = np.array(range_mm, dtype=np.float32, copy=True)
         if self._samples.ndim != len(_DIMS) or self._samples.size == 0:
             raise ValueError(f"range: expected (frame, row, col), got shape {self._samples.shape}")
         self._samples[~np.isfinite(self._samples)] = np.nan
         self._sensor = sensor
+        self._amplitude = None if amplitude is None else np.array(amplitude, dtype=np.float32, copy=True)
+        if self._amplitude is not None and self._amplitude.shape != self._samples.shape:
+            raise ValueError(f"amplitude: shape {self._amplitude.shape} differs from range {self._samples.shape}")
 
     @property
     def sensor(self) -> Sensor:
@@ -76,3 +98,20 @@ class ArrayRecording:
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples (frame, row, col) float32 in mm, NaN where invalid."""
         return self._samples[frames, rows]
+
+    @property
+    def has_amplitude(self) -> bool:
+        """Whether amplitudes were given."""
+        return self._amplitude is not None
+
+    def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
+        """Amplitudes (frame, row, col) float32.
+
+        Raises
+        ------
+        ValueError
+            If there are none.
+        """
+        if self._amplitude is None:
+            raise ValueError("the recording has no amplitudes")
+        return self._amplitude[frames, rows]

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 
@@ -25,6 +26,55 @@ _POSITIVE = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class AmplitudeLaw:
+    """How noise depends on a sample's amplitude: a factor on the noise curve.
+
+    The logarithm of the factor is linear in that of the amplitude between the points, and constant past their ends: a
+    straight piece is a power law.
+
+    Parameters
+    ----------
+    reference : (n,) float64
+        Amplitude, above 0, at which the curve's sigma holds, one for each range of the curve.
+    amplitude : (m,) float64
+        Strictly ascending amplitudes, above 0.
+    factor : (m,) float64
+        Factor at each of them, above 0; only its ratios matter.
+
+    Raises
+    ------
+    ValueError
+        If a list is empty, has another length or shape, is not above 0, or the amplitudes do not ascend.
+    """
+
+    reference: FloatArray
+    amplitude: FloatArray
+    factor: FloatArray
+
+    def __post_init__(self) -> None:
+        for key in ("reference", "amplitude", "factor"):
+            values = np.array(getattr(self, key), dtype=np.float64, copy=True)
+            if values.ndim != 1 or values.size == 0 or not (np.isfinite(values) & (values > 0)).all():
+                raise ValueError(f"noise curve: {key} must be a list of finite numbers above 0")
+            values.setflags(write=False)
+            object.__setattr__(self, key, values)
+        if self.amplitude.shape != self.factor.shape:
+            raise ValueError(f"noise curve: {self.amplitude.size} amplitudes, but {self.factor.size} factors")
+        if not (np.diff(self.amplitude) > 0).all():
+            raise ValueError("noise curve: its amplitudes do not ascend")
+
+    def log_factor(self, amplitude: ArrayLike) -> FloatArray:
+        """Logarithm of the factor at amplitudes of any shape; NaN where one is not a number above 0."""
+        values = np.asarray(amplitude, dtype=np.float64)
+        log_amplitude = np.log(np.where(values > 0, values, np.nan))
+        return np.asarray(np.interp(log_amplitude, np.log(self.amplitude), np.log(self.factor)), dtype=np.float64)
+
+    def exponents(self) -> FloatArray:
+        """Power (m - 1,) of amplitude by which noise falls from each point to the next."""
+        return np.asarray(-np.diff(np.log(self.factor)) / np.diff(np.log(self.amplitude)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class NoiseCurve:
     """Standard deviation of one sample against range, sigma(r).
 
@@ -36,16 +86,19 @@ class NoiseCurve:
         Strictly ascending ranges, mm.
     sigma_mm : (n,) float64
         Standard deviation at each of them, mm, above 0.
+    law : AmplitudeLaw, optional
+        How noise depends on amplitude; `sigma_mm` is then that at the law's reference amplitudes.
 
     Raises
     ------
     ValueError
         If the two differ in length or are empty, if a value is not finite, the
-        ranges do not ascend or a sigma is not above 0.
+        ranges do not ascend or a sigma is not above 0; if the law has another number of references.
     """
 
     range_mm: FloatArray
     sigma_mm: FloatArray
+    law: AmplitudeLaw | None = None
 
     def __post_init__(self) -> None:
         range_mm = np.array(self.range_mm, dtype=np.float64, copy=True)
@@ -69,10 +122,21 @@ class NoiseCurve:
         sigma_mm.setflags(write=False)
         object.__setattr__(self, "range_mm", range_mm)
         object.__setattr__(self, "sigma_mm", sigma_mm)
+        if self.law is not None and self.law.reference.shape != range_mm.shape:
+            raise ValueError(f"noise curve: {range_mm.size} ranges, but {self.law.reference.size} reference amplitudes")
 
-    def sigma(self, range_mm: FloatArray | float) -> FloatArray:
-        """sigma(r) in mm at ranges of any shape, mm."""
-        return np.asarray(np.interp(range_mm, self.range_mm, self.sigma_mm), dtype=np.float64)
+    def sigma(self, range_mm: FloatArray | float, amplitude: ArrayLike | None = None) -> FloatArray:
+        """sigma(r) in mm at ranges of any shape, mm.
+
+        With `amplitude`, of a shape that goes with it, and a law: at that amplitude; at the reference amplitude where
+        it is not a number above 0.
+        """
+        sigma = np.asarray(np.interp(range_mm, self.range_mm, self.sigma_mm), dtype=np.float64)
+        if amplitude is None or self.law is None:
+            return sigma
+        reference = np.interp(range_mm, self.range_mm, self.law.reference)
+        factor = np.exp(self.law.log_factor(amplitude) - self.law.log_factor(reference))
+        return sigma * np.where(np.isnan(factor), 1.0, factor)
 
     def scaled(self, factor: float) -> Self:
         """The same curve with every sigma times `factor`, as another integration time gives."""

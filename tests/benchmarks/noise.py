@@ -6,14 +6,15 @@ Prints Markdown tables; docs/noise.md holds a copy. Asserts nothing.
 """
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.estimation.noise import MeasuredNoise, disagreement, measure_noise
+from tofmix.estimation.sequence import estimate_layers
 from tofmix.io.model_file import load_model
 from tofmix.io.recording_file import open_recording
 from tofmix.recording import ArrayRecording
@@ -129,23 +130,80 @@ def drawn(seeds: list[int]) -> None:
             )
 
 
+def reflective(exponent: float, frames: int, seed: int) -> tuple[ArrayRecording, FloatArray, FloatArray, BoolArray]:
+    """A recording whose sigma is 20 mm (amplitude / 100)^-exponent.
+
+    Reflectivity is a pattern of squares, amplitude goes as reflectivity / r^2 with 5 % of noise of its own. 40 % of the
+    pixels see a second surface of another amplitude, up to 300 mm behind. Returns range and amplitude of each pixel's
+    first surface, and whether it sees no other.
+    """
+    rng = np.random.default_rng(seed)
+    shape = (ROWS, COLS)
+    first = np.sort(rng.uniform(700.0, 4000.0, ROWS * COLS)).reshape(COLS, ROWS).T
+    squares = (np.arange(ROWS)[:, None] // 5 + np.arange(COLS)[None, :] // 5) % 4
+    light = 1000.0 * np.array([0.08, 0.2, 0.45, 0.9])[squares] * (1000.0 / first) ** 2
+    second, dim = first + rng.uniform(20.0, 300.0, shape), light * rng.uniform(0.3, 3.0, shape)
+    share = np.where(rng.random(shape) < 0.4, rng.uniform(0.1, 0.9, shape), 1.0)
+    near = rng.random((frames, *shape)) < share
+    amplitude = np.where(near, light, dim)
+    samples = np.where(near, first, second) + 20.0 * (amplitude / 100.0) ** -exponent * rng.standard_normal(near.shape)
+    recorded = amplitude * (1.0 + 0.05 * rng.standard_normal(near.shape))
+    sensor = Sensor(name="benchmark", range_min_mm=300.0, range_max_mm=9000.0)
+    return ArrayRecording(np.rint(np.maximum(samples, 1.0)), sensor, recorded), first, light, share == 1.0
+
+
+def by_amplitude(seeds: list[int]) -> None:
+    """Print one row a power and seed: measured over true sigma of every pixel, and one-surface pixels kept whole."""
+    print("| true power | frames | seed | measured | median | least | most | by range alone: least | most |", end="")
+    print(" one surface kept one | by range alone |")
+    print("|---" * 11 + "|")
+    for exponent in (0.0, 0.7, 0.85, 1.0):
+        for frames in (100, 26):
+            for seed in seeds:
+                recording, first, light, one = reflective(exponent, frames, seed)
+                bare = ArrayRecording(recording.read_range(slice(None), slice(None)), recording.sensor)
+                true = 20.0 * (light / 100.0) ** -exponent
+                measured, alone = measure_noise(recording).curve, measure_noise(bare).curve
+                ratio, other = measured.sigma(first, light) / true, alone.sigma(first) / true
+                kept = [
+                    (estimate_layers(with_curve(source, curve), workers=2).n_modes[0][one] == 1).mean()
+                    for source, curve in ((recording, measured), (bare, alone))
+                ]
+                law = "none" if measured.law is None else ", ".join(f"{p:.2f}" for p in measured.law.exponents())
+                print(
+                    f"| {exponent:g} | {frames} | {seed} | {law} | {np.median(ratio):.3f} | {ratio.min():.3f}"
+                    f" | {ratio.max():.3f} | {other.min():.2f} | {other.max():.2f} | {kept[0]:.4f} | {kept[1]:.4f} |",
+                    flush=True,
+                )
+
+
+def with_curve(recording: ArrayRecording, curve: NoiseCurve) -> ArrayRecording:
+    """The recording of a camera with this noise curve."""
+    everything = slice(None), slice(None)
+    amplitude = recording.read_amplitude(*everything) if recording.has_amplitude else None
+    return ArrayRecording(recording.read_range(*everything), replace(recording.sensor, noise=curve), amplitude)
+
+
 def simulated(seeds: list[int]) -> None:
-    """Print one row a built-in scene and seed: only pixels that see one surface count towards 200."""
-    print("| scene | seed | ranges | median | least | most | p(c_r), true | measured |")
-    print("|---" * 8 + "|")
+    """Print one row a built-in scene and seed, amplitudes given: only pixels of one surface count towards 200."""
+    print("| scene | seed | ranges | median | least | most | p(c_r), true | measured | law of amplitude |")
+    print("|---" * 9 + "|")
     for name in ("three-boards", "corridor"):
         model = load_model(name)
         truth, sensor = cast_scene(model), recording_sensor(model)
         assert sensor.noise is not None
         one = truth.n_modes == 1
         for seed in seeds:
-            blocks = render_blocks(model, truth, n_frames=100, seed=seed)
+            blocks = list(render_blocks(model, truth, n_frames=100, seed=seed))
             samples = np.concatenate([block.range_mm for block in blocks])
-            measured = measure_noise(ArrayRecording(samples, sensor))
+            amplitude = np.concatenate([block.amplitude for block in blocks])
+            measured = measure_noise(ArrayRecording(samples, sensor, amplitude))
             ratio = ratios(measured.curve, sensor.noise, truth.range_true[one][:, 0].astype(np.float64))
             print(
                 f"| {name} | {seed} | {ratio.size} | {np.median(ratio):.3f} | {ratio.min():.3f} | {ratio.max():.3f}"
-                f" | {sensor.outlier_probability:g} | {measured.outlier_probability:.1e} |"
+                f" | {sensor.outlier_probability:g} | {measured.outlier_probability:.1e}"
+                f" | {'none' if measured.curve.law is None else 'one'} |",
+                flush=True,
             )
 
 
@@ -155,13 +213,23 @@ def real_recording() -> None:
         measured: MeasuredNoise = measure_noise(recording)
         curve = recording.sensor.noise
     assert curve is not None
-    print("| range, mm | pixels | measured sigma, mm | the file's |")
-    print("|---" * 4 + "|")
+    print("| range, mm | pixels | measured sigma, mm | at amplitude | the file's |")
+    print("|---" * 5 + "|")
     for range_mm, sigma, pixels in zip(measured.curve.range_mm, measured.curve.sigma_mm, measured.pixels, strict=True):
         if pixels:
-            print(f"| {range_mm:.0f} | {pixels} | {sigma:.2f} | {curve.sigma(range_mm):.2f} |")
+            light = "any"
+            if measured.curve.law is not None:
+                light = f"{np.interp(range_mm, measured.curve.range_mm, measured.curve.law.reference):.0f}"
+            print(f"| {range_mm:.0f} | {pixels} | {sigma:.2f} | {light} | {curve.sigma(range_mm):.2f} |")
     range_mm, ratio = disagreement(measured, curve)
     print(f"\nlargest disagreement: the file's is {ratio:.2f} times the measured one at {range_mm:.0f} mm")
+    law = measured.curve.law
+    if law is not None:
+        print(
+            f"sigma by range and amplitude: factors {law.factor.round(2).tolist()} at amplitudes"
+            f" {law.amplitude.round().tolist()}, powers {law.exponents().round(2).tolist()},"
+            f" +{measured.law_gain:.0f} nat on pixels held out"
+        )
     print(f"outliers: {measured.outlier_samples} samples, p(c_r) = {measured.outlier_probability:.1e}")
 
 
@@ -169,12 +237,20 @@ def main() -> None:
     """Print everything."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=[21, 22, 23])
-    seeds = parser.parse_args().seeds
-    drawn(seeds)
-    print()
-    simulated(seeds)
-    print()
-    real_recording()
+    parser.add_argument(
+        "--only", choices=["drawn", "by-amplitude", "simulated", "real"], help="One of the tables instead of all."
+    )
+    chosen = parser.parse_args()
+    tables = {
+        "drawn": lambda: drawn(chosen.seeds),
+        "by-amplitude": lambda: by_amplitude(chosen.seeds),
+        "simulated": lambda: simulated(chosen.seeds),
+        "real": real_recording,
+    }
+    for name, table in tables.items():
+        if chosen.only in (None, name):
+            table()
+            print()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """`tofmix estimate --noise auto` and `--outliers`: the curve and p(c_r) from the recording itself."""
 
 import json
+import re
 from pathlib import Path
 
 import h5py
@@ -38,7 +39,7 @@ def test_a_wrong_curve_is_told_in_one_line(tofmix: Tofmix, tmp_path: Path, sampl
     outcome = tofmix("estimate", wrong, "--noise", "auto")
     assert outcome.code == 0
     assert outcome.err.count("\n") == 1
-    assert "times the measured one at 3" in outcome.err
+    assert re.search(r"times the measured one at (29|30)\d\d mm", outcome.err)
     right = write_recording(tmp_path / "right.h5", samples, noise=TRUE)
     assert tofmix("estimate", right, "--noise", "auto").err == ""
 

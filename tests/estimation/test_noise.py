@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tofmix.estimation import noise_series
 from tofmix.estimation.noise import MeasuredNoise, disagreement, measure_noise
-from tofmix.estimation.noise_scale import locate
+from tofmix.estimation.noise_scale import locate, single_share
 from tofmix.estimation.noise_series import (
     Series,
     memory_correction,
@@ -36,6 +36,11 @@ def pixels_at(
 def recording(samples: NDArray[np.floating], rows: int = 40) -> ArrayRecording:
     """Whole millimetres, and a camera without a curve."""
     return ArrayRecording(np.rint(samples).reshape(len(samples), rows, -1), BARE)
+
+
+def series(samples: NDArray[np.float32]) -> Series:
+    """One series a pixel, without amplitudes."""
+    return Series(samples, np.arange(len(samples)), np.full(len(samples), np.nan))
 
 
 def worst(measured: MeasuredNoise, sensor: Sensor, seen_mm: NDArray[np.float64]) -> float:
@@ -134,7 +139,7 @@ def test_weak_surfaces_are_no_outliers(rng: np.random.Generator, sensor: Sensor)
 def test_statistics_equal_a_slow_reference(rng: np.random.Generator) -> None:
     samples = rng.normal(2000.0, 20.0, (30, 60)).astype(np.float32)
     samples[:, 5] = np.nan
-    found = series_statistics(Series(samples, np.arange(30)), 1.0)
+    found = series_statistics(series(samples), 1.0)
     time = np.delete(2.0 * np.arange(60) / 60 - 1.0, 5)
     for k in range(30):
         values = np.delete(samples[k].astype(np.float64), 5)
@@ -148,7 +153,7 @@ def test_statistics_equal_a_slow_reference(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize("n", [10, 26, 100])
 def test_picking_by_shape_does_not_bias_the_variance(rng: np.random.Generator, n: int) -> None:
     samples = rng.normal(0.0, 10.0, (8000, n)).astype(np.float32)
-    found = series_statistics(Series(samples, np.arange(8000)), 0.0)
+    found = series_statistics(series(samples), 0.0)
     picked = shaped_as_one(found, 0.2)
     assert 0.5 < picked.mean() < 0.75
     # Standard error 10 / sqrt(2 * 7 * 4600) = 0.04 at most, over 10.
@@ -158,7 +163,7 @@ def test_picking_by_shape_does_not_bias_the_variance(rng: np.random.Generator, n
 def test_two_overlapping_surfaces_fail_by_shape(rng: np.random.Generator) -> None:
     far = rng.random((2000, 100)) < 0.5
     samples = (10.0 * rng.standard_normal(far.shape) + 30.0 * far).astype(np.float32)
-    assert shaped_as_one(series_statistics(Series(samples, np.arange(2000)), 0.0), 0.2).mean() < 0.1
+    assert shaped_as_one(series_statistics(series(samples), 0.0), 0.2).mean() < 0.1
 
 
 @pytest.mark.parametrize("coefficient", [0.0, 0.3, 0.7])
@@ -166,7 +171,7 @@ def test_memory_is_corrected_as_simulated(rng: np.random.Generator, coefficient:
     noise = rng.standard_normal((4000, 100))
     for k in range(1, 100):
         noise[:, k] = coefficient * noise[:, k - 1] + np.sqrt(1.0 - coefficient**2) * noise[:, k]
-    found = series_statistics(Series((10.0 * noise).astype(np.float32), np.arange(4000)), 0.0)
+    found = series_statistics(series((10.0 * noise).astype(np.float32)), 0.0)
     factor = memory_correction(float(np.median(found.memory)), 100)
     assert factor * found.variance.mean() == pytest.approx(100.0, rel=0.03)
 
@@ -177,7 +182,24 @@ def test_a_minority_of_wider_series_is_seen_through(rng: np.random.Generator, de
     log_sigma = 0.5 * np.log(rng.chisquare(degrees, 1000) / degrees)
     log_sigma[:400] += np.log(factor)
     # The hardest: 40 % wider by less than one series can tell.
-    assert abs(locate(log_sigma, degrees)) < 0.05
+    found = locate([log_sigma], degrees)
+    assert abs(found.log_sigma[0]) < 0.05
+    single = single_share(log_sigma - found.log_sigma[0], degrees, found.chances)
+    assert single[400:].mean() > single[:400].mean()
+
+
+def test_groups_share_what_they_tell_of_wider_series(rng: np.random.Generator) -> None:
+    def errors(together: bool) -> float:
+        groups = []
+        for _ in range(40):
+            log_sigma = 0.5 * np.log(rng.chisquare(10, 100) / 10)
+            log_sigma[:40] += 0.3 * rng.exponential(size=40)
+            groups.append(log_sigma)
+        if together:
+            return float(locate(groups, 10).log_sigma.std())
+        return float(np.std([locate([group], 10).log_sigma[0] for group in groups]))
+
+    assert errors(together=True) < 0.9 * errors(together=False)
 
 
 def test_the_step_of_stored_ranges(rng: np.random.Generator) -> None:

@@ -106,6 +106,7 @@ def sensor_for(
     measured = _measured(source, circle_mm) if AUTO in (noise, outliers) else None
     if noise == AUTO and measured is not None:
         _warn_where_they_differ(source, measured)
+        _say_what_amplitude_does(source, measured)
         sensor = replace(sensor, noise=measured.curve)
     elif noise != FILE:
         sensor = _with_profile(source, sensor, noise)
@@ -147,6 +148,24 @@ def _with_profile(source: "RecordingFile", sensor: "Sensor", name: str) -> "Sens
             err=True,
         )
     return replace(sensor, noise=profile.noise_at(sensor.integration_time_ms or profile.integration_time_ms))
+
+
+def _say_what_amplitude_does(source: "RecordingFile", measured: "MeasuredNoise") -> None:
+    if not source.has_amplitude:
+        return
+    law = measured.curve.law
+    if law is None or measured.law_gain is None:
+        chosen = "sigma is measured by range alone; amplitude does not tell more"
+    else:
+        powers = [f"^-{power:.2f}" for power in law.exponents()]
+        falls = powers[0] + "".join(
+            f", {p} from {a:.4g} on" for p, a in zip(powers[1:], law.amplitude[1:-1], strict=True)
+        )
+        chosen = (
+            f"sigma is measured by range and amplitude; it goes as amplitude{falls}"
+            f" (+{measured.law_gain:.0f} nat on pixels held out)"
+        )
+    click.echo(f"tofmix: {source.path}: noise: {chosen}", err=True)
 
 
 def _warn_where_they_differ(source: "RecordingFile", measured: "MeasuredNoise") -> None:

@@ -1,11 +1,11 @@
-"""The fixed part of equation (1), the same for every pixel, as the kernels read it."""
+"""The fixed part of equation (1), as the kernels read it: the same for every pixel, but for curves of their own."""
 
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
 from tofmix.jit import jit
 from tofmix.sensor import Sensor
@@ -16,13 +16,25 @@ NO_RETURN_REACH = 6.0
 _SMALLEST_OUTLIER_PROBABILITY = 1.0e-12
 
 
+class OwnCurves(NamedTuple):
+    """Noise curves of single pixels: `range_mm` and `sigma_mm` (pixel, point); the first `size` (pixel,) count.
+
+    Made by `tofmix.estimation.pixel_noise`; of no pixel where the beam's curve holds for all.
+    """
+
+    range_mm: FloatArray
+    sigma_mm: FloatArray
+    size: IntArray
+
+
 class Beam(NamedTuple):
     """The fixed part of equation (1), in mm, as the kernels read it.
 
     `range_max` is infinite where the sensor has no such limit; there is no c_0 then.
     What lies past `no_return_from`, up to `no_return_to`, is c_0; the latter is infinite but on a circle.
     `outlier_density` is p(c_r) / (range_max - range_min), 1/mm. `range_min` and `range_top`, always
-    finite, are the ends of that interval: the working range, or what stands in for it.
+    finite, are the ends of that interval: the working range, or what stands in for it. `own` are the curves of single
+    pixels, for `pixel_noise.beam_of_pixel` to put in the place of the common one.
     """
 
     curve_range: FloatArray
@@ -35,6 +47,12 @@ class Beam(NamedTuple):
     outlier_density: float
     range_min: float
     range_top: float
+    own: OwnCurves
+
+
+def no_own_curves() -> OwnCurves:
+    """No pixel has a curve of its own."""
+    return OwnCurves(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0, dtype=np.int64))
 
 
 @jit
@@ -98,6 +116,7 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fol
         outlier_density=max(p_outlier, _SMALLEST_OUTLIER_PROBABILITY) / (high - low),
         range_min=float(low),
         range_top=float(high),
+        own=no_own_curves(),
     )
 
 
@@ -122,4 +141,5 @@ def _circular_beam(sensor: Sensor, length: float, *, at_fold: bool) -> Beam:
         outlier_density=max(sensor.outlier_probability, _SMALLEST_OUTLIER_PROBABILITY) / spread,
         range_min=low,
         range_top=low + length,
+        own=no_own_curves(),
     )

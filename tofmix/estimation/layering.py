@@ -50,6 +50,7 @@ from tofmix.estimation.mixture import (
     new_sigma,
     start_at,
 )
+from tofmix.estimation.pixel_noise import beam_of_pixel, own_curves
 from tofmix.estimation.samples import Readings, SortedSamples, gather, sort_samples
 from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Knobs, knobs_of
 from tofmix.estimation.uncertainty import standard_errors
@@ -191,7 +192,7 @@ def _sort_surfaces(k: int, fit: Components) -> None:
 
 @jit
 def _layer_block(
-    block: SortedSamples, peaks: Peaks, out: tuple[NDArray[Any], ...], beam: Beam, knobs: Knobs, table: FloatArray
+    block: SortedSamples, peaks: Peaks, out: tuple[NDArray[Any], ...], common: Beam, knobs: Knobs, table: FloatArray
 ) -> None:
     """Fill `out`, the arrays of `Layers` in their order, for the pixels of a block and their peaks."""
     (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
@@ -207,6 +208,7 @@ def _layer_block(
         if n < knobs.min_samples:
             status[pixel] = _TOO_FEW_SAMPLES
             continue
+        beam = beam_of_pixel(common, pixel)
         data = gather(block.values[pixel], n, beam.curve_range, beam.curve_sigma, value, count)
         place, height, found = peaks.place[pixel], peaks.height[pixel], peaks.found[pixel]
         gain = least_gain(knobs.false_alarm, table[n]) if knobs.refine else 0.0
@@ -232,7 +234,13 @@ def _layer_block(
             status[pixel] = _OK if known else _DEGENERATE
 
 
-def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: EstimateOptions | None = None) -> Layers:
+def layer_pixels(
+    range_mm: NDArray[np.floating],
+    sensor: Sensor,
+    options: EstimateOptions | None = None,
+    *,
+    amplitude: NDArray[np.floating] | None = None,
+) -> Layers:
     """Layers of each pixel of a block.
 
     Parameters
@@ -243,6 +251,9 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
         Noise curve, working range and p(c_r).
     options : EstimateOptions, optional
         Defaults without it.
+    amplitude : array of float, optional
+        Amplitudes of the samples, of the same shape; used where the noise curve has a law of amplitude, but not on a
+        circle.
 
     Returns
     -------
@@ -252,8 +263,8 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
     Raises
     ------
     ValueError
-        If the samples have another number of dimensions or no frame, the sensor has no noise curve, or the circle of
-        `unambiguous_range_mm` is too short for it.
+        If the samples have another number of dimensions or no frame, the amplitudes another shape, the sensor has no
+        noise curve, or the circle of `unambiguous_range_mm` is too short for it.
     """
     samples = np.asarray(range_mm, dtype=np.float32)
     if samples.ndim not in (2, 3) or samples.shape[0] == 0:
@@ -263,7 +274,13 @@ def layer_pixels(range_mm: NDArray[np.floating], sensor: Sensor, options: Estima
     out = Layers.empty((block.shape[1],), options.max_layers)
     ordered = sort_samples(block)
     if options.unambiguous_range_mm is None:
-        _layers_on_line(ordered, beam_of(sensor), options, out)
+        beam = beam_of(sensor)
+        if amplitude is not None and sensor.noise is not None and sensor.noise.law is not None:
+            if amplitude.shape != samples.shape:
+                raise ValueError(f"amplitude: shape {amplitude.shape} differs from range {samples.shape}")
+            amplitudes = np.asarray(amplitude, np.float32).reshape(block.shape)
+            beam = beam._replace(own=own_curves(block, amplitudes, sensor.noise))
+        _layers_on_line(ordered, beam, options, out)
     else:
         _layers_on_circle(ordered, sensor, options, options.unambiguous_range_mm, out)
     return out.reshaped(samples.shape[1:])

@@ -2,28 +2,42 @@
 
 Use `measure_noise` where a camera's curve is not known, or to check the one that
 is. It needs pixels that see one surface; up to 40 % may see several. Nothing here
-knows a curve beforehand, and amplitudes are not used: sigma depends on range alone.
+knows a curve beforehand.
 
 1. `noise_series` gives each pixel's variance and shape, run of frames by run.
-2. Series shaped as one Gaussian are sorted by range into bins.
-3. A bin's sigma is that of the lowest group of its series: two surfaces closer than some 3 sigma look like one
-   with a larger sigma, never a smaller one (`_locate`).
-4. The curve through the bins is taken out and the bins are measured once more, so that a steep curve within a bin
-   does no harm.
+2. Series shaped as one Gaussian are sorted by range into bins (`noise_curve`).
+3. Where amplitudes were recorded, and held-out pixels ask for it, sigma is a function of range and amplitude
+   (`noise_amplitude`); what amplitude does is taken out of the series then.
+4. A bin's sigma is that of the lowest group of its series: two surfaces closer than some 3 sigma look like one
+   with a larger sigma, never a smaller one (`noise_scale`).
+5. The curve through the bins is taken out and the bins are measured again, so that a steep curve within a bin
+   does no harm. They are smoothed as far as their scatter asks for it.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.estimation.noise_scale import locate
+from tofmix.estimation.noise_amplitude import ChosenLaw, SpreadSeries, choose_law
+from tofmix.estimation.noise_curve import (
+    LEAST_IN_BIN,
+    WIDE,
+    Point,
+    cut_into_bins,
+    join,
+    log_curve,
+    measure_bins,
+    reference_at,
+    smooth,
+    with_law,
+)
+from tofmix.estimation.noise_scale import single_share
 from tofmix.estimation.noise_series import (
     LEAST_SAMPLES,
+    Series,
     SeriesStatistics,
     memory_correction,
     quantisation_step,
@@ -36,34 +50,11 @@ from tofmix.estimation.outliers import measure_outliers
 from tofmix.recording import SampleSource
 from tofmix.sensor import NoiseCurve, Sensor
 
-STRICTNESS = 0.2
+STRICTNESS = 0.1
 """Share of Gaussian series that each test of shape turns away: it costs no bias."""
-
-LEAST_IN_BIN = 20
-"""Fewest series that tell a sigma."""
-
-BIN_TARGET = 100
-"""Series of a bin, where there are enough."""
-
-MOST_BINS = 32
-
-WIDE, NARROW = 0.12, 0.02
-"""Extent of a bin over its range: above the first it is split, below the second it never is."""
-
-FEW_FRAMES = 50
-"""Series of fewer samples are gathered in bins of nearly twice the extent and twice the number."""
-
-GAP = 0.03
-"""A step in range, over the range, that parts two bins."""
 
 PILE_SIGMA = 0.5
 """Samples without a return with less than this share of their neighbour's sigma are a constant."""
-
-SLOPES = (-1.0, 4.0)
-"""Least and greatest power of range by which sigma is carried on past the outer bins."""
-
-FILL = 1.15
-"""Ratio of neighbouring points of the curve where nothing was seen."""
 
 LEAST_FITTING = 0.1
 """Share of series that must have the shape of one surface for the tests of shape to count."""
@@ -76,7 +67,7 @@ class MeasuredNoise:
     Parameters
     ----------
     curve : NoiseCurve
-        sigma(r), mm.
+        sigma(r), mm; with a law of amplitude where the recording shows one.
     pixels : (n,) int64
         Pixels that tell each point of the curve; 0 where it is carried on from its neighbours.
     outlier_probability : float
@@ -85,6 +76,8 @@ class MeasuredNoise:
         Samples that were seen as outliers.
     step_mm : float
         Step of the stored ranges.
+    law_gain : float or None
+        What the law gains in likelihood, nat, on pixels that no fit has seen; None without a law.
     """
 
     curve: NoiseCurve
@@ -92,17 +85,19 @@ class MeasuredNoise:
     outlier_probability: float
     outlier_samples: int
     step_mm: float
+    law_gain: float | None = None
 
 
 def measure_noise(source: SampleSource) -> MeasuredNoise:
-    """Measure sigma(r) and p(c_r) from a recording.
+    """Measure sigma(r), or sigma by range and amplitude, and p(c_r) from a recording.
 
-    The sensor's own curve is not looked at. The result depends on the samples alone.
+    The sensor's own curve is not looked at. The result depends on the samples and their amplitudes alone.
 
     Parameters
     ----------
     source : SampleSource
-        The recording; at least 10 frames, and 20 pixels that see one surface at about one range.
+        The recording; at least 10 frames, and 20 pixels that see one surface at about one range. Amplitudes are used
+        if it is a `tofmix.recording.AmplitudeSource`.
 
     Returns
     -------
@@ -122,22 +117,23 @@ def measure_noise(source: SampleSource) -> MeasuredNoise:
     step = quantisation_step(series.samples)
     found = series_statistics(series, step)
     chosen = _single_surface(found)
-    groups = _bins(found.range_mm[chosen], few=source.shape[0] < FEW_FRAMES)
-    if not groups:
+    bins = cut_into_bins(found.range_mm[chosen])
+    if not bins:
         raise ValueError(_what_is_missing(source, found, chosen))
-    group = _Group(found, chosen, step)
-    points = [group.point(members) for members in groups]
-    for _ in range(2):  # the second time with the slope of the first curve taken out of the bins
-        points = [group.point(b, points) for b in groups]
-    points = _without_constant_pile(points, source.sensor)
-    curve = _curve(points)
-    p_outlier, n_outliers = measure_outliers(series.samples, found, curve, source.sensor)
+    spread = _Spread(series, found, chosen, bins, step)
+    law = spread.law()
+    points = _without_constant_pile(spread.points(law), source.sensor)
+    curve = join(points)
+    if law is not None:
+        curve = with_law(curve, law.law, spread.centres)
+    p_outlier, n_outliers = measure_outliers(series.samples, found, curve, source.sensor, series.amplitude)
     return MeasuredNoise(
         curve=curve,
         pixels=_pixels(curve, points, series.pixel[chosen]),
         outlier_probability=p_outlier,
         outlier_samples=n_outliers,
         step_mm=step,
+        law_gain=None if law is None else law.gain,
     )
 
 
@@ -168,75 +164,78 @@ def _what_is_missing(source: SampleSource, found: SeriesStatistics, chosen: IntA
     )
 
 
-def _bins(range_mm: FloatArray, *, few: bool) -> list[slice]:
-    """Cut ascending ranges into bins: at gaps, then in halves while they are too wide or hold more than they need."""
-    if range_mm.size == 0:
-        return []
-    scale = np.maximum(np.abs(range_mm), 1.0)
-    cuts = np.flatnonzero(np.diff(range_mm) > GAP * scale[1:]) + 1
-    target = max(BIN_TARGET * (2 if few else 1), range_mm.size // MOST_BINS)
-    wide = WIDE * (1.8 if few else 1.0)
-    waiting = [slice(a, b) for a, b in pairwise([0, *cuts.tolist(), range_mm.size])]
-    bins = []
-    while waiting:
-        part = waiting.pop()
-        count = part.stop - part.start
-        extent = (range_mm[part.stop - 1] - range_mm[part.start]) / scale[part.start]
-        if count >= 2 * LEAST_IN_BIN and (extent > wide or (count >= 2 * target and extent > NARROW)):
-            middle = (part.start + part.stop) // 2
-            waiting += [slice(part.start, middle), slice(middle, part.stop)]
-        elif count >= LEAST_IN_BIN and extent <= 2 * wide:
-            bins.append(part)
-    return sorted(bins, key=lambda part: part.start)
+class _Spread:
+    """The series that tell of the noise, by range, in bins."""
 
-
-class _Point(NamedTuple):
-    """A bin's series, their range from `low` to `high` (mm), and log sigma at `centre`."""
-
-    members: slice
-    low: float
-    centre: float
-    high: float
-    log_sigma: float
-
-
-class _Group:
-    """The series that tell of the noise, by range."""
-
-    def __init__(self, found: SeriesStatistics, chosen: IntArray, step: float) -> None:
-        self._range = found.range_mm[chosen]
-        size = int(np.median(found.kept[chosen]))
-        self._degrees = size - trend_degree(size) - 1
-        variance = found.variance[chosen] * memory_correction(float(np.median(found.memory[chosen])), size)
+    def __init__(
+        self, series: Series, found: SeriesStatistics, chosen: IntArray, bins: Sequence[slice], step: float
+    ) -> None:
+        self._bins = bins
+        self._range, self._variance, self._memory = (
+            values[chosen] for values in (found.range_mm, found.variance, found.memory)
+        )
+        self._log_amplitude, self._pixel = np.log(series.amplitude[chosen]), series.pixel[chosen]
+        self._size = int(np.median(found.kept[chosen]))
+        self._degrees = self._size - trend_degree(self._size) - 1
         # Sheppard's correction: rounding adds step^2 / 12. What is left of less than that cannot be told.
-        rounding = step**2 / 12.0
-        self._log_sigma = 0.5 * np.log(np.maximum(variance - rounding, rounding))
+        self._rounding = step**2 / 12.0
+        self.centres = np.array([np.median(self._range[members]) for members in bins])
 
-    def point(self, members: slice, curve: Sequence[_Point] = ()) -> _Point:
-        """Measure a bin, with the slope of an earlier curve taken out."""
-        range_mm, log_sigma = self._range[members], self._log_sigma[members]
-        centre = float(np.median(range_mm))
-        if curve:
-            log_sigma = log_sigma - _log_curve(curve, range_mm) + _log_curve(curve, np.array([centre]))
-        return _Point(members, float(range_mm[0]), centre, float(range_mm[-1]), locate(log_sigma, self._degrees))
+    def _log_sigma(self, correction: float = 1.0) -> FloatArray:
+        corrected = self._variance * correction - self._rounding
+        return np.asarray(0.5 * np.log(np.maximum(corrected, self._rounding)), dtype=np.float64)
+
+    def law(self) -> ChosenLaw | None:
+        """Choose how noise depends on amplitude, with the slope of the curve by range alone taken out of the bins."""
+        if not np.isfinite(self._log_amplitude).any():
+            return None
+        log_sigma = self._log_sigma()
+        points, _ = measure_bins(self._range, log_sigma, self._bins, self._degrees)
+        group = np.repeat(np.arange(len(self._bins)), [members.stop - members.start for members in self._bins])
+        inside = np.concatenate([np.arange(members.start, members.stop) for members in self._bins])
+        chosen = choose_law(
+            SpreadSeries(
+                group=group,
+                log_sigma=(log_sigma - log_curve(points, self._range))[inside],
+                log_amplitude=self._log_amplitude[inside],
+                pixel=self._pixel[inside],
+                degrees=self._degrees,
+            )
+        )
+        if chosen is None:
+            return None
+        # A reference that jumps with the reflectivity of each bin's pixels would make the curve jump with it.
+        log_reference = np.log(chosen.law.reference)
+        error = np.array([_spread_of(self._log_amplitude[members]) for members in self._bins])
+        smoothed = smooth(np.log(np.maximum(self.centres, 1.0)), log_reference, error)
+        return replace(chosen, law=replace(chosen.law, reference=np.exp(smoothed)))
+
+    def points(self, law: ChosenLaw | None) -> list[Point]:
+        """Measure the bins, at the law's factor 1; noise that remembers is corrected."""
+        log_factor = np.zeros(len(self._range))
+        if law is not None:
+            reference = reference_at(law.law, self.centres, self._range)
+            known = np.isfinite(self._log_amplitude)
+            log_factor = law.law.log_factor(np.where(known, np.exp(self._log_amplitude), reference))
+        plain = self._log_sigma() - log_factor
+        points, located = measure_bins(self._range, plain, self._bins, self._degrees)
+        # Surfaces that take turns have no memory: only that of the single series counts, by their variance.
+        away = plain - log_curve(points, self._range)
+        share = single_share(away, self._degrees, located.chances) * np.exp(2.0 * np.minimum(away, 1.0))
+        memory = float(share @ self._memory / share.sum())
+        correction = memory_correction(memory, self._size)
+        if correction == 1.0:
+            return points
+        return measure_bins(self._range, self._log_sigma(correction) - log_factor, self._bins, self._degrees)[0]
 
 
-def _log_curve(points: Sequence[_Point], range_mm: FloatArray) -> FloatArray:
-    """Log sigma at any range: a power law from point to point, carried on past the outer ones by their neighbours'."""
-    x = np.log(np.maximum(range_mm, 1.0))
-    at = np.log(np.maximum([p.centre for p in points], 1.0))
-    values = np.array([p.log_sigma for p in points])
-    distinct = np.concatenate([[True], np.diff(at) > 0])
-    at, values = at[distinct], values[distinct]
-    if len(at) == 1:
-        return np.full(x.shape, values[0])
-    slopes = np.clip(np.diff(values) / np.diff(at), *SLOPES)
-    log_sigma: FloatArray = np.interp(x, at, values)
-    log_sigma += slopes[0] * np.minimum(x - at[0], 0.0) + slopes[-1] * np.maximum(x - at[-1], 0.0)
-    return log_sigma
+def _spread_of(log_amplitude: FloatArray) -> float:
+    """Standard deviation of the known ones, at least 1 %; 1 without any."""
+    known = log_amplitude[np.isfinite(log_amplitude)]
+    return max(float(known.std()), 0.01) if known.size else 1.0
 
 
-def _without_constant_pile(points: list[_Point], sensor: Sensor) -> list[_Point]:
+def _without_constant_pile(points: list[Point], sensor: Sensor) -> list[Point]:
     """Leave out samples without a return that are a constant: their spread is not sigma(range_max)."""
     if sensor.range_max_mm is None or len(points) == 1:
         return points
@@ -245,22 +244,7 @@ def _without_constant_pile(points: list[_Point], sensor: Sensor) -> list[_Point]
     return points[:-1] if near and last.log_sigma < before.log_sigma + math.log(PILE_SIGMA) else points
 
 
-def _curve(points: Sequence[_Point]) -> NoiseCurve:
-    """Curve through the points, the ends of their bins, and the power law where nothing was seen."""
-    ends = {round(value, 1) for p in points for value in (p.low, p.centre, p.high)}
-    ends |= {round(p.centre, 1) for p in points}
-    knots = sorted(ends)
-    filled = [knots[0]]
-    for before, after in pairwise(knots):
-        if before >= 1.0 and after > FILL * before:
-            pieces = math.ceil(math.log(after / before) / math.log(FILL))
-            filled += [round(before * (after / before) ** (k / pieces), 1) for k in range(1, pieces)]
-        filled.append(after)
-    range_mm = np.unique(np.array(filled))
-    return NoiseCurve(range_mm, np.exp(_log_curve(points, range_mm)))
-
-
-def _pixels(curve: NoiseCurve, points: Sequence[_Point], pixel: IntArray) -> IntArray:
+def _pixels(curve: NoiseCurve, points: Sequence[Point], pixel: IntArray) -> IntArray:
     """Pixels that tell each point of the curve; 0 between the bins' centres."""
     count = np.zeros(len(curve.range_mm), dtype=np.int64)
     for point in points:

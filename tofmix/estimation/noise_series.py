@@ -15,7 +15,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.jit import jit
-from tofmix.recording import SampleSource
+from tofmix.recording import SampleSource, amplitude_source
 
 SERIES_FRAMES = 100
 """Frames of a series: long enough to tell a shape, short enough for drift to be a polynomial."""
@@ -45,10 +45,15 @@ _SHAPE_SIZES = (10, 13, 17, 20, 26, 34, 50, 70, 100)
 
 
 class Series(NamedTuple):
-    """Samples (series, frame) float32 in mm, NaN where invalid, and the number of the pixel (series,) they are of."""
+    """Series of samples.
+
+    `samples` (series, frame) float32 in mm, NaN where invalid; `pixel` (series,), the number of the pixel they are of;
+    `amplitude` (series,), the median of their amplitudes above 0, NaN where none is known.
+    """
 
     samples: Float32Array
     pixel: IntArray
+    amplitude: FloatArray
 
 
 class SeriesStatistics(NamedTuple):
@@ -81,15 +86,30 @@ def read_series(source: SampleSource) -> Series:
     runs = max(1, min(frames // length, MAX_SERIES // (len(chosen) * cols)))
     starts = np.linspace(0, frames - length, runs).astype(int)
     band = max(1, source.row_step)
-    parts, pixels = [], []
+    amplitudes = amplitude_source(source)
+    parts, pixels, medians = [], [], []
     for start in starts:
         for first in range(0, rows, band):
             wanted = chosen[(chosen >= first) & (chosen < first + band)]
             if wanted.size:
-                read = source.read_range(slice(start, start + length), slice(first, min(first + band, rows)))
-                parts.append(read[:, wanted - first].reshape(length, -1).T.copy())
+                block = slice(start, start + length), slice(first, min(first + band, rows))
+                parts.append(source.read_range(*block)[:, wanted - first].reshape(length, -1).T.copy())
                 pixels.append((wanted[:, None] * cols + np.arange(cols)).ravel())
-    return Series(np.concatenate(parts), np.concatenate(pixels).astype(np.int64))
+                if amplitudes is None:
+                    medians.append(np.full(len(pixels[-1]), np.nan))
+                else:
+                    read = amplitudes.read_amplitude(*block)[:, wanted - first].reshape(length, -1).T
+                    medians.append(_medians(np.where(np.isfinite(parts[-1]), read, np.nan)))
+    return Series(np.concatenate(parts), np.concatenate(pixels).astype(np.int64), np.concatenate(medians))
+
+
+def _medians(amplitude: Float32Array) -> FloatArray:
+    """Median of the finite values above 0 of each row, NaN where there is none."""
+    ordered = np.sort(np.where(np.isfinite(amplitude) & (amplitude > 0), amplitude, np.nan), axis=1)  # NaN last
+    count = np.isfinite(ordered).sum(axis=1)
+    row = np.arange(len(ordered))
+    low, high = ordered[row, np.maximum(count - 1, 0) // 2], ordered[row, count // 2]
+    return np.asarray(0.5 * (low.astype(np.float64) + high), dtype=np.float64)
 
 
 def quantisation_step(samples_mm: Float32Array) -> float:

@@ -29,7 +29,11 @@ _BLOCK = 8192
 
 
 def measure_outliers(
-    samples: Float32Array, statistics: SeriesStatistics, curve: NoiseCurve, sensor: Sensor
+    samples: Float32Array,
+    statistics: SeriesStatistics,
+    curve: NoiseCurve,
+    sensor: Sensor,
+    amplitude: FloatArray | None = None,
 ) -> tuple[float, int]:
     """Share of random values among samples.
 
@@ -43,6 +47,8 @@ def measure_outliers(
         The measured sigma(r).
     sensor : Sensor
         For the working range; without `range_max_mm` random values spread to the curve's end, as in the estimator.
+    amplitude : (series,) float64, optional
+        Amplitude of each series, for a curve with a law.
 
     Returns
     -------
@@ -54,7 +60,7 @@ def measure_outliers(
     low = sensor.range_min_mm or 0.0
     high = float(curve.range_mm[-1]) if sensor.range_max_mm is None else sensor.range_max_mm
     top = high if sensor.range_max_mm is None else high - FAR_SIGMAS * float(curve.sigma(high))
-    sigma = curve.sigma(statistics.range_mm)
+    sigma = curve.sigma(statistics.range_mm, amplitude)
     one = (statistics.kept > 0) & (np.sqrt(statistics.variance) < _SUSPECT_FACTOR * sigma)
     series = np.flatnonzero(one & (statistics.range_mm < top))
     if not low < top or series.size == 0:

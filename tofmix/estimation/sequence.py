@@ -18,11 +18,14 @@ from tofmix.arrays import Float32Array
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.layers import LAYER_FIELDS, Layers
-from tofmix.recording import SampleSource
+from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
 from tofmix.windows import Windows
 
 _BYTES_PER_SAMPLE = 16
 """What one sample of a slab takes while it is worked on: stored, decoded, validity, one copy."""
+
+_BYTES_PER_AMPLITUDE = 12
+"""The same of its amplitude, where the noise curve asks for it: stored, decoded, one copy."""
 
 _TILE_PIXELS = 2048
 """Pixels that are stored together and make one task."""
@@ -112,11 +115,13 @@ class _Batch:
         count = self.chosen.stop - self.chosen.start
         out = Layers.empty((count, rows, cols), self.options.max_layers)
         waiting: deque[Future[int]] = deque()
-        for band in self._bands(chunk_mb):
+        amplitudes = self._amplitudes()
+        for band in self._bands(chunk_mb, _BYTES_PER_SAMPLE + (_BYTES_PER_AMPLITUDE if amplitudes else 0)):
             slab = self.source.read_range(self._frames(), band)
+            light = amplitudes.read_amplitude(self._frames(), band) if amplitudes else None
             for window in range(count):
                 for piece in _cut(band, self.tile_rows):
-                    waiting.append(pool.submit(self._work, slab, band, window, piece, out))
+                    waiting.append(pool.submit(self._work, (slab, light), band, window, piece, out))
             # One slab is worked on while the next is read, and no more than that.
             while len(waiting) > workers:
                 _report(waiting.popleft().result(), progress)
@@ -127,11 +132,16 @@ class _Batch:
     def _frames(self) -> slice:
         return slice(self.windows.start(self.chosen.start), self.windows.stop(self.chosen.stop - 1))
 
-    def _bands(self, chunk_mb: float) -> Iterator[slice]:
+    def _amplitudes(self) -> AmplitudeSource | None:
+        """The recording's amplitudes, where the noise curve asks for them."""
+        noise = self.source.sensor.noise
+        return None if noise is None or noise.law is None else amplitude_source(self.source)
+
+    def _bands(self, chunk_mb: float, sample_bytes: int) -> Iterator[slice]:
         """Bands of rows of about `chunk_mb`, along the stored chunks where they fit."""
         _, rows, cols = self.source.shape
         frames = self._frames()
-        row_bytes = (frames.stop - frames.start) * cols * _BYTES_PER_SAMPLE
+        row_bytes = (frames.stop - frames.start) * cols * sample_bytes
         fitting = max(1, int(chunk_mb * 1e6 / row_bytes))
         for step in (self.source.row_step, self.tile_rows):
             if fitting >= step:
@@ -139,12 +149,15 @@ class _Batch:
                 break
         return _cut(slice(0, rows), fitting)
 
-    def _work(self, slab: Float32Array, band: slice, window: int, rows: slice, out: Layers) -> int:
-        """Fill the layers of some rows of one window; return their pixels."""
+    def _work(
+        self, slab: tuple[Float32Array, Float32Array | None], band: slice, window: int, rows: slice, out: Layers
+    ) -> int:
+        """Fill the layers of some rows of one window from samples and amplitudes; return their pixels."""
         origin = self.windows.start(self.chosen.start)
         start = self.windows.start(self.chosen.start + window) - origin
-        samples = slab[start : start + self.windows.length, rows.start - band.start : rows.stop - band.start]
-        layers = layer_pixels(samples, self.source.sensor, self.options)
+        piece = slice(start, start + self.windows.length), slice(rows.start - band.start, rows.stop - band.start)
+        amplitude = None if slab[1] is None else slab[1][piece]
+        layers = layer_pixels(slab[0][piece], self.source.sensor, self.options, amplitude=amplitude)
         for spec in LAYER_FIELDS:
             getattr(out, spec.name)[window, rows] = getattr(layers, spec.name)
         return int(np.prod(layers.shape))

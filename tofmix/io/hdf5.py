@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tofmix.errors import BadInputError, os_error_text
 from tofmix.io.storage import AtomicFile, check_input
-from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
+from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
 
 FORMAT_VERSION = "1.0"
 CONVENTIONS = "CF-1.11"
@@ -33,6 +33,13 @@ _SENSOR_NUMBERS = (
     "fov_vertical_deg",
     "outlier_probability",
 )
+
+_LAW = {
+    "noise_reference_amplitude": "reference",
+    "noise_amplitude": "amplitude",
+    "noise_amplitude_factor": "factor",
+}
+"""Datasets of an `AmplitudeLaw` and its fields, in their order."""
 
 
 @contextmanager
@@ -136,13 +143,19 @@ def write_sensor(root: h5py.File, sensor: Sensor) -> None:
         value = getattr(sensor, key)
         group.attrs[key] = np.nan if value is None else float(value)
     if sensor.noise is not None:
-        curve = {"noise_range": sensor.noise.range_mm, "noise_sigma": sensor.noise.sigma_mm}
-        for name, values in curve.items():
+        curve = {"noise_range": (sensor.noise.range_mm, "mm"), "noise_sigma": (sensor.noise.sigma_mm, "mm")}
+        if sensor.noise.law is not None:
+            curve |= {name: (getattr(sensor.noise.law, key), "1") for name, key in _LAW.items()}
+        for name, (values, units) in curve.items():
             dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
-            dataset.attrs["units"] = "mm"
+            dataset.attrs["units"] = units
         # sigma over range: readers that know dimension scales draw the curve as it is.
         group["noise_range"].make_scale("noise_range")
         group["noise_sigma"].dims[0].attach_scale(group["noise_range"])
+        if sensor.noise.law is not None:
+            group["noise_reference_amplitude"].dims[0].attach_scale(group["noise_range"])
+            group["noise_amplitude"].make_scale("noise_amplitude")
+            group["noise_amplitude_factor"].dims[0].attach_scale(group["noise_amplitude"])
 
 
 def read_sensor(root: h5py.File, path: Path) -> Sensor:
@@ -175,14 +188,21 @@ def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:
         return None
     if len(present) == 1:
         raise BadInputError(f"{path}: sensor: {present[0]} without its twin; noise_range and noise_sigma go together")
-    curve = []
-    for name in present:
-        dataset = checked_dataset(group, name, path)
-        if dataset.dtype.kind not in "iuf":
-            raise BadInputError(f"{path}: sensor/{name}: expected numbers, got {dataset.dtype}")
-        with reading(path, f"sensor/{name}"):
-            curve.append(np.asarray(dataset[...], dtype=np.float64))
-    return NoiseCurve(*curve)
+    range_mm, sigma_mm = (_numbers(group, name, path) for name in present)
+    of_law = [name for name in _LAW if name in group]
+    if not of_law:
+        return NoiseCurve(range_mm, sigma_mm)
+    if len(of_law) < len(_LAW):
+        raise BadInputError(f"{path}: sensor: {of_law[0]} alone; {', '.join(_LAW)} go together")
+    return NoiseCurve(range_mm, sigma_mm, AmplitudeLaw(*(_numbers(group, name, path) for name in _LAW)))
+
+
+def _numbers(group: h5py.Group, name: str, path: Path) -> NDArray[np.float64]:
+    dataset = checked_dataset(group, name, path)
+    if dataset.dtype.kind not in "iuf":
+        raise BadInputError(f"{path}: sensor/{name}: expected numbers, got {dataset.dtype}")
+    with reading(path, f"sensor/{name}"):
+        return np.asarray(dataset[...], dtype=np.float64)
 
 
 def _number(group: h5py.Group, key: str, path: Path) -> float | None:

@@ -45,11 +45,12 @@ class RecordingFile:
         self._range = _samples(root, "range", path)
         frames, rows, cols = self._range.shape
         self.shape: tuple[int, int, int] = (frames, rows, cols)
+        self._amplitude = _samples(root, "amplitude", path) if "amplitude" in root else None
         try:
             self._fill = hdf5.fill_value(self._range)
+            self._no_amplitude = None if self._amplitude is None else hdf5.fill_value(self._amplitude)
         except BadInputError as error:
             raise BadInputError(f"{path}: {error}") from error
-        self._amplitude = _samples(root, "amplitude", path) if "amplitude" in root else None
         if self._amplitude is not None and self._amplitude.shape != self.shape:
             raise BadInputError(f"{path}: amplitude: shape {self._amplitude.shape} differs from range {self.shape}")
 
@@ -79,7 +80,7 @@ class RecordingFile:
         return samples
 
     def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
-        """Read amplitudes (frame, row, col) float32.
+        """Read amplitudes (frame, row, col) float32, NaN where they have their `_FillValue`.
 
         Raises
         ------
@@ -92,6 +93,8 @@ class RecordingFile:
             raw = self._amplitude[frames, rows]
         with np.errstate(over="ignore"):
             amplitude: Float32Array = raw.astype(np.float32)
+        if self._no_amplitude is not None:
+            amplitude[raw == self._no_amplitude] = np.nan
         return amplitude
 
 

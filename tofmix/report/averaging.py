@@ -16,8 +16,7 @@ from tofmix.circle import fold
 from tofmix.errors import UsageError
 from tofmix.layers import Layers
 from tofmix.ranging import unambiguous_range_mm
-from tofmix.recording import SampleSource
-from tofmix.report.sources import AmplitudeSource
+from tofmix.recording import AmplitudeSource, SampleSource
 
 BLOCK_SAMPLES = 1 << 19
 """Samples read at once: about 40 MB with the phasors."""

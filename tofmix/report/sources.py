@@ -1,14 +1,13 @@
-"""What the report needs of a layers file and of a recording, whoever provides it.
+"""What the report needs of a layers file, whoever provides it.
 
 `tofmix.io` has the files; anything else with these members does as well.
 """
 
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import Float32Array
 from tofmix.layers import Layers, Provenance
 
 
@@ -37,15 +36,3 @@ class LayersSource(Protocol):
 
     def read_window(self, window: int) -> Layers:
         """Layers of one window, of the leading shape (row, col)."""
-
-
-@runtime_checkable
-class AmplitudeSource(Protocol):
-    """A recording that may know the amplitude of its samples."""
-
-    @property
-    def has_amplitude(self) -> bool:
-        """Whether it does."""
-
-    def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
-        """Amplitudes (frame, row, col) float32."""

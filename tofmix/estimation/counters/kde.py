@@ -10,6 +10,7 @@ import numpy as np
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.counters.base import Peaks, no_peaks
 from tofmix.estimation.modes import find_peaks
+from tofmix.estimation.pixel_noise import beam_of_pixel
 from tofmix.estimation.samples import SortedSamples, gather
 from tofmix.jit import jit
 
@@ -21,10 +22,11 @@ def _fill(samples: SortedSamples, beam: Beam, gamma: float, epsilon: float, out:
     for pixel in range(len(samples.valid)):
         n = samples.valid[pixel]
         if n > 0:
+            own = beam_of_pixel(beam, pixel)
             out.found[pixel] = find_peaks(
-                gather(samples.values[pixel], n, beam.curve_range, beam.curve_sigma, value, count),
-                beam.curve_range,
-                beam.curve_sigma,
+                gather(samples.values[pixel], n, own.curve_range, own.curve_sigma, value, count),
+                own.curve_range,
+                own.curve_sigma,
                 gamma,
                 epsilon,
                 room,
