@@ -5,13 +5,13 @@ import math
 import numpy as np
 from drawing import draw
 
-from tofmix.estimation.beam import beam_of
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.components import MEAN, SIGMA, WEIGHT
-from tofmix.estimation.counting import PROMISE, Rules, new_workshop, try_one_more
+from tofmix.estimation.counting import PROMISE, Rules, Workshop, new_workshop, try_one_more
 from tofmix.estimation.gradient import steepest_place
 from tofmix.estimation.mixture import expectation_maximisation
 from tofmix.estimation.promise import promise_of_clear
-from tofmix.estimation.samples import readings_of
+from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.sensor import Sensor
 
@@ -19,7 +19,7 @@ LEAST = 5.8
 ALL = Rules(0.0, 1.0, 8)
 
 
-def _fitted(column: np.ndarray, start: list[float], sensor: Sensor):  # noqa: ANN202  # a tuple of kernels' types
+def _fitted(column: np.ndarray, start: list[float], sensor: Sensor) -> tuple[Readings, Beam, Workshop]:
     data, beam, work = readings_of(column), beam_of(sensor), new_workshop(8, len(column))
     k = len(start)
     work.fit[MEAN, :k], work.fit[SIGMA, :k], work.fit[WEIGHT, :k] = start, 20.0, (1 - beam.p_outlier) / k

@@ -114,6 +114,9 @@ def sensor_for(
         sensor = replace(sensor, outlier_probability=measured.outlier_probability)
     elif isinstance(outliers, float):
         sensor = replace(sensor, outlier_probability=outliers)
+    if circle_mm is not None and sensor.noise is not None and sensor.noise.law is not None:
+        sensor = replace(sensor, noise=replace(sensor.noise, law=None))
+        click.echo(f"tofmix: {source.path}: noise: on a wrapped range axis sigma goes by range alone", err=True)
     try:
         beam_of(sensor, circle_mm)
     except ValueError as error:

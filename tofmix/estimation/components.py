@@ -46,19 +46,19 @@ def new_room(capacity: int, values: int) -> Room:
 @jit
 def capacity_of(fit: Components) -> int:
     """Most surfaces that fit."""
-    return fit.shape[1] - 1
+    return len(fit[MEAN]) - 1
 
 
 @jit
 def no_return_row(fit: Components) -> int:
     """Row of the densities of c_0."""
-    return DENSITY + fit.shape[1] - 1
+    return DENSITY + capacity_of(fit)
 
 
 @jit
 def gradient_row(fit: Components) -> int:
     """First row of the gradient."""
-    return DENSITY + fit.shape[1]
+    return DENSITY + capacity_of(fit) + 1
 
 
 @jit

@@ -103,7 +103,7 @@ def _most_orphans(data: Readings, k: int, fit: Components, beam: Beam, room: Roo
     orphans, counts, n = room[SPARE], room[OTHER], 0
     for j in range(len(data.value)):
         if beam.outlier_density > 0.5 * room[TOTAL, j] and not is_no_return(data.value[j], beam):
-            orphans[n], counts[n] = data.value[j], data.count[j]
+            orphans[n], counts[n] = data.value[j], data.times[j]
             n += 1
     most, place, first, stop = 0.0, 0.0, 0, 0
     for centre in orphans[:n]:

@@ -36,7 +36,7 @@ def kernel_sums(
     They are p and -p' of equation (4) with h held at its local value, in units of 1 / (N h sqrt(2 pi)) and of h.
     `room` is left with the e, by which `kernel_bend` goes on.
     """
-    value, count, e = data.value[first:stop], data.count[first:stop], room[: stop - first]
+    value, count, e = data.value[first:stop], data.times[first:stop], room[: stop - first]
     scale = 1.0 / h
     for j in range(len(value)):
         z = (range_mm - value[j]) * scale

@@ -64,7 +64,7 @@ def steepest_place(
     mix(data, k, fit, beam, room)
     values, n, m = data.value, data.total, len(data.value)
     for j in range(m):
-        room[SHARE, j] = data.count[j] / room[TOTAL, j]
+        room[SHARE, j] = data.times[j] / room[TOTAL, j]
     outliers = beam.outlier_density * total_of(room[SHARE, :m])
     most, place, promise, nearest, norms = -n, values[0], 0.0, -1, (0.0, 0.0, 0.0)
     first, stop = 0, 0
@@ -113,7 +113,7 @@ def _nearest(theta: float, k: int, fit: Components) -> int:
 @jit
 def _gain_of_best_share(data: Readings, first: int, stop: int, room: Room) -> float:
     """Gain, nat, of the best share of a new surface whose densities at values [first, stop) are in room[SPARE]."""
-    count, total = data.count[first:stop], room[TOTAL, first:stop]
+    count, total = data.times[first:stop], room[TOTAL, first:stop]
     new, term = room[SPARE, : stop - first], room[OTHER, : stop - first]
     outside, share = data.total - total_of(count), 1.0 / data.total
     for _ in range(_QUICK_STEPS):
@@ -146,10 +146,10 @@ def _scores(data: Readings, i: int, fit: Components, beam: Beam, room: Room) -> 
         by_mean[j] = weight * ratio * (data.value[j] - fit[MEAN, i]) * scale
         by_share[j] = (1.0 - beam.p_outlier) * ratio - 1.0
     for j in range(m):
-        term[j] = data.count[j] * by_mean[j]
+        term[j] = data.times[j] * by_mean[j]
     squares, cross = product_of(term, by_mean), product_of(term, by_share)
     for j in range(m):
-        term[j] = data.count[j] * by_share[j]
+        term[j] = data.times[j] * by_share[j]
     return squares, product_of(term, by_share), cross
 
 
@@ -192,9 +192,9 @@ def best_share(data: Readings, place: float, beam: Beam, room: Room) -> float:
         for j in range(m):
             new = room[SPARE, j] + beam.outlier_density
             term[j] = (new - room[TOTAL, j]) / ((1.0 - share) * room[TOTAL, j] + share * new)
-        slope = product_of(term, data.count)
+        slope = product_of(term, data.times)
         for j in range(m):
             term[j] *= term[j]
-        bend = product_of(term, data.count) + 1.0e-12
+        bend = product_of(term, data.times) + 1.0e-12
         share = min(max(share + slope / bend, 0.5 * share), 0.5 * (share + _LARGEST_SHARE))
     return share

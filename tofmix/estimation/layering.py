@@ -54,6 +54,7 @@ from tofmix.estimation.pixel_noise import beam_of_pixel, own_curves
 from tofmix.estimation.samples import Readings, SortedSamples, gather, sort_samples
 from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Knobs, knobs_of
 from tofmix.estimation.uncertainty import standard_errors
+from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.estimation.vector import product_of
 from tofmix.flags import Status
 from tofmix.jit import jit
@@ -90,7 +91,7 @@ def _split_no_return(places: FloatArray, heights: FloatArray, k: int, beam: Beam
 def _fit_clear(data: Readings, fit: Components, beam: Beam) -> bool:
     """Fit one surface by the mean of all samples, if none is far from it (paper, section V: no EM is needed)."""
     values = data.value
-    mean = product_of(values, data.count) / data.total
+    mean = product_of(values, data.times) / data.total
     sigma = sigma_at(mean, beam.curve_range, beam.curve_sigma)
     if max(values[-1] - mean, mean - values[0]) > CLEAR_SIGMAS * sigma or is_no_return(mean, beam):
         return False
@@ -103,7 +104,7 @@ def _fit_clear(data: Readings, fit: Components, beam: Beam) -> bool:
 def _no_return_helps(data: Readings, fit: Components, beam: Beam, room: Room) -> bool:
     """Whether the likelihood rises as share moves from the one surface to c_0: if not, p(c_0) is 0."""
     mix(data, 1, fit, beam, room)
-    m, count, total = len(data.value), data.count, room[TOTAL]
+    m, count, total = len(data.value), data.times, room[TOTAL]
     no_return, share = room[SPARE, :m], room[SHARE]
     gaussians(data.value, beam.range_max, beam.sigma_max, no_return)
     for j in range(m):
@@ -122,7 +123,7 @@ def _finish_clear(data: Readings, fit: Components, beam: Beam, mode: int, room: 
     square, away = room[SPARE, :m], max(values[m - 1] - mean, mean - values[0])
     for j in range(m):
         square[j] = (values[j] - mean) * (values[j] - mean)
-    squares = product_of(square, data.count)
+    squares = product_of(square, data.times)
     curve_sigma = fit[SIGMA, 0]
     sigma = new_sigma(curve_sigma, squares, data.total, mode)
     height = fit[WEIGHT, 0] / (sigma * ROOT_TWO_PI)

@@ -39,8 +39,8 @@ from tofmix.estimation.components import (
 from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.settings import MODE_FREE, MODE_TIED, EstimateOptions, knobs_of
-from tofmix.estimation.vector import exp_minus, log_of, moments_of, product_of, total_of
 from tofmix.estimation.unrolling import unrolled_pixel
+from tofmix.estimation.vector import exp_minus, log_of, moments_of, product_of, total_of
 from tofmix.jit import jit
 from tofmix.sensor import Sensor
 
@@ -83,7 +83,7 @@ def mix(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None
 @jit
 def _sum_of_logs(data: Readings, room: Room) -> float:
     """Log likelihood, nat, of what `mix` left."""
-    count, total, term = data.count, room[TOTAL], room[SPARE, : len(data.count)]
+    count, total, term = data.times, room[TOTAL], room[SPARE, : len(data.times)]
     for j in range(len(count)):
         term[j] = count[j] * log_of(total[j])
     return float(total_of(term))
@@ -100,7 +100,7 @@ def log_likelihood(data: Readings, k: int, fit: Components, beam: Beam, room: Ro
 def expect(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None:
     """E step: support, and in rows MOMENT_1 and MOMENT_2 the moments about the means."""
     mix(data, k, fit, beam, room)
-    count, total, share = data.count, room[TOTAL], room[SHARE, : len(data.count)]
+    count, total, share = data.times, room[TOTAL], room[SHARE, : len(data.times)]
     for j in range(len(count)):
         share[j] = count[j] / total[j]
     fit[SUPPORT, -1] = 0.0
@@ -237,7 +237,7 @@ def fit_mixture(
         beam = beam_of(sensor)
     else:
         values, start, beam = unrolled_pixel(data.value, start, sensor, length)
-        data = Readings(values, data.count, data.total)
+        data = Readings(values, data.times, data.total)
     k = len(start)
     fit, room = new_components(max(k, 1)), new_room(max(k, 1), len(data.value))
     no_return = 1.0 if math.isfinite(beam.range_max) else 0.0

@@ -48,7 +48,7 @@ def promise_of_clear(data: Readings, k: int, fit: Components, beam: Beam, room: 
                 return math.inf
         first = _first_from(values, beam.range_max - OWN_SIGMAS * beam.sigma_max)
         stop = _first_from(values, beam.range_max + OWN_SIGMAS * beam.sigma_max)
-        owned = total_of(data.count[first:stop])
+        owned = total_of(data.times[first:stop])
     for i in range(k):
         for other in range(i):
             if abs(fit[MEAN, i] - fit[MEAN, other]) < 2.0 * OWN_SIGMAS * max(fit[SIGMA, i], fit[SIGMA, other]):
@@ -58,7 +58,7 @@ def promise_of_clear(data: Readings, k: int, fit: Components, beam: Beam, room: 
         stop = _first_from(values, fit[MEAN, i] + OWN_SIGMAS * sigma)
         if first == stop:
             return math.inf
-        own = Readings(values[first:stop], data.count[first:stop], total_of(data.count[first:stop]))
+        own = Readings(values[first:stop], data.times[first:stop], total_of(data.times[first:stop]))
         owned += own.total
         promise = max(promise, _promise_near(own, fit[MEAN, i], sigma, room, least))
         if promise >= least:
@@ -82,7 +82,7 @@ def _first_from(values: FloatArray, low: float) -> int:
 @jit
 def _promise_near(own: Readings, mean: float, sigma: float, room: Room, least: float) -> float:
     """Largest promise of the places around one surface, from its own samples."""
-    value, count, m = own.value, own.count, len(own.value)
+    value, count, m = own.value, own.times, len(own.value)
     z, base, power = room[SPARE, :m], room[OTHER, :m], room[SHARE, :m]
     for j in range(m):
         z[j] = (value[j] - mean) / sigma
@@ -143,7 +143,7 @@ def _next_power(power: FloatArray, base: FloatArray, z: FloatArray, count: Float
 @jit
 def _gain_of_best_share(power: FloatArray, scale: float, own: Readings, term: FloatArray) -> float:
     """Gain, nat, of the best share of a new surface with density ratios scale * power, all else held."""
-    count, share = own.count, 1.0 / own.total
+    count, share = own.times, 1.0 / own.total
     for _ in range(_NEWTON_STEPS):
         for j in range(len(count)):
             excess = scale * power[j] - 1.0

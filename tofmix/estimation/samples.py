@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.estimation.curve import sigma_at
 from tofmix.jit import jit
 
@@ -27,9 +27,9 @@ BIN = 1.0 / 16.0
 
 
 class SortedSamples(NamedTuple):
-    """Samples of many pixels: `values` (pixel, frame) float32 in mm, of which the first `valid` (pixel,) ascend."""
+    """Samples of many pixels: `values` (pixel, frame) in mm, of which the first `valid` (pixel,) ascend."""
 
-    values: Float32Array
+    values: NDArray[np.floating]
     valid: IntArray
 
 
@@ -37,7 +37,7 @@ class Readings(NamedTuple):
     """The samples of one pixel: ascending values (m,) float64 in mm, how often each came (m,), and all together."""
 
     value: FloatArray
-    count: FloatArray
+    times: FloatArray
     total: float
 
 
@@ -52,7 +52,12 @@ def sort_samples(block: NDArray[np.floating]) -> SortedSamples:
 
 @jit
 def gather(
-    values: Float32Array, n: int, curve_range: FloatArray, curve_sigma: FloatArray, value: FloatArray, count: FloatArray
+    values: NDArray[np.floating],
+    n: int,
+    curve_range: FloatArray,
+    curve_sigma: FloatArray,
+    value: FloatArray,
+    count: FloatArray,
 ) -> Readings:
     """Make `Readings` of the first `n` of ascending values, n > 0; `value` and `count` are room for as many."""
     m, width, first, last, inside, pulled = -1, -1.0, 0.0, 0.0, 0.0, 0.0

@@ -104,7 +104,7 @@ def _information(
     rows, term = room[gradient_row(fit) :], room[SPARE, :m]
     for a in range(size):
         for j in range(m):
-            term[j] = data.count[j] * rows[a, j]
+            term[j] = data.times[j] * rows[a, j]
         for b in range(a, size):
             information[a, b] = information[b, a] = product_of(term, rows[b])
     for i in range(k):

@@ -100,7 +100,7 @@ def unroll(samples: SortedSamples, beam: Beam, unseen: float, length: float) -> 
     cuts, at_fold = np.zeros(len(samples.valid)), np.zeros(len(samples.valid), dtype=np.bool_)
     for pixel in range(len(samples.valid)):
         n = samples.valid[pixel]
-        values = samples.values[pixel, :n]
+        values = samples.values[pixel, :n].astype(np.float64)
         for j in range(n):
             value = values[j] - length * math.floor(values[j] / length)
             values[j] = 0.0 if value >= length else value
@@ -111,6 +111,7 @@ def unroll(samples: SortedSamples, beam: Beam, unseen: float, length: float) -> 
         lower = length if math.isfinite(beam.range_max) and cut > beam.range_max else 0.0
         if below > 0 or lower > 0.0:
             values[:] = np.concatenate((values[below:] - lower, values[:below] + (length - lower)))
+        samples.values[pixel, :n] = values
         cuts[pixel] = cut - lower
     return cuts, at_fold
 
