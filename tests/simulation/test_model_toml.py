@@ -71,6 +71,14 @@ def test_without_a_profile_what_is_missing_is_said() -> None:
         parse_model("", source="m")
 
 
+def test_without_a_modulation_frequency_the_camera_measures_no_phase() -> None:
+    text = CONTRACT.replace('profile = "sr3000"', "").replace("modulation_frequency_hz", "# modulation_frequency_hz")
+    assert parse_model(text, source="m").sensor.modulation_frequency_hz is None
+    assert parse_model('[sensor]\nprofile = "stoc"', source="m").sensor.modulation_frequency_hz is None
+    given = parse_model('[sensor]\nprofile = "stoc"\nmodulation_frequency_hz = 2e7', source="m")
+    assert given.sensor.turn_mm("a test") == pytest.approx(7494.8, abs=0.1)
+
+
 def test_keys_left_out_come_from_the_profile_and_the_defaults() -> None:
     model = parse_model(SHORT + "[sensor.noise]\nexponent = 1\n" + BOARD, source="m")
     assert (model.sensor.name, model.sensor.exponent, model.sensor.integration_time_ms) == ("SR-3000", 1.0, 10.0)

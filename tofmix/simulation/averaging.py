@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.errors import BadInputError
-from tofmix.ranging import unambiguous_range_mm
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.events import EventTable, draw
 
@@ -88,7 +87,7 @@ def exposures(table: EventTable, sensor: SensorProfile) -> tuple[Exposure, ...]:
 
 
 def average_frame(
-    table: EventTable, parts: tuple[Exposure, ...], *, modulation_frequency_hz: float, rng: np.random.Generator
+    table: EventTable, parts: tuple[Exposure, ...], *, turn_mm: float, rng: np.random.Generator
 ) -> tuple[FloatArray, Float32Array]:
     """Draw one frame as on-board integration returns it.
 
@@ -98,8 +97,8 @@ def average_frame(
         The events.
     parts : tuple of Exposure
         What `exposures` returned.
-    modulation_frequency_hz : float
-        Modulation frequency, above 0.
+    turn_mm : float
+        Unambiguous range d_u, mm, above 0.
     rng : numpy.random.Generator
         The frame's random stream; advanced.
 
@@ -111,7 +110,6 @@ def average_frame(
     amplitude : (pixel,) float32
         ``|z|``.
     """
-    turn_mm = unambiguous_range_mm(modulation_frequency_hz)
     pixels = table.range_mm.shape[1]
     phasor = np.zeros(pixels, dtype=np.complex128)
     light = np.zeros(pixels)  # sum of amplitudes

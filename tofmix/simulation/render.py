@@ -61,10 +61,12 @@ def recording_sensor(model: Model, *, averaged: bool = False) -> Sensor:
     Raises
     ------
     BadInputError
-        If `averaged`, and one sample is not shorter than the default integration time.
+        If `averaged`, and the camera measures no phase, or one sample is not shorter than the default integration
+        time.
     """
     if not averaged:
         return model.sensor.sensor()
+    model.sensor.turn_mm("--averaged")  # the mean is one of phasors
     exposure_times(model.sensor)
     return replace(model.sensor, integration_time_ms=model.sensor.default_integration_time_ms).sensor()
 
@@ -111,7 +113,8 @@ def render_blocks(
     ValueError
         If a number is below its least, or the truth is of another image size than the model's camera.
     BadInputError
-        If `averaged`, and one sample is not shorter than the default integration time.
+        If `averaged`, and the camera measures no phase, or one sample is not shorter than the default integration
+        time.
     """
     for name, value, least in (
         ("n_frames", n_frames, 1),
@@ -140,11 +143,11 @@ def _single(model: Model, truth: Truth) -> _DrawFrame:
 
 def _averaged(model: Model, truth: Truth) -> _DrawFrame:
     table = event_table(truth, model.sensor)
+    turn_mm = model.sensor.turn_mm("--averaged")
     parts = exposures(table, model.sensor)
-    frequency = model.sensor.modulation_frequency_hz
 
     def frame(rng: np.random.Generator) -> tuple[FloatArray, Float32Array]:
-        return average_frame(table, parts, modulation_frequency_hz=frequency, rng=rng)
+        return average_frame(table, parts, turn_mm=turn_mm, rng=rng)
 
     return frame
 
