@@ -5,6 +5,7 @@ here is random, and no noise, bias or effect enters.
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -28,7 +29,7 @@ _MAX_LAYERS = 255  # n_modes is uint8
 _T = TypeVar("_T", bound=np.generic)
 
 
-def cast_scene(model: Model) -> Truth:
+def cast_scene(model: Model, *, time_s: float = 0.0) -> Truth:
     """Work out what each pixel of the model's camera sees.
 
     A surface is seen from both sides, at ranges above 0 up to `range_max_mm`; the nearest hides the others, and of
@@ -38,7 +39,9 @@ def cast_scene(model: Model) -> Truth:
     Parameters
     ----------
     model : Model
-        The scene and the camera.
+        The scene and the camera, with its geometry effects.
+    time_s : float
+        Time since the first frame, s: surfaces may move.
 
     Returns
     -------
@@ -48,7 +51,7 @@ def cast_scene(model: Model) -> Truth:
     Raises
     ------
     BadInputError
-        If the model has over 4096 surfaces, or a pixel sees more than 255.
+        If the model has over 4096 surfaces, a pixel sees more than 255, or a surface has moved out of bounds.
 
     References
     ----------
@@ -56,6 +59,7 @@ def cast_scene(model: Model) -> Truth:
     """
     if len(model.surfaces) > MAX_SURFACES:
         raise BadInputError(f"[[surface]]: {len(model.surfaces)} surfaces; this version casts up to {MAX_SURFACES}")
+    model = replace(model, surfaces=model.placed(time_s)) if model.effects else model
     seen = _cast(model)
     sensor = model.sensor
     counts = np.bincount(seen.pixel, minlength=sensor.rows * sensor.cols)
@@ -129,7 +133,7 @@ def _truth(model: Model, seen: _Seen, counts: IntArray) -> Truth:
         out[row, col, layer] = values[order]
         return out
 
-    returned = 1.0 - sensor.outlier_probability
+    returned = 1.0 - model.outlier_share
     return Truth(
         n_modes=counts.reshape(image).astype(np.uint8),
         range_true=spread(seen.range_mm, np.nan, np.float32),

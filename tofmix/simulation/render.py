@@ -4,9 +4,10 @@ Use `render_blocks` to write a recording of any length in bounded memory. It is
 the end of the path scene -> sensor -> recording.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,15 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.sensor import Sensor
 from tofmix.simulation.averaging import average_frame, exposure_times, exposures
-from tofmix.simulation.events import draw, event_table, frame_generator, stored_range
+from tofmix.simulation.events import Drawn, draw, event_table, frame_generator, stored_range
+from tofmix.simulation.exposure import Exposer, StillScene, recorded_amplitude
 from tofmix.simulation.model import Model
 from tofmix.simulation.truth import Truth
 
-_DrawFrame = Callable[[np.random.Generator], tuple[FloatArray, Float32Array]]
+_A = TypeVar("_A")
+_B = TypeVar("_B")
+_DrawFrame = Callable[[int], tuple[NDArray[np.uint16], Float32Array]]
+_Frames = Callable[[range, int], Iterator[tuple[int, NDArray[np.uint16], Float32Array]]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,7 +35,7 @@ class FrameBlock:
     start : int
         Number of the first frame.
     range_mm : (frame, row, col) uint16
-        Samples, mm, 1 to 65,534.
+        Samples, mm, 1 to 65,534; 0 where invalid, which only effects cause.
     amplitude : (frame, row, col) float32
         Amplitudes.
     time_s : (frame,) float64
@@ -124,36 +129,84 @@ def render_blocks(
     ):
         if value < least:
             raise ValueError(f"{name}: {value} is not at least {least}")
-    draw_frame = _averaged(model, truth) if averaged else _single(model, truth)
+    if model.effects and not averaged:
+        render = _with_effects(Exposer(model, truth, seed=seed, n_frames=n_frames))
+    else:
+        render = _independent(_averaged(model, truth, seed) if averaged else _single(model, truth, seed))
     starts = range(0, n_frames, block_frames)
     blocks = (range(start, min(start + block_frames, n_frames)) for start in starts)
-    return (_render(model, draw_frame, seed, frames, threads) for frames in blocks)
+    return (_render(model, render, frames, threads) for frames in blocks)
 
 
-def _single(model: Model, truth: Truth) -> _DrawFrame:
+def _single(model: Model, truth: Truth, seed: int) -> _DrawFrame:
     table = event_table(truth, model.sensor)
     sigma_mm = table.sigma(model.sensor.noise_at(model.sensor.integration_time_ms))
 
-    def frame(rng: np.random.Generator) -> tuple[FloatArray, Float32Array]:
-        samples = draw(table, sigma_mm=sigma_mm, rng=rng)
-        return samples.range_mm, samples.amplitude
+    def frame(number: int) -> tuple[NDArray[np.uint16], Float32Array]:
+        samples = draw(table, sigma_mm=sigma_mm, rng=frame_generator(seed, number))
+        return stored_range(samples.range_mm), samples.amplitude
 
     return frame
 
 
-def _averaged(model: Model, truth: Truth) -> _DrawFrame:
+def _averaged(model: Model, truth: Truth, seed: int) -> _DrawFrame:
     table = event_table(truth, model.sensor)
     turn_mm = model.sensor.turn_mm("--averaged")
     parts = exposures(table, model.sensor)
 
-    def frame(rng: np.random.Generator) -> tuple[FloatArray, Float32Array]:
-        return average_frame(table, parts, turn_mm=turn_mm, rng=rng)
+    def frame(number: int) -> tuple[NDArray[np.uint16], Float32Array]:
+        rng = frame_generator(seed, number)
+        range_mm, amplitude = average_frame(table, parts, turn_mm=turn_mm, rng=rng)
+        return stored_range(range_mm), amplitude
 
     return frame
 
 
-def _render(model: Model, draw_frame: _DrawFrame, seed: int, frames: range, threads: int) -> FrameBlock:
-    """One block; each thread writes its own frames of it."""
+def _independent(draw_frame: _DrawFrame) -> _Frames:
+    """Frames that know nothing of each other."""
+
+    def render(frames: range, threads: int) -> Iterator[tuple[int, NDArray[np.uint16], Float32Array]]:
+        return _side_by_side(lambda frame: (frame, *draw_frame(frame)), frames, threads)
+
+    return render
+
+
+def _with_effects(exposer: Exposer) -> _Frames:
+    """Frames of which each may remember the noise of the one before."""
+    before: FloatArray | None = None
+
+    def begin(frame: int) -> tuple[int, StillScene, Drawn]:
+        scene = exposer.scene(frame)
+        return frame, scene, exposer.draw(frame, scene)
+
+    def end(begun: tuple[int, StillScene, Drawn, FloatArray]) -> tuple[int, NDArray[np.uint16], Float32Array]:
+        samples = exposer.expose(*begun)
+        return begun[0], samples.stored(), recorded_amplitude(samples)
+
+    def coloured(begun: Iterable[tuple[int, StillScene, Drawn]]) -> Iterator[tuple[int, StillScene, Drawn, FloatArray]]:
+        nonlocal before
+        for frame, scene, drawn in begun:
+            before = exposer.colour(drawn.noise, before)
+            yield frame, scene, drawn, before
+
+    def render(frames: range, threads: int) -> Iterator[tuple[int, NDArray[np.uint16], Float32Array]]:
+        for first in range(0, len(frames), threads):
+            some = list(_side_by_side(begin, frames[first : first + threads], threads))
+            yield from _side_by_side(end, list(coloured(some)), threads)
+
+    return render
+
+
+def _side_by_side(work: Callable[[_A], _B], items: Sequence[_A], threads: int) -> Iterator[_B]:
+    if threads == 1 or len(items) == 1:
+        yield from map(work, items)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        yield from pool.map(work, items)
+
+
+def _render(model: Model, render: _Frames, frames: range, threads: int) -> FrameBlock:
+    """One block."""
     shape = (len(frames), model.sensor.rows, model.sensor.cols)
     block = FrameBlock(
         start=frames.start,
@@ -161,16 +214,7 @@ def _render(model: Model, draw_frame: _DrawFrame, seed: int, frames: range, thre
         amplitude=np.empty(shape, dtype=np.float32),
         time_s=np.array(frames, dtype=np.float64) / model.recording.frame_rate_hz,
     )
-
-    def render(frame: int) -> None:
-        range_mm, amplitude = draw_frame(frame_generator(seed, frame))
-        block.range_mm[frame - frames.start] = stored_range(range_mm).reshape(shape[1:])
+    for frame, range_mm, amplitude in render(frames, threads):
+        block.range_mm[frame - frames.start] = range_mm.reshape(shape[1:])
         block.amplitude[frame - frames.start] = amplitude.reshape(shape[1:])
-
-    if threads == 1:
-        for frame in frames:
-            render(frame)
-        return block
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(render, frames))  # a list, so that a thread's exception is raised here
     return block

@@ -19,7 +19,7 @@ class Truth:
     range_true : (row, col, layer) float32
         Mean range of each surface's sub-beams, mm; NaN past `n_modes`.
     weight_true : (row, col, layer) float32
-        p(c_i): area share times 1 - p(c_r); NaN past `n_modes`.
+        p(c_i): area share times 1 - p(c_r), effects' outliers included; NaN past `n_modes`.
     weight_no_return : (row, col) float32
         p(c_0): share of the sub-beams that meet nothing, times 1 - p(c_r).
     surface : (row, col, layer) int16
