@@ -11,11 +11,11 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import FloatArray, IntArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.errors import BadInputError
 from tofmix.sensors.profile import SensorProfile
-from tofmix.simulation.cast_kernel import cast_row
-from tofmix.simulation.model import Model
+from tofmix.simulation.cast_kernel import cast_row, reached_row
+from tofmix.simulation.model import MAX_LENGTH_MM, Model
 from tofmix.simulation.scene import scene_arrays
 from tofmix.simulation.truth import Truth
 
@@ -59,16 +59,56 @@ def cast_scene(model: Model, *, time_s: float = 0.0) -> Truth:
     """
     if len(model.surfaces) > MAX_SURFACES:
         raise BadInputError(f"[[surface]]: {len(model.surfaces)} surfaces; this version casts up to {MAX_SURFACES}")
-    model = replace(model, surfaces=model.placed(time_s)) if model.effects else model
-    seen = _cast(model)
-    sensor = model.sensor
-    counts = np.bincount(seen.pixel, minlength=sensor.rows * sensor.cols)
-    if counts.max() > _MAX_LAYERS:
-        row, col = divmod(int(counts.argmax()), sensor.cols)
-        raise BadInputError(
-            f"[[surface]]: pixel ({row}, {col}) sees {counts.max()} surfaces; a recording holds up to {_MAX_LAYERS}"
+    return _truth(model, _cast(_placed(model, time_s)))
+
+
+class MovingCaster:
+    """Casts a scene in which some surfaces move, time after time.
+
+    Only the pixels in which a moving surface may be seen are cast anew; the others are as they are without them. A
+    cast gives the bytes of `cast_scene`.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._moving = np.array([model.moves_surface(surface.name) for surface in model.surfaces], dtype=np.bool_)
+        away = tuple(
+            replace(surface, reflectivity=0.0, center_mm=(0.0, 0.0, MAX_LENGTH_MM), yaw_deg=0.0, pitch_deg=0.0)
+            if moves
+            else surface
+            for surface, moves in zip(_placed(model, 0.0).surfaces, self._moving, strict=True)
         )
-    return _truth(model, seen, counts)
+        self._background = _cast(replace(model, surfaces=away, effects=()))
+
+    def cast(self, time_s: float) -> Truth:
+        """What each pixel sees at a time; see `cast_scene`."""
+        model, still = _placed(self._model, time_s), self._background
+        reached = _reached(model, self._moving)
+        fresh = _cast(model, reached)
+        kept = ~reached.ravel()[still.pixel]
+        return _truth(
+            model,
+            _Seen(
+                pixel=np.concatenate([fresh.pixel, still.pixel[kept]]),
+                surface=np.concatenate([fresh.surface, still.surface[kept]]),
+                share=np.concatenate([fresh.share, still.share[kept]]),
+                range_mm=np.concatenate([fresh.range_mm, still.range_mm[kept]]),
+                cosine=np.concatenate([fresh.cosine, still.cosine[kept]]),
+                nothing=np.where(reached.ravel(), fresh.nothing, still.nothing),
+            ),
+        )
+
+
+def _placed(model: Model, time_s: float) -> Model:
+    """The model with its surfaces where they are at a time."""
+    if len(model.surfaces) > MAX_SURFACES:
+        raise BadInputError(f"[[surface]]: {len(model.surfaces)} surfaces; this version casts up to {MAX_SURFACES}")
+    return replace(model, surfaces=model.placed(time_s)) if model.effects else model
 
 
 class _Seen(NamedTuple):
@@ -82,17 +122,38 @@ class _Seen(NamedTuple):
     nothing: FloatArray
 
 
-def _cast(model: Model) -> _Seen:
-    """Cast row by row, so that memory does not grow with pixels times surfaces."""
+def _cast(model: Model, wanted: BoolArray | None = None) -> _Seen:
+    """Cast row by row, so that memory does not grow with pixels times surfaces; only the pixels (row, col) wanted."""
     sensor, scene = model.sensor, scene_arrays(model)
-    width, height = _pixel_size(sensor)
-    azimuths = (np.arange(sensor.cols, dtype=np.float64) - (sensor.cols - 1) / 2) * width
+    if wanted is None:
+        wanted = np.ones((sensor.rows, sensor.cols), dtype=np.bool_)
+    azimuths, size = _azimuths(sensor), _pixel_size(sensor)
     rows = []
-    for row in range(sensor.rows):
+    for row, elevation in enumerate(_elevations(sensor)):
         sums = np.zeros((sensor.cols, len(model.surfaces), 3))
-        cast_row((row - (sensor.rows - 1) / 2) * height, azimuths, width, height, scene, sums)
+        cast_row(elevation, azimuths, *size, scene, wanted[row], sums)
         rows.append(_sift(sums, row * sensor.cols))
     return _Seen(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+
+
+def _reached(model: Model, moving: BoolArray) -> BoolArray:
+    """Pixels (row, col) in which a moving surface may be seen."""
+    sensor, scene = model.sensor, scene_arrays(model)
+    reached = np.empty((sensor.rows, sensor.cols), dtype=np.bool_)
+    azimuths, size = _azimuths(sensor), _pixel_size(sensor)
+    for row, elevation in enumerate(_elevations(sensor)):
+        reached_row(elevation, azimuths, *size, scene, moving, reached[row])
+    return reached
+
+
+def _elevations(sensor: SensorProfile) -> FloatArray:
+    """Elevation (row,) of each image row's centre, rad."""
+    return (np.arange(sensor.rows, dtype=np.float64) - (sensor.rows - 1) / 2) * _pixel_size(sensor)[1]
+
+
+def _azimuths(sensor: SensorProfile) -> FloatArray:
+    """Azimuth (col,) of each image column's centre, rad."""
+    return (np.arange(sensor.cols, dtype=np.float64) - (sensor.cols - 1) / 2) * _pixel_size(sensor)[0]
 
 
 def _pixel_size(sensor: SensorProfile) -> tuple[float, float]:
@@ -119,9 +180,15 @@ def _sift(sums: FloatArray, first_pixel: int) -> _Seen:
     )
 
 
-def _truth(model: Model, seen: _Seen, counts: IntArray) -> Truth:
+def _truth(model: Model, seen: _Seen) -> Truth:
     """Sort what each pixel sees from near to far."""
     sensor = model.sensor
+    counts = np.bincount(seen.pixel, minlength=sensor.rows * sensor.cols)
+    if counts.max() > _MAX_LAYERS:
+        where = divmod(int(counts.argmax()), sensor.cols)
+        raise BadInputError(
+            f"[[surface]]: pixel {where} sees {counts.max()} surfaces; a recording holds up to {_MAX_LAYERS}"
+        )
     order = np.lexsort((seen.surface, seen.range_mm, seen.pixel))
     pixel = seen.pixel[order]
     layer = np.arange(pixel.size) - (np.cumsum(counts) - counts)[pixel]

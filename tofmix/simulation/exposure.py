@@ -6,13 +6,16 @@ stream, and each effect from one of its own: an effect more, or one of zero
 magnitude, changes no other draw.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
-from tofmix.simulation.cast import cast_scene
+from tofmix.errors import BadInputError
+from tofmix.simulation.averaging import exposures, phasor_mean
+from tofmix.simulation.cast import MovingCaster
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level
 from tofmix.simulation.events import Drawn, EventTable, draw_events, event_table, events_behind, frame_generator
@@ -72,8 +75,9 @@ class Exposer:
         self._contexts = tuple(replace(start, prepared=effect.prepare(start, n_frames)) for effect in self._effects)
         self._turn_mm = start.turn_mm
         self._still = self._scene(truth, 0.0)
-        if model.moves:
-            model.placed((n_frames - 1) / model.recording.frame_rate_hz)
+        self._caster = MovingCaster(model) if model.moves else None
+        if self._caster is not None:
+            model.placed(self._time(n_frames - 1))  # refused now, not after thousands of frames
 
     @property
     def remembers(self) -> bool:
@@ -87,10 +91,9 @@ class Exposer:
 
     def scene(self, frame: int) -> StillScene:
         """What a frame sees."""
-        if not self._model.moves or frame == 0:
+        if self._caster is None or frame == 0:
             return self._still
-        time_s = self._time(frame)
-        return self._scene(cast_scene(self._model, time_s=time_s), time_s)
+        return self._scene(self._caster.cast(self._time(frame)), self._time(frame))
 
     def _time(self, frame: int) -> float:
         return frame / self._model.recording.frame_rate_hz
@@ -147,19 +150,41 @@ class Exposer:
         noise : (pixel,) float64
             Standardised noise, with its memory.
         """
-        samples = _samples(scene, drawn, noise, self._turn_mm)
-        measured = False
-        for effect, context, expected in zip(self._effects, self._contexts, scene.expected, strict=True):
-            if effect.level is Level.READ_OUT and not measured:
-                samples.measure()
-                measured = True
-            effect.sample(samples, replace(context, frame=frame, time_s=self._time(frame), expected=expected))
-        if not measured:
-            samples.measure()
+        samples = _samples(scene, drawn, noise, scene.sigma_mm, self._turn_mm)
+        self._act(samples, frame, scene, read_out=False)
+        samples.measure()
+        self._act(samples, frame, scene, read_out=True)
         return samples
 
+    def average(self, frame: int, scene: StillScene) -> FrameSamples:
+        """One frame as on-board integration returns it: the phasor mean of exposures, read out once.
 
-def _samples(scene: StillScene, drawn: Drawn, noise: FloatArray, turn_mm: float) -> FrameSamples:
+        `scene` is what `scene` returned for the frame. What acts on the mean is read-out alone: a threshold, say, is
+        held against the amplitude of the whole time.
+        """
+        rng = frame_generator(self._seed, frame)
+
+        def exposed() -> Iterator[tuple[float, FloatArray, Float32Array]]:
+            for number, part in enumerate(exposures(scene.table, self._model.sensor)):
+                drawn = draw_events(scene.table, rng=rng)
+                samples = _samples(scene, drawn, drawn.noise, part.sigma_mm, self._turn_mm)
+                self._act(samples, frame, scene, read_out=False, part=number)
+                samples.measure()
+                yield part.fraction, samples.measured_mm, recorded_amplitude(samples)
+
+        range_mm, amplitude = phasor_mean(exposed(), turn_mm=self._turn_mm)
+        mean = _read(range_mm, amplitude, self._turn_mm)
+        self._act(mean, frame, scene, read_out=True)
+        return mean
+
+    def _act(self, samples: FrameSamples, frame: int, scene: StillScene, *, read_out: bool, part: int = 0) -> None:
+        time_s = self._time(frame)
+        for effect, context, expected in zip(self._effects, self._contexts, scene.expected, strict=True):
+            if (effect.level is Level.READ_OUT) == read_out:
+                effect.sample(samples, replace(context, frame=frame, time_s=time_s, expected=expected, part=part))
+
+
+def _samples(scene: StillScene, drawn: Drawn, noise: FloatArray, sigma_mm: FloatArray, turn_mm: float) -> FrameSamples:
     table, pixels = scene.table, drawn.event.size
     index = events_behind(table, drawn) * pixels + np.arange(pixels)
     range_mm = table.range_mm.take(index)
@@ -171,12 +196,46 @@ def _samples(scene: StillScene, drawn: Drawn, noise: FloatArray, turn_mm: float)
         true_range_mm=range_mm,
         range_mm=range_mm,
         amplitude=table.amplitude.take(index).astype(np.float64),
-        sigma_mm=scene.sigma_mm.take(index),
+        sigma_mm=sigma_mm.take(index),
         noise=noise,
         outlier_mm=outlier_mm,
         lost=np.zeros(pixels, dtype=np.bool_),
         stuck=np.zeros(pixels, dtype=np.bool_),
     )
+
+
+def _read(range_mm: FloatArray, amplitude: Float32Array, turn_mm: float) -> FrameSamples:
+    """Samples that only read-out effects are still to act on."""
+    pixels = range_mm.size
+    return FrameSamples(
+        turn_mm=turn_mm,
+        surface=np.full(pixels, -1, dtype=np.int64),
+        true_range_mm=range_mm,
+        range_mm=range_mm,
+        amplitude=amplitude.astype(np.float64),
+        sigma_mm=np.zeros(pixels),
+        noise=np.zeros(pixels),
+        outlier_mm=np.full(pixels, np.nan),
+        lost=np.zeros(pixels, dtype=np.bool_),
+        stuck=np.zeros(pixels, dtype=np.bool_),
+        measured_mm=range_mm,
+    )
+
+
+def check_averages(model: Model) -> None:
+    """Refuse effects that on-board averaging is not simulated with.
+
+    Raises
+    ------
+    BadInputError
+        If there is one.
+    """
+    for number, effect in enumerate(model.effects, 1):
+        if not effect.averages:
+            raise BadInputError(
+                f"[[effect]] {number}: kind: {effect.kind} is not simulated in a camera that averages on board; take "
+                "it out, or leave out --averaged"
+            )
 
 
 def recorded_amplitude(samples: FrameSamples) -> Float32Array:

@@ -176,6 +176,10 @@ class Model:
         """Whether the scene changes from frame to frame."""
         return any(effect.moves for effect in self.effects)
 
+    def moves_surface(self, name: str) -> bool:
+        """Whether a surface may stand elsewhere from frame to frame."""
+        return any(effect.moves and getattr(effect, "surface", name) == name for effect in self.effects)
+
     def placed(self, time_s: float) -> "tuple[Surface, ...]":
         """The surfaces where the geometry effects put them at a time.
 

@@ -4,10 +4,11 @@ Use `render_blocks` to write a recording of any length in bounded memory. It is
 the end of the path scene -> sensor -> recording.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +17,15 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.sensor import Sensor
 from tofmix.simulation.averaging import average_frame, exposure_times, exposures
 from tofmix.simulation.events import Drawn, draw, event_table, frame_generator, stored_range
-from tofmix.simulation.exposure import Exposer, StillScene, recorded_amplitude
+from tofmix.simulation.exposure import Exposer, StillScene, check_averages, recorded_amplitude
 from tofmix.simulation.model import Model
 from tofmix.simulation.truth import Truth
 
-_A = TypeVar("_A")
-_B = TypeVar("_B")
+_FRAMES_AT_ONCE = 16  # held in memory with all that their samples carry
+
+_Map = Callable[..., Iterable[Any]]
 _DrawFrame = Callable[[int], tuple[NDArray[np.uint16], Float32Array]]
-_Frames = Callable[[range, int], Iterator[tuple[int, NDArray[np.uint16], Float32Array]]]
+_Frames = Callable[[range, _Map], Iterator[tuple[int, NDArray[np.uint16], Float32Array]]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,6 +74,7 @@ def recording_sensor(model: Model, *, averaged: bool = False) -> Sensor:
     if not averaged:
         return model.sensor.sensor()
     model.sensor.turn_mm("--averaged")  # the mean is one of phasors
+    check_averages(model)
     exposure_times(model.sensor)
     return replace(model.sensor, integration_time_ms=model.sensor.default_integration_time_ms).sensor()
 
@@ -129,10 +132,15 @@ def render_blocks(
     ):
         if value < least:
             raise ValueError(f"{name}: {value} is not at least {least}")
-    if model.effects and not averaged:
-        render = _with_effects(Exposer(model, truth, seed=seed, n_frames=n_frames))
-    else:
+    if averaged:
+        model.sensor.turn_mm("--averaged")
+        check_averages(model)
+        exposure_times(model.sensor)
+    if not model.effects:
         render = _independent(_averaged(model, truth, seed) if averaged else _single(model, truth, seed))
+    else:
+        exposer = Exposer(model, truth, seed=seed, n_frames=n_frames)
+        render = _independent(_averaged_with_effects(exposer)) if averaged else _with_effects(exposer)
     starts = range(0, n_frames, block_frames)
     blocks = (range(start, min(start + block_frames, n_frames)) for start in starts)
     return (_render(model, render, frames, threads) for frames in blocks)
@@ -165,14 +173,22 @@ def _averaged(model: Model, truth: Truth, seed: int) -> _DrawFrame:
 def _independent(draw_frame: _DrawFrame) -> _Frames:
     """Frames that know nothing of each other."""
 
-    def render(frames: range, threads: int) -> Iterator[tuple[int, NDArray[np.uint16], Float32Array]]:
-        return _side_by_side(lambda frame: (frame, *draw_frame(frame)), frames, threads)
+    def render(frames: range, pool: _Map) -> Iterator[tuple[int, NDArray[np.uint16], Float32Array]]:
+        return iter(pool(lambda frame: (frame, *draw_frame(frame)), frames))
 
     return render
 
 
+def _averaged_with_effects(exposer: Exposer) -> _DrawFrame:
+    def frame(number: int) -> tuple[NDArray[np.uint16], Float32Array]:
+        samples = exposer.average(number, exposer.scene(number))
+        return samples.stored(), recorded_amplitude(samples)
+
+    return frame
+
+
 def _with_effects(exposer: Exposer) -> _Frames:
-    """Frames of which each may remember the noise of the one before."""
+    """Frames of which each may remember the noise of the one before: that is done in order, all else side by side."""
     before: FloatArray | None = None
 
     def begin(frame: int) -> tuple[int, StillScene, Drawn]:
@@ -189,20 +205,22 @@ def _with_effects(exposer: Exposer) -> _Frames:
             before = exposer.colour(drawn.noise, before)
             yield frame, scene, drawn, before
 
-    def render(frames: range, threads: int) -> Iterator[tuple[int, NDArray[np.uint16], Float32Array]]:
-        for first in range(0, len(frames), threads):
-            some = list(_side_by_side(begin, frames[first : first + threads], threads))
-            yield from _side_by_side(end, list(coloured(some)), threads)
+    def render(frames: range, pool: _Map) -> Iterator[tuple[int, NDArray[np.uint16], Float32Array]]:
+        for first in range(0, len(frames), _FRAMES_AT_ONCE):
+            some = frames[first : first + _FRAMES_AT_ONCE]
+            yield from pool(end, list(coloured(pool(begin, some))))
 
     return render
 
 
-def _side_by_side(work: Callable[[_A], _B], items: Sequence[_A], threads: int) -> Iterator[_B]:
-    if threads == 1 or len(items) == 1:
-        yield from map(work, items)
+@contextmanager
+def _side_by_side(threads: int) -> Iterator[_Map]:
+    """A `map` that works in threads."""
+    if threads == 1:
+        yield map
         return
     with ThreadPoolExecutor(threads) as pool:
-        yield from pool.map(work, items)
+        yield pool.map
 
 
 def _render(model: Model, render: _Frames, frames: range, threads: int) -> FrameBlock:
@@ -214,7 +232,8 @@ def _render(model: Model, render: _Frames, frames: range, threads: int) -> Frame
         amplitude=np.empty(shape, dtype=np.float32),
         time_s=np.array(frames, dtype=np.float64) / model.recording.frame_rate_hz,
     )
-    for frame, range_mm, amplitude in render(frames, threads):
-        block.range_mm[frame - frames.start] = range_mm.reshape(shape[1:])
-        block.amplitude[frame - frames.start] = amplitude.reshape(shape[1:])
+    with _side_by_side(threads) as pool:
+        for frame, range_mm, amplitude in render(frames, pool):
+            block.range_mm[frame - frames.start] = range_mm.reshape(shape[1:])
+            block.amplitude[frame - frames.start] = amplitude.reshape(shape[1:])
     return block

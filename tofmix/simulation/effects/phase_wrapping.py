@@ -21,6 +21,7 @@ class PhaseWrapping(Effect):
     kind: ClassVar[str] = "phase_wrapping"
     level: ClassVar[Level] = Level.CORRELATION
     signature: ClassVar[str] = "far samples appear near"
+    averages: ClassVar[bool] = False
 
     unambiguous_range_mm: float = number(
         "Range at which the phase has turned once; c / (2 f) of the sensor if it is left out.",
