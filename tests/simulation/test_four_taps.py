@@ -3,7 +3,7 @@
 Both sides simulate the same camera and boards, and share no code. The image is four columns of many equal rows: column
 1 sees three boards, column 2 two, the others one. The rows' samples of a column are pooled, 10^5 of each side, and held
 against each other by the two-sample Kolmogorov-Smirnov test. It sees a bias of a tenth of sigma and a sigma off by a
-twentieth, as a test holds.
+twentieth, as a test holds. That a magnitude of zero changes no sample is held in tests/simulation/effects.
 
 Where the contract's law is an approximation of the taps, the test stays where it holds, and says so:
 
@@ -126,6 +126,13 @@ def assert_same(ours: Floats, theirs: Floats) -> None:
             assert p_value(one, other) > ALPHA, f"column {col}"
 
 
+@cache
+def without_errors() -> Floats:
+    """What the taps record of the boards with nothing in their way."""
+    cam = camera()
+    return record(cam, look_at(cam, BOARDS), FRAMES, np.random.default_rng(8), Errors())[0]
+
+
 def effect(kind: str, **parameters: float | str) -> str:
     """An [[effect]] table."""
     lines = [f"{key} = {value!r}" for key, value in parameters.items()]
@@ -178,19 +185,17 @@ def falloff(corner_factor: float) -> Floats:
 CASES = {
     "multipath": [
         (effect("multipath", surface="board 1", share=x, extra_path_mm=1400.0), Errors(second_path={1: (x, 1400.0)}))
-        for x in (0.0, 0.02, 0.1, 0.4)
+        for x in (0.02, 0.1, 0.4)
     ],
-    "scattering": [(effect("scattering", share=x), Errors(lens=x)) for x in (0.0, 0.01, 0.05, 0.2)],
-    "pixel_crosstalk": [(effect("pixel_crosstalk", share=x), Errors(neighbours=x)) for x in (0.0, 0.005, 0.02, 0.08)],
-    "flying_pixels": [(effect("flying_pixels", probability=x), Errors(all_at_once=x)) for x in (0.0, 0.1, 0.5, 1.0)],
-    "vignetting": [(effect("vignetting", corner_factor=x), Errors(falloff=falloff(x))) for x in (1.0, 1.2, 1.6, 2.5)],
+    "scattering": [(effect("scattering", share=x), Errors(lens=x)) for x in (0.01, 0.05, 0.2)],
+    "pixel_crosstalk": [(effect("pixel_crosstalk", share=x), Errors(neighbours=x)) for x in (0.005, 0.02, 0.08)],
+    "flying_pixels": [(effect("flying_pixels", probability=x), Errors(all_at_once=x)) for x in (0.1, 0.5, 1.0)],
+    "vignetting": [(effect("vignetting", corner_factor=x), Errors(falloff=falloff(x))) for x in (1.2, 1.6, 2.5)],
     "wiggling": [
         (effect("wiggling", amplitude_mm=x, phase_rad=0.7), Errors(harmonic=x * HARMONIC, harmonic_phase=0.7 + np.pi))
-        for x in (0.0, 3.0, 6.0, 12.0)
+        for x in (3.0, 6.0, 12.0)
     ],
-    "saturation": [
-        (effect("saturation", full_well_amplitude=x), Errors(full_well=x)) for x in (1000.0, 150.0, 100.0, 60.0)
-    ],
+    "saturation": [(effect("saturation", full_well_amplitude=x), Errors(full_well=x)) for x in (150.0, 100.0, 60.0)],
     "together": [
         (
             effect("vignetting", corner_factor=1.3)
@@ -226,17 +231,9 @@ def test_the_recording_has_the_distribution_of_the_taps(name: str, case: int) ->
     ours, _ = simulated(model_text(cam, BOARDS, text), frames=apart * FRAMES, seed=11 + case)
     theirs, _ = record(cam, look_at(cam, BOARDS), apart * FRAMES, np.random.default_rng(case), errors)
     assert_same(ours[:, ::apart], theirs[:, ::apart])
-
-
-@pytest.mark.parametrize("name", [name for name in CASES if name != "together"])
-def test_the_largest_magnitude_would_be_missed_by_no_one(name: str) -> None:
-    """The effect is not within the noise of the comparison above."""
-    cam = camera()
-    text, _ = CASES[name][-1]
-    with_it, _ = simulated(model_text(cam, BOARDS, text), seed=3)
-    without, _ = record(cam, look_at(cam, BOARDS), FRAMES, np.random.default_rng(8), Errors())
-    lost = np.isnan(with_it[:, :, MIXED[0]]).mean()
-    assert lost > 0.1 or min(p_value(with_it[:, :, col], without[:, :, col]) for col in MIXED) < ALPHA
+    if case == len(CASES[name]) - 1:  # the largest magnitude is not within the noise of the comparison
+        with pytest.raises(AssertionError):
+            assert_same(ours[:, ::apart], without_errors())
 
 
 @pytest.mark.parametrize("frequency_hz", [8.0e6, 60.0e6, 75.0e6])
