@@ -184,11 +184,6 @@ class Effect:
         return 0.0
 
     @property
-    def remembers(self) -> bool:
-        """Whether a frame's noise depends on the frames before it: `colour` is then called frame by frame."""
-        return False
-
-    @property
     def moves(self) -> bool:
         """Whether the scene changes with time."""
         return False

@@ -47,11 +47,6 @@ class TemporalCorrelation(Effect):
         """One sentence."""
         return f"each pixel's noise remembers the frame before, with a correlation of {self.coefficient:g}"
 
-    @property
-    def remembers(self) -> bool:
-        """Unless the coefficient is 0."""
-        return self.coefficient != 0
-
     def colour(self, noise: FloatArray, before: FloatArray) -> FloatArray:
         """One step of the AR(1) process."""
         coloured: FloatArray = self.coefficient * before + math.sqrt(1 - self.coefficient**2) * noise
