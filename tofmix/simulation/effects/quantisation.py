@@ -41,7 +41,7 @@ class Quantisation(Effect):
     def predict(self, prediction: "Prediction", context: Context) -> None:  # noqa: ARG002
         """Remember the lattice; pixels stuck before it are rounded too."""
         if self.step_mm > 0:
-            prediction.steps_mm = (*prediction.steps_mm, self.step_mm)
+            prediction.step_mm = self.step_mm
             prediction.stuck_mm = self._rounded(prediction.stuck_mm)
 
     def _rounded(self, range_mm: FloatArray) -> FloatArray:
