@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.errors import BadInputError
-from tofmix.ranging import unambiguous_range_mm
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.events import EventTable, draw
 
@@ -89,7 +88,7 @@ def exposures(table: EventTable, sensor: SensorProfile) -> tuple[Exposure, ...]:
 
 
 def average_frame(
-    table: EventTable, parts: tuple[Exposure, ...], *, modulation_frequency_hz: float, rng: np.random.Generator
+    table: EventTable, parts: tuple[Exposure, ...], *, turn_mm: float, rng: np.random.Generator
 ) -> tuple[FloatArray, Float32Array]:
     """Draw one frame as on-board integration returns it.
 
@@ -99,8 +98,8 @@ def average_frame(
         The events.
     parts : tuple of Exposure
         What `exposures` returned.
-    modulation_frequency_hz : float
-        Modulation frequency, above 0.
+    turn_mm : float
+        Unambiguous range d_u, mm, above 0.
     rng : numpy.random.Generator
         The frame's random stream; advanced.
 
@@ -118,7 +117,7 @@ def average_frame(
             drawn = draw(table, sigma_mm=part.sigma_mm, rng=rng)
             yield part.fraction, drawn.range_mm, drawn.amplitude
 
-    return phasor_mean(samples(), turn_mm=unambiguous_range_mm(modulation_frequency_hz))
+    return phasor_mean(samples(), turn_mm=turn_mm)
 
 
 def phasor_mean(

@@ -15,15 +15,18 @@ def explain(model: Model) -> str:
 
 def _camera(model: Model) -> Iterator[str]:
     sensor, recording = model.sensor, model.recording
-    turn_mm = unambiguous_range_mm(sensor.modulation_frequency_hz)
     yield (
         f"camera: {sensor.name}, {sensor.rows} x {sensor.cols} pixels over {sensor.fov_horizontal_deg:g} x "
         f"{sensor.fov_vertical_deg:g} degrees, {sensor.range_min_mm:g} to {sensor.range_max_mm:g} mm"
     )
-    yield (
-        f"light: {sensor.modulation_frequency_hz / 1e6:g} MHz, the phase turns once in {turn_mm:.0f} mm; "
-        f"{sensor.integration_time_ms:g} ms a sample"
-    )
+    frequency = sensor.modulation_frequency_hz
+    if frequency is None:
+        yield f"light: no phase is measured; {sensor.integration_time_ms:g} ms a sample"
+    else:
+        yield (
+            f"light: {frequency / 1e6:g} MHz, the phase turns once in {unambiguous_range_mm(frequency):.0f} mm; "
+            f"{sensor.integration_time_ms:g} ms a sample"
+        )
     middle = math.sqrt(max(sensor.range_min_mm, 1.0) * sensor.range_max_mm)
     sigma = float(sensor.noise_at(sensor.integration_time_ms).sigma(middle))
     yield f"noise: Gaussian, sigma(r) of the camera, such as {sigma:.3g} mm at {middle:.0f} mm"

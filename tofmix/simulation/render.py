@@ -81,10 +81,12 @@ def recording_sensor(model: Model, *, averaged: bool = False) -> Sensor:
     Raises
     ------
     BadInputError
-        If `averaged`, and one sample is not shorter than the default integration time.
+        If `averaged`, and the camera measures no phase, or one sample is not shorter than the default integration
+        time.
     """
     if not averaged:
         return model.sensor.sensor()
+    model.sensor.turn_mm("--averaged")  # the mean is one of phasors
     check_averages(model)
     exposure_times(model.sensor)
     return replace(model.sensor, integration_time_ms=model.sensor.default_integration_time_ms).sensor()
@@ -132,7 +134,8 @@ def render_blocks(
     ValueError
         If a number is below its least, or the truth is of another image size than the model's camera.
     BadInputError
-        If `averaged`, and one sample is not shorter than the default integration time.
+        If `averaged`, and the camera measures no phase, or one sample is not shorter than the default integration
+        time.
     """
     for name, value, least in (
         ("n_frames", n_frames, 1),
@@ -143,6 +146,7 @@ def render_blocks(
         if value < least:
             raise ValueError(f"{name}: {value} is not at least {least}")
     if averaged:
+        model.sensor.turn_mm("--averaged")
         check_averages(model)
         exposure_times(model.sensor)
     layers = 0
@@ -170,12 +174,12 @@ def _single(model: Model, truth: Truth, seed: int) -> _DrawFrame:
 
 def _averaged(model: Model, truth: Truth, seed: int) -> _DrawFrame:
     table = event_table(truth, model.sensor)
+    turn_mm = model.sensor.turn_mm("--averaged")
     parts = exposures(table, model.sensor)
-    frequency = model.sensor.modulation_frequency_hz
 
     def frame(number: int) -> _Frame:
         rng = frame_generator(seed, number)
-        range_mm, amplitude = average_frame(table, parts, modulation_frequency_hz=frequency, rng=rng)
+        range_mm, amplitude = average_frame(table, parts, turn_mm=turn_mm, rng=rng)
         return _Frame(number, stored_range(range_mm), amplitude)
 
     return frame

@@ -7,6 +7,7 @@ frame or the components of a prediction. Where chance decides sample by sample,
 override `sample` and `predict` as well.
 """
 
+import math
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.ranging import unambiguous_range_mm
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.effects.parameter import Parameter, declared_parameters
 from tofmix.toml_table import nearest
@@ -84,8 +84,8 @@ class Context:
 
     @property
     def turn_mm(self) -> float:
-        """d_u, the unambiguous range of the modulation, mm."""
-        return unambiguous_range_mm(self.sensor.modulation_frequency_hz)
+        """d_u, the unambiguous range of the modulation, mm; NaN for a camera without phase."""
+        return math.nan if self.sensor.modulation_frequency_hz is None else self.sensor.turn_mm("an effect")
 
     def number_of(self, surface: str) -> int:
         """Number of a surface in the model."""
@@ -158,6 +158,8 @@ class Effect:
         How it shows: against what axis, in which statistic.
     predicts : str
         Which part of its action on a pixel's distribution has a closed form, and what stands for the rest.
+    acts_on_phase : bool
+        Whether a camera without a modulation frequency cannot have it.
     averages : bool
         Whether it can be simulated in a camera that averages on board.
     """
@@ -166,6 +168,7 @@ class Effect:
     level: ClassVar[Level]
     signature: ClassVar[str]
     predicts: ClassVar[str] = "exact"
+    acts_on_phase: ClassVar[bool] = False
     averages: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
@@ -200,6 +203,8 @@ class Effect:
         ValueError
             The message begins with the key.
         """
+        if self.acts_on_phase:
+            refuse_without_phase(self.kind, sensor)
         name = getattr(self, "surface", None)
         if name is not None and name not in surfaces:
             raise ValueError(f'surface: "{name}" is not a surface of this model{nearest(name, surfaces)}')
@@ -241,6 +246,12 @@ class Effect:
     def predict(self, prediction: "Prediction", context: Context) -> None:
         """Change a prediction in place."""
         self.act(prediction, context)
+
+
+def refuse_without_phase(kind: str, sensor: SensorProfile) -> None:
+    """Raise ValueError, a message that begins with the key, if the camera has no modulation frequency."""
+    if sensor.modulation_frequency_hz is None:
+        raise ValueError(f"kind: {kind} acts on the phase, and {sensor.name} has no modulation_frequency_hz")
 
 
 def neutral_values(kind: type[Effect]) -> dict[str, float]:

@@ -33,6 +33,7 @@ class FlyingPixels(Effect):
     kind: ClassVar[str] = "flying_pixels"
     level: ClassVar[Level] = Level.LIGHT
     signature: ClassVar[str] = "samples between the surfaces of a pixel"
+    acts_on_phase: ClassVar[bool] = True
 
     probability: float = number("Share of the samples that mix.", unit="1", low=0, high=1, zero=0, typical=(0.05, 1))
 

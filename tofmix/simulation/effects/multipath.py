@@ -28,6 +28,7 @@ class Multipath(Effect):
     kind: ClassVar[str] = "multipath"
     level: ClassVar[Level] = Level.LIGHT
     signature: ClassVar[str] = "bias and amplitude of one surface; its noise with its amplitude"
+    acts_on_phase: ClassVar[bool] = True
 
     surface: str = surface("The surface that the second path leads to.")
     share: float = number(

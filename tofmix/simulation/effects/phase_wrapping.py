@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, refuse_without_phase
 from tofmix.simulation.effects.parameter import number
 
 
@@ -26,6 +27,12 @@ class PhaseWrapping(Effect):
         "Range at which the phase has turned once; c / (2 f) of the sensor if it is left out.",
         unit="mm", low=0, high=1e6, low_open=True, required=False,
     )  # fmt: skip
+
+    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
+        """A camera without phase folds where it is told to, or not at all."""
+        Effect.check(self, sensor, surfaces)
+        if self.unambiguous_range_mm is None:
+            refuse_without_phase(self.kind, sensor)
 
     def explain(self) -> str:
         """One sentence."""

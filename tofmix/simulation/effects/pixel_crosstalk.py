@@ -26,6 +26,7 @@ class PixelCrosstalk(Effect):
     kind: ClassVar[str] = "pixel_crosstalk"
     level: ClassVar[Level] = Level.LIGHT
     signature: ClassVar[str] = "bias and spread where neighbours differ; correlation between neighbours"
+    acts_on_phase: ClassVar[bool] = True
     predicts: ClassVar[str] = (
         "mean and variance of each component, from the mean and variance of the neighbours' phasors (to first order "
         "in the share); exact where the neighbours see one surface each"

@@ -29,6 +29,7 @@ class Scattering(Effect):
     kind: ClassVar[str] = "scattering"
     level: ClassVar[Level] = Level.LIGHT
     signature: ClassVar[str] = "bias towards the bright surfaces, largest where the image is dark"
+    acts_on_phase: ClassVar[bool] = True
 
     share: float = number(
         "Share of the mean phasor that each pixel gets.",

@@ -28,6 +28,7 @@ class Wiggling(Effect):
     kind: ClassVar[str] = "wiggling"
     level: ClassVar[Level] = Level.CORRELATION
     signature: ClassVar[str] = "bias against range, a sine of period d_u / 4"
+    acts_on_phase: ClassVar[bool] = True
 
     amplitude_mm: float = number("Largest bias.", unit="mm", low=0, high=1000, zero=0, typical=(3, 60))
     phase_rad: float = number(
