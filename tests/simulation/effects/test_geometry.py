@@ -99,7 +99,7 @@ def test_a_long_motion_needs_no_more_memory(bench: Bench) -> None:
         return most
 
     peak(10)
-    assert peak(80) < 1.5 * peak(20)
+    assert peak(60) < 1.5 * peak(20)
 
 
 def test_a_surface_that_leaves_the_world_is_refused(bench: Bench) -> None:
