@@ -156,6 +156,11 @@ class Effect:
         Where it acts.
     signature : str
         How it shows: against what axis, in which statistic.
+    typical : str
+        Magnitudes of real cameras.
+    basis : str
+        Where they are from: ``physics`` (a formula, held by a test), ``reported`` (literature, recalled and not
+        checked against a copy), or ``assumed``.
     predicts : str
         Which part of its action on a pixel's distribution has a closed form, and what stands for the rest.
     acts_on_phase : bool
@@ -167,6 +172,8 @@ class Effect:
     kind: ClassVar[str]
     level: ClassVar[Level]
     signature: ClassVar[str]
+    typical: ClassVar[str]
+    basis: ClassVar[str]
     predicts: ClassVar[str] = "exact"
     acts_on_phase: ClassVar[bool] = False
     averages: ClassVar[bool] = True
