@@ -46,7 +46,8 @@ def cast_scene(model: Model, *, time_s: float = 0.0) -> Truth:
     Returns
     -------
     Truth
-        Arrays (rows, cols, layer); layer is the largest number of surfaces in any pixel, at least 1.
+        Arrays (rows, cols, layer); layer is the largest number of surfaces in any pixel, at least 1; where surfaces
+        move, the largest number at any time.
 
     Raises
     ------
@@ -59,19 +60,27 @@ def cast_scene(model: Model, *, time_s: float = 0.0) -> Truth:
     """
     if len(model.surfaces) > MAX_SURFACES:
         raise BadInputError(f"[[surface]]: {len(model.surfaces)} surfaces; this version casts up to {MAX_SURFACES}")
-    return _truth(model, _cast(_placed(model, time_s)))
+    if model.moves:
+        return MovingCaster(model).cast(time_s)
+    placed = _placed(model, time_s)
+    return _truth(placed, _cast(placed))
 
 
 class MovingCaster:
     """Casts a scene in which some surfaces move, time after time.
 
-    Only the pixels in which a moving surface may be seen are cast anew; the others are as they are without them. A
-    cast gives the bytes of `cast_scene`.
+    Only the pixels in which a moving surface may be seen are cast anew; the others are as they are without them. The
+    values are those of a still scene with the surfaces at their places, bit by bit, with room for `layers` surfaces.
 
     Parameters
     ----------
     model : Model
         The model.
+
+    Attributes
+    ----------
+    layers : int
+        Most surfaces that a pixel may see at any time.
     """
 
     def __init__(self, model: Model) -> None:
@@ -84,6 +93,8 @@ class MovingCaster:
             for surface, moves in zip(_placed(model, 0.0).surfaces, self._moving, strict=True)
         )
         self._background = _cast(replace(model, surfaces=away, effects=()))
+        most = np.bincount(self._background.pixel, minlength=1).max() + self._moving.sum()
+        self.layers = max(1, min(int(most), len(model.surfaces), _MAX_LAYERS))
 
     def cast(self, time_s: float) -> Truth:
         """What each pixel sees at a time; see `cast_scene`."""
@@ -91,7 +102,7 @@ class MovingCaster:
         reached = _reached(model, self._moving)
         fresh = _cast(model, reached)
         kept = ~reached.ravel()[still.pixel]
-        return _truth(
+        truth = _truth(
             model,
             _Seen(
                 pixel=np.concatenate([fresh.pixel, still.pixel[kept]]),
@@ -102,6 +113,7 @@ class MovingCaster:
                 nothing=np.where(reached.ravel(), fresh.nothing, still.nothing),
             ),
         )
+        return truth.padded(self.layers)
 
 
 def _placed(model: Model, time_s: float) -> Model:

@@ -38,12 +38,15 @@ class StillScene:
         Their surfaces; -1 without one.
     expected : tuple
         What each acting effect expects of the scene.
+    range_true : (row, col, layer) float32
+        Its true ranges, mm.
     """
 
     table: EventTable
     sigma_mm: FloatArray
     surface: IntArray
     expected: tuple[Any, ...]
+    range_true: Float32Array
 
 
 class Exposer:
@@ -79,19 +82,9 @@ class Exposer:
         if self._caster is not None:
             model.placed(self._time(n_frames - 1))  # refused now, not after thousands of frames
 
-    @property
-    def remembers(self) -> bool:
-        """Whether a frame's noise depends on the frame before."""
-        return any(effect.remembers for effect in self._effects)
-
-    def truth(self) -> tuple[EffectTruth, ...]:
-        """What was drawn once for this recording."""
-        pairs = zip(self._effects, self._contexts, strict=True)
-        return tuple(truth for effect, context in pairs for truth in effect.truth(context.prepared))
-
     def scene(self, frame: int) -> StillScene:
         """What a frame sees."""
-        if self._caster is None or frame == 0:
+        if self._caster is None:
             return self._still
         return self._scene(self._caster.cast(self._time(frame)), self._time(frame))
 
@@ -109,6 +102,7 @@ class Exposer:
             sigma_mm=table.sigma(model.sensor.noise_at(model.sensor.integration_time_ms)),
             surface=surface,
             expected=self._expect(truth, time_s),
+            range_true=truth.range_true,
         )
 
     def _expect(self, truth: Truth, time_s: float) -> tuple[Any, ...]:
@@ -220,6 +214,14 @@ def _read(range_mm: FloatArray, amplitude: Float32Array, turn_mm: float) -> Fram
         stuck=np.zeros(pixels, dtype=np.bool_),
         measured_mm=range_mm,
     )
+
+
+def drawn_truth(model: Model, *, seed: int, n_frames: int) -> tuple[EffectTruth, ...]:
+    """What effects draw once for a recording of this seed and length: patterns, defects, bursts."""
+    start = Context(sensor=model.sensor, surfaces=tuple(surface.name for surface in model.surfaces), seed=seed)
+    shape = {"row": model.sensor.rows, "col": model.sensor.cols, "frame": n_frames}
+    drawn = (truth for effect in model.acting() for truth in effect.truth(effect.prepare(start, n_frames)))
+    return tuple(replace(truth, values=truth.values.reshape([shape[dim] for dim in truth.dims])) for truth in drawn)
 
 
 def check_averages(model: Model) -> None:

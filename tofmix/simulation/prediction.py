@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Level
+from tofmix.simulation.events import stored_range
 from tofmix.simulation.model import Model
 from tofmix.simulation.truth import Truth
 
@@ -41,8 +42,8 @@ class Prediction(Echoes):
         Probability of a random value.
     limits_mm : (float, float)
         A random value is uniform between these.
-    steps_mm : tuple of float
-        Ranges are rounded to multiples of each, in this order, before they are stored.
+    step_mm : float
+        Ranges are rounded to multiples of this before they are stored; 0 for none.
     stuck_mm : (pixel,) float64
         The one value that a stuck pixel returns; NaN where the pixel works.
     """
@@ -51,7 +52,7 @@ class Prediction(Echoes):
     invalid: FloatArray
     outlier: float
     limits_mm: tuple[float, float]
-    steps_mm: tuple[float, ...] = ()
+    step_mm: float = 0.0
     stuck_mm: FloatArray
 
     def area(self) -> FloatArray:
@@ -103,8 +104,7 @@ class Prediction(Echoes):
                 total += self.weight[k] * self._component_cdf(k, range_mm)
         with np.errstate(invalid="ignore", divide="ignore"):
             total /= 1.0 - self.invalid
-        working = np.isnan(self.stuck_mm)
-        return np.where(working, total, np.asarray(range_mm >= self.stuck_mm, dtype=np.float64))
+        return np.where(self._stuck, np.asarray(range_mm >= self.stuck_mm, dtype=np.float64), total)
 
     def _component_cdf(self, k: int, range_mm: FloatArray) -> FloatArray:
         mean, sigma = self.range_mm[k], np.maximum(self.sigma_mm[k], 1.0e-6)
@@ -129,20 +129,21 @@ class Prediction(Echoes):
             Lower is above upper where no range is stored as this value.
         """
         value = np.asarray(stored_mm, dtype=np.float64)
-        lower = np.where(value <= _LOWEST, -np.inf, value - 0.5)
-        upper = np.where(value >= _HIGHEST, np.inf, value + 0.5)
-        for step in reversed(self.steps_mm):
-            lower = (np.ceil(lower / step) - 0.5) * step
-            upper = (np.floor(upper / step) + 0.5) * step
-        return lower, upper
+        lower, upper = value - 0.5, value + 0.5
+        if self.step_mm > 0:  # multiples first to last whose nearest whole mm is the value, halves to the even one
+            first, last = np.ceil(lower / self.step_mm), np.floor(upper / self.step_mm)
+            first += np.rint(first * self.step_mm) < value
+            last -= np.rint(last * self.step_mm) > value
+            lower, upper = (first - 0.5) * self.step_mm, (last + 0.5) * self.step_mm
+        return np.where(value <= _LOWEST, -np.inf, lower), np.where(value >= _HIGHEST, np.inf, upper)
 
     def probability(self, stored_mm: NDArray[np.generic]) -> FloatArray:
         """Probability (n, pixel) of stored values (n, pixel); 0 mm stands for an invalid sample."""
-        lower, upper = self.cell(stored_mm)
-        valid = np.asarray(stored_mm) > 0
-        inside = np.maximum(self.cdf(upper) - self._below(lower), 0.0)
-        invalid = np.where(np.isnan(self.stuck_mm), self.invalid, 0.0)
-        return np.where(valid, np.nan_to_num(inside) * (1.0 - invalid), invalid)
+        stored = np.asarray(stored_mm)
+        lower, upper = self.cell(stored)
+        inside = np.nan_to_num(np.maximum(self.cdf(upper) - self.cdf(lower), 0.0)) * (1.0 - self.invalid)
+        working = np.where(stored > 0, inside, self.invalid)
+        return np.where(self._stuck, np.asarray(self._is_stuck_value(stored), dtype=np.float64), working)
 
     def log_probability(self, stored_mm: NDArray[np.generic]) -> FloatArray:
         """Natural logarithm of `probability`; -inf for what the model rules out."""
@@ -169,15 +170,18 @@ class Prediction(Echoes):
         """
         stored = np.asarray(stored_mm)
         lower, upper = self.cell(stored)
-        low, high = self._below(lower), self.cdf(upper)
-        transform = low + rng.random(stored.shape) * (high - low)
-        return np.where((stored > 0) & (high >= low), transform, np.nan)
+        low, high = self.cdf(lower), self.cdf(upper)
+        drawn = rng.random(stored.shape)
+        transform = np.where(self._stuck, drawn, low + drawn * (high - low))
+        possible = np.where(self._stuck, self._is_stuck_value(stored), (stored > 0) & (lower < upper))
+        return np.where(possible, transform, np.nan)
 
-    def _below(self, range_mm: FloatArray) -> FloatArray:
-        """P(range < r): a stuck pixel's value counts from its own on."""
-        return np.where(
-            np.isnan(self.stuck_mm), self.cdf(range_mm), np.asarray(range_mm > self.stuck_mm, dtype=np.float64)
-        )
+    @property
+    def _stuck(self) -> BoolArray:
+        return ~np.isnan(self.stuck_mm)
+
+    def _is_stuck_value(self, stored_mm: NDArray[np.generic]) -> BoolArray:
+        return np.asarray(stored_mm == stored_range(np.nan_to_num(self.stuck_mm)), dtype=np.bool_)
 
 
 def _folded_cdf(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,19 @@ from tofmix.simulation.truth import Truth
 
 _FRAMES_AT_ONCE = 16  # held in memory with all that their samples carry
 
+
+class _Frame(NamedTuple):
+    """One frame's samples, (pixel,), and what it saw."""
+
+    number: int
+    range_mm: NDArray[np.uint16]
+    amplitude: Float32Array
+    range_true: Float32Array | None = None
+
+
 _Map = Callable[..., Iterable[Any]]
-_DrawFrame = Callable[[int], tuple[NDArray[np.uint16], Float32Array]]
-_Frames = Callable[[range, _Map], Iterator[tuple[int, NDArray[np.uint16], Float32Array]]]
+_DrawFrame = Callable[[int], _Frame]
+_Frames = Callable[[range, _Map], Iterator[_Frame]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,12 +52,15 @@ class FrameBlock:
         Amplitudes.
     time_s : (frame,) float64
         Start of each frame, s; frame 0 at 0.
+    range_true : (frame, row, col, layer) float32 or None
+        True ranges, mm, where surfaces move; None where they do not.
     """
 
     start: int
     range_mm: NDArray[np.uint16]
     amplitude: Float32Array
     time_s: FloatArray
+    range_true: Float32Array | None = None
 
     @property
     def stop(self) -> int:
@@ -136,23 +149,25 @@ def render_blocks(
         model.sensor.turn_mm("--averaged")
         check_averages(model)
         exposure_times(model.sensor)
+    layers = 0
     if not model.effects:
         render = _independent(_averaged(model, truth, seed) if averaged else _single(model, truth, seed))
     else:
         exposer = Exposer(model, truth, seed=seed, n_frames=n_frames)
+        layers = truth.range_true.shape[2] if model.moves else 0
         render = _independent(_averaged_with_effects(exposer)) if averaged else _with_effects(exposer)
     starts = range(0, n_frames, block_frames)
     blocks = (range(start, min(start + block_frames, n_frames)) for start in starts)
-    return (_render(model, render, frames, threads) for frames in blocks)
+    return (_render(model, render, frames, layers, threads) for frames in blocks)
 
 
 def _single(model: Model, truth: Truth, seed: int) -> _DrawFrame:
     table = event_table(truth, model.sensor)
     sigma_mm = table.sigma(model.sensor.noise_at(model.sensor.integration_time_ms))
 
-    def frame(number: int) -> tuple[NDArray[np.uint16], Float32Array]:
+    def frame(number: int) -> _Frame:
         samples = draw(table, sigma_mm=sigma_mm, rng=frame_generator(seed, number))
-        return stored_range(samples.range_mm), samples.amplitude
+        return _Frame(number, stored_range(samples.range_mm), samples.amplitude)
 
     return frame
 
@@ -162,10 +177,10 @@ def _averaged(model: Model, truth: Truth, seed: int) -> _DrawFrame:
     turn_mm = model.sensor.turn_mm("--averaged")
     parts = exposures(table, model.sensor)
 
-    def frame(number: int) -> tuple[NDArray[np.uint16], Float32Array]:
+    def frame(number: int) -> _Frame:
         rng = frame_generator(seed, number)
         range_mm, amplitude = average_frame(table, parts, turn_mm=turn_mm, rng=rng)
-        return stored_range(range_mm), amplitude
+        return _Frame(number, stored_range(range_mm), amplitude)
 
     return frame
 
@@ -173,16 +188,17 @@ def _averaged(model: Model, truth: Truth, seed: int) -> _DrawFrame:
 def _independent(draw_frame: _DrawFrame) -> _Frames:
     """Frames that know nothing of each other."""
 
-    def render(frames: range, pool: _Map) -> Iterator[tuple[int, NDArray[np.uint16], Float32Array]]:
-        return iter(pool(lambda frame: (frame, *draw_frame(frame)), frames))
+    def render(frames: range, pool: _Map) -> Iterator[_Frame]:
+        return iter(pool(draw_frame, frames))
 
     return render
 
 
 def _averaged_with_effects(exposer: Exposer) -> _DrawFrame:
-    def frame(number: int) -> tuple[NDArray[np.uint16], Float32Array]:
-        samples = exposer.average(number, exposer.scene(number))
-        return samples.stored(), recorded_amplitude(samples)
+    def frame(number: int) -> _Frame:
+        scene = exposer.scene(number)
+        samples = exposer.average(number, scene)
+        return _Frame(number, samples.stored(), recorded_amplitude(samples), scene.range_true)
 
     return frame
 
@@ -195,9 +211,10 @@ def _with_effects(exposer: Exposer) -> _Frames:
         scene = exposer.scene(frame)
         return frame, scene, exposer.draw(frame, scene)
 
-    def end(begun: tuple[int, StillScene, Drawn, FloatArray]) -> tuple[int, NDArray[np.uint16], Float32Array]:
+    def end(begun: tuple[int, StillScene, Drawn, FloatArray]) -> _Frame:
+        frame, scene, _, _ = begun
         samples = exposer.expose(*begun)
-        return begun[0], samples.stored(), recorded_amplitude(samples)
+        return _Frame(frame, samples.stored(), recorded_amplitude(samples), scene.range_true)
 
     def coloured(begun: Iterable[tuple[int, StillScene, Drawn]]) -> Iterator[tuple[int, StillScene, Drawn, FloatArray]]:
         nonlocal before
@@ -205,7 +222,7 @@ def _with_effects(exposer: Exposer) -> _Frames:
             before = exposer.colour(drawn.noise, before)
             yield frame, scene, drawn, before
 
-    def render(frames: range, pool: _Map) -> Iterator[tuple[int, NDArray[np.uint16], Float32Array]]:
+    def render(frames: range, pool: _Map) -> Iterator[_Frame]:
         for first in range(0, len(frames), _FRAMES_AT_ONCE):
             some = frames[first : first + _FRAMES_AT_ONCE]
             yield from pool(end, list(coloured(pool(begin, some))))
@@ -223,17 +240,21 @@ def _side_by_side(threads: int) -> Iterator[_Map]:
         yield pool.map
 
 
-def _render(model: Model, render: _Frames, frames: range, threads: int) -> FrameBlock:
-    """One block."""
+def _render(model: Model, render: _Frames, frames: range, layers: int, threads: int) -> FrameBlock:
+    """One block; with `layers` true ranges a pixel and frame, or none."""
     shape = (len(frames), model.sensor.rows, model.sensor.cols)
     block = FrameBlock(
         start=frames.start,
         range_mm=np.empty(shape, dtype=np.uint16),
         amplitude=np.empty(shape, dtype=np.float32),
         time_s=np.array(frames, dtype=np.float64) / model.recording.frame_rate_hz,
+        range_true=np.empty((*shape, layers), dtype=np.float32) if layers else None,
     )
     with _side_by_side(threads) as pool:
-        for frame, range_mm, amplitude in render(frames, pool):
-            block.range_mm[frame - frames.start] = range_mm.reshape(shape[1:])
-            block.amplitude[frame - frames.start] = amplitude.reshape(shape[1:])
+        for frame in render(frames, pool):
+            at = frame.number - frames.start
+            block.range_mm[at] = frame.range_mm.reshape(shape[1:])
+            block.amplitude[at] = frame.amplitude.reshape(shape[1:])
+            if block.range_true is not None and frame.range_true is not None:
+                block.range_true[at] = frame.range_true
     return block

@@ -1,11 +1,14 @@
 """What every pixel of a scene sees: the truth that a recording carries and that samples are drawn from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import ByteArray, Float32Array
+
+_T = TypeVar("_T", bound=np.generic)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -34,3 +37,18 @@ class Truth:
     weight_no_return: Float32Array
     surface: NDArray[np.int16]
     amplitude: Float32Array
+
+    def padded(self, layers: int) -> Self:
+        """The same with room for `layers` surfaces a pixel, at least as many as it has."""
+        more = layers - self.range_true.shape[2]
+
+        def pad(values: NDArray[_T], padding: float) -> NDArray[_T]:
+            return np.pad(values, ((0, 0), (0, 0), (0, more)), constant_values=padding)
+
+        return replace(
+            self,
+            range_true=pad(self.range_true, np.nan),
+            weight_true=pad(self.weight_true, np.nan),
+            surface=pad(self.surface, -1),
+            amplitude=pad(self.amplitude, 0.0),
+        )

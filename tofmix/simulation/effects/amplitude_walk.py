@@ -28,6 +28,8 @@ class AmplitudeWalk(Effect):
     kind: ClassVar[str] = "amplitude_walk"
     level: ClassVar[Level] = Level.RANGE
     signature: ClassVar[str] = "bias against amplitude, at one range too"
+    typical: ClassVar[str] = "some mm to a few cm between black and white targets"
+    basis: ClassVar[str] = "reported"
 
     scale_mm: float = number(
         "Bias at the reference amplitude.", unit="mm", low=-1000, high=1000, zero=0, typical=(1, 50)

@@ -156,6 +156,11 @@ class Effect:
         Where it acts.
     signature : str
         How it shows: against what axis, in which statistic.
+    typical : str
+        Magnitudes of real cameras.
+    basis : str
+        Where they are from: ``physics`` (a formula, held by a test), ``reported`` (literature, recalled and not
+        checked against a copy), or ``assumed``.
     predicts : str
         Which part of its action on a pixel's distribution has a closed form, and what stands for the rest.
     acts_on_phase : bool
@@ -167,6 +172,8 @@ class Effect:
     kind: ClassVar[str]
     level: ClassVar[Level]
     signature: ClassVar[str]
+    typical: ClassVar[str]
+    basis: ClassVar[str]
     predicts: ClassVar[str] = "exact"
     acts_on_phase: ClassVar[bool] = False
     averages: ClassVar[bool] = True
@@ -185,11 +192,6 @@ class Effect:
     def outlier_share(self) -> float:
         """Share of the samples that the effect replaces by random values."""
         return 0.0
-
-    @property
-    def remembers(self) -> bool:
-        """Whether a frame's noise depends on the frames before it: `colour` is then called frame by frame."""
-        return False
 
     @property
     def moves(self) -> bool:

@@ -26,6 +26,8 @@ class Dropout(Effect):
     kind: ClassVar[str] = "dropout"
     level: ClassVar[Level] = Level.READ_OUT
     signature: ClassVar[str] = "invalid share, the same everywhere or against amplitude"
+    typical: ClassVar[str] = "any share, by the camera's amplitude threshold"
+    basis: ClassVar[str] = "assumed"
 
     probability: float = number(
         "Share that is lost by chance.", unit="1", low=0, high=1, default=0, zero=0, typical=(0.001, 0.2)

@@ -13,7 +13,7 @@ class ExcessNoise(Effect):
     """Sigma times `factor`.
 
     Phase noise is sqrt(B) / A: more ambient light, or a weaker emitter, makes every sigma larger by the same factor
-    where the background dominates. Four times the background electrons double it (physics).
+    where the background dominates. Four times the background electrons double it.
 
     References
     ----------
@@ -23,6 +23,8 @@ class ExcessNoise(Effect):
     kind: ClassVar[str] = "excess_noise"
     level: ClassVar[Level] = Level.RANGE
     signature: ClassVar[str] = "spread, by the same factor everywhere"
+    typical: ClassVar[str] = "2 for four times the background electrons"
+    basis: ClassVar[str] = "physics"
 
     factor: float = number("Sigma is that many times larger.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3))
 

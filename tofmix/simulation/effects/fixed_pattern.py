@@ -28,6 +28,8 @@ class FixedPattern(Effect):
     kind: ClassVar[str] = "fixed_pattern"
     level: ClassVar[Level] = Level.RANGE
     signature: ClassVar[str] = "bias pixel by pixel, the same in every frame; stripes for columns and rows"
+    typical: ClassVar[str] = "some mm after the factory's calibration, some cm without"
+    basis: ClassVar[str] = "reported"
     predicts: ClassVar[str] = (
         "exact for the map, or for what the seed draws; over all patterns it is a random effect that pixels of one "
         "column or row share"

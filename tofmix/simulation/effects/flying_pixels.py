@@ -23,7 +23,8 @@ class FlyingPixels(Effect):
     A pixel collects the light of its whole beam, so the physics of one exposure is the phasor sum,
     z = sum_i share_i A_i exp(2 pi i r_i / d_u): a range between the surfaces. Equation (1) instead lets each sample
     come from one surface. 0 is equation (1), 1 the phasor sum. Each pixel and frame decides by itself, where its
-    event is a surface. The surfaces' phasors are those that the light effects before this one in the file give.
+    event is a surface; its sigma is sigma(r) |z| / |z'|, r and z those of that event. The surfaces' phasors are those
+    that the light effects before this one in the file give.
 
     References
     ----------
@@ -33,6 +34,8 @@ class FlyingPixels(Effect):
     kind: ClassVar[str] = "flying_pixels"
     level: ClassVar[Level] = Level.LIGHT
     signature: ClassVar[str] = "samples between the surfaces of a pixel"
+    typical: ClassVar[str] = "1 for one exposure of a lock-in camera; 0 is equation (1)"
+    basis: ClassVar[str] = "physics"
     acts_on_phase: ClassVar[bool] = True
 
     probability: float = number("Share of the samples that mix.", unit="1", low=0, high=1, zero=0, typical=(0.05, 1))

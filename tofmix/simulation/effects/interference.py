@@ -19,8 +19,8 @@ class Interference(Effect):
     """In bursts of frames, noise of `sigma_mm` is added in quadrature to every pixel that sees a surface.
 
     The light of a second camera is not in step with ours: over one exposure it adds a phasor of any phase. Frame
-    clocks beat, so that it comes in bursts. Some cm to some ten cm while it lasts (physics: a foreign phasor of 10 %
-    of the target's own turns the range by up to 120 mm at 20 MHz). Frames are disturbed or not by a two-state Markov
+    clocks beat, so that it comes in bursts. Some cm to some ten cm while it lasts (a foreign phasor of 10 % of
+    the target's own turns the range by up to 120 mm at 20 MHz). Frames are disturbed or not by a two-state Markov
     chain: bursts last `burst_frames` on average, and pauses as long as makes `probability` of all frames. Where that
     asks for pauses shorter than a frame, they last one frame and the bursts are longer.
 
@@ -32,6 +32,8 @@ class Interference(Effect):
     kind: ClassVar[str] = "interference"
     level: ClassVar[Level] = Level.CORRELATION
     signature: ClassVar[str] = "spread of the whole image in bursts of frames"
+    typical: ClassVar[str] = "up to 120 mm at 20 MHz for a foreign phasor of 10 % of the target's own"
+    basis: ClassVar[str] = "physics"
     predicts: ClassVar[str] = (
         "the marginal is exact, a mixture of disturbed and quiet; that all pixels of a frame are disturbed together, "
         "in bursts, is a latent state of each frame"

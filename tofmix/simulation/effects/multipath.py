@@ -17,7 +17,8 @@ class Multipath(Effect):
     """z of one surface becomes z (1 + share exp(i pi extra_path / d_u)).
 
     Light that bounces off a wall, a floor or a neighbouring board on its way arrives later and makes the surface
-    seem farther. In corners, some cm to some ten cm are reported. One constant share and path for the whole surface:
+    seem farther: by 44 mm at 20 MHz for 10 % of light on a path 1 m longer. In corners, some cm to some ten cm are
+    reported. One constant share and path for the whole surface:
     near a real corner both change from pixel to pixel.
 
     References
@@ -28,6 +29,8 @@ class Multipath(Effect):
     kind: ClassVar[str] = "multipath"
     level: ClassVar[Level] = Level.LIGHT
     signature: ClassVar[str] = "bias and amplitude of one surface; its noise with its amplitude"
+    typical: ClassVar[str] = "10 % on a path 1 m longer: +44 mm at 20 MHz; some cm to some ten cm in corners"
+    basis: ClassVar[str] = "physics; the corners reported"
     acts_on_phase: ClassVar[bool] = True
 
     surface: str = surface("The surface that the second path leads to.")

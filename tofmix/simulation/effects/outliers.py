@@ -19,13 +19,15 @@ class Outliers(Effect):
     """Samples uniform over the working range, with this probability on top of `outlier_probability`.
 
     Bit errors, cosmic and switching disturbances, samples taken while the exposure changed. The paper supplies 1e-4
-    for the SR-3000; 1e-3 to 1e-2 is what a worn or disturbed camera shows (experience, no source). A random value
+    for the SR-3000; 1e-3 to 1e-2 is what a worn or disturbed camera shows. A random value
     replaces whatever its pixel would have returned, after all but stuck pixels and quantisation, and is never lost.
     """
 
     kind: ClassVar[str] = "outliers"
     level: ClassVar[Level] = Level.RANGE
     signature: ClassVar[str] = "tails: samples anywhere in the working range"
+    typical: ClassVar[str] = "1e-4 in the paper; 1e-3 to 1e-2 for a disturbed camera"
+    basis: ClassVar[str] = "the paper supplies it; the rest assumed"
     averages: ClassVar[bool] = False
 
     probability: float = number(

@@ -14,13 +14,15 @@ class PhaseWrapping(Effect):
     """Ranges, noise and bias included, modulo `unambiguous_range_mm`.
 
     A phase is known up to whole turns: what is beyond d_u = c / (2 f) seems near, and noise carries samples across
-    the turn both ways. This is no error but how such a camera measures (physics). Samples without a return are no
+    the turn both ways. This is no error but how such a camera measures. Samples without a return are no
     measured phases and stay at `range_max_mm`; random values stay too. A range that folds to 0 is stored as 1 mm.
     """
 
     kind: ClassVar[str] = "phase_wrapping"
     level: ClassVar[Level] = Level.CORRELATION
     signature: ClassVar[str] = "far samples appear near"
+    typical: ClassVar[str] = "what is beyond c / (2 f), 7.495 m at 20 MHz, seems nearer by that"
+    basis: ClassVar[str] = "physics"
     averages: ClassVar[bool] = False
 
     unambiguous_range_mm: float = number(

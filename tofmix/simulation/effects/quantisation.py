@@ -18,13 +18,15 @@ if TYPE_CHECKING:
 class Quantisation(Effect):
     """Every range, whatever its event, is rounded to a multiple of `step_mm`, then to whole mm.
 
-    A phase word of b bits has steps of d_u / 2^b: 1.8 mm for 12 bits at 20 MHz, 7.3 mm for 10, 29 mm for 8
-    (physics). Steps well below sigma add a variance of step^2 / 12 and no bias. A step of 0 is none.
+     A phase word of b bits has steps of d_u / 2^b: 1.8 mm for 12 bits at 20 MHz, 7.3 mm for 10, 29 mm for 8
+    . Steps well below sigma add a variance of step^2 / 12 and no bias. A step of 0 is none.
     """
 
     kind: ClassVar[str] = "quantisation"
     level: ClassVar[Level] = Level.READ_OUT
     signature: ClassVar[str] = "discreteness: ranges on a lattice"
+    typical: ClassVar[str] = "steps of d_u / 2^b: 1.8, 7.3, 29 mm for 12, 10, 8 bits at 20 MHz"
+    basis: ClassVar[str] = "physics"
 
     step_mm: float = number(
         "Distance of the values; 0 for none.", unit="mm", low=0, high=10_000, zero=0, typical=(2, 60)
@@ -41,7 +43,7 @@ class Quantisation(Effect):
     def predict(self, prediction: "Prediction", context: Context) -> None:  # noqa: ARG002
         """Remember the lattice; pixels stuck before it are rounded too."""
         if self.step_mm > 0:
-            prediction.steps_mm = (*prediction.steps_mm, self.step_mm)
+            prediction.step_mm = self.step_mm
             prediction.stuck_mm = self._rounded(prediction.stuck_mm)
 
     def _rounded(self, range_mm: FloatArray) -> FloatArray:

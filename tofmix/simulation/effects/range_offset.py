@@ -13,8 +13,8 @@ class RangeOffset(Effect):
     """Every range is longer by `offset_mm`.
 
     Signals take time in the camera: through the driver of the light source, the cables and the pixel. A
-    calibration removes most of that delay; what it leaves is a constant. 1 cm is 67 ps of delay, so some mm to some
-    cm remain where the camera was never calibrated at its own temperature and settings (physics).
+    calibration removes most of that delay; what it leaves is a constant. 10 mm are 67 ps of delay, so some mm to some
+    cm remain where the camera was never calibrated at its own temperature and settings.
 
     References
     ----------
@@ -24,6 +24,10 @@ class RangeOffset(Effect):
     kind: ClassVar[str] = "range_offset"
     level: ClassVar[Level] = Level.RANGE
     signature: ClassVar[str] = "bias, the same at every range, amplitude, place and time"
+    typical: ClassVar[str] = (
+        "some mm to some cm where the camera was never calibrated at its own temperature; 10 mm are 67 ps of delay"
+    )
+    basis: ClassVar[str] = "physics"
 
     offset_mm: float = number("Added to every range.", unit="mm", low=-10_000, high=10_000, zero=0, typical=(2, 50))
 

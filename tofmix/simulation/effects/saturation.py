@@ -18,7 +18,7 @@ class Saturation(Effect):
     """Samples of an amplitude over `full_well_amplitude` are invalid.
 
     A pixel holds so many electrons; bright or near surfaces fill it, the taps lose their difference, and the camera
-    marks the sample as invalid. Where it happens follows from exposure and reflectivity (physics): in the units of a
+    marks the sample as invalid. Where it happens follows from exposure and reflectivity: in the units of a
     model, a white board at 1 m and 1.2 ms has an amplitude of about 1000. The amplitude is that of the light, after
     all light effects; ambient light, which fills the well as well, is not simulated.
     """
@@ -26,6 +26,8 @@ class Saturation(Effect):
     kind: ClassVar[str] = "saturation"
     level: ClassVar[Level] = Level.CORRELATION
     signature: ClassVar[str] = "invalid share of bright samples"
+    typical: ClassVar[str] = "a white board nearer than some 0.5 to 1 m, by exposure"
+    basis: ClassVar[str] = "assumed"
     averages: ClassVar[bool] = False
 
     full_well_amplitude: float = number(

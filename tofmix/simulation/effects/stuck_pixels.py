@@ -22,12 +22,14 @@ class StuckPixels(Effect):
     """A share of the pixels, drawn once a recording, or those of a map, always return one value.
 
     Defects of the chip: a pixel that is saturated by its dark current, or does not work at all. Makers accept some
-    0.01 to 0.1 % (experience, no source). A stuck pixel returns its value whatever else happens, dropout included.
+    0.01 to 0.1 %. A stuck pixel returns its value whatever else happens, dropout included.
     """
 
     kind: ClassVar[str] = "stuck_pixels"
     level: ClassVar[Level] = Level.READ_OUT
     signature: ClassVar[str] = "pixels without any spread"
+    typical: ClassVar[str] = "0.01 to 0.1 % of the pixels"
+    basis: ClassVar[str] = "assumed"
     predicts: ClassVar[str] = "exact for the map, or for what the seed draws; over all draws a pixel is stuck or not"
 
     share: float = number("Share of the pixels.", unit="1", low=0, high=1, default=0, zero=0, typical=(1e-4, 0.01))

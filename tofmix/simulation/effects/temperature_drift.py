@@ -25,6 +25,8 @@ class TemperatureDrift(Effect):
     kind: ClassVar[str] = "temperature_drift"
     level: ClassVar[Level] = Level.RANGE
     signature: ClassVar[str] = "bias of the whole image against time, settling"
+    typical: ClassVar[str] = "some mm to some ten mm over 20 to 40 minutes"
+    basis: ClassVar[str] = "reported"
 
     amplitude_mm: float = number(
         "Bias in the end; negative where ranges become shorter.",

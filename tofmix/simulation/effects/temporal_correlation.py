@@ -18,14 +18,16 @@ class TemporalCorrelation(Effect):
     """Each pixel's standardised noise is AR(1) from frame to frame: e_t = rho e_(t-1) + sqrt(1 - rho^2) w_t.
 
     Charge that stays behind in the pixel, flicker noise of the read-out, or a filter in the camera's software link a
-    frame to the one before. A software filter reaches 0.5 and more; charge that lags, some per cent (physics, no
-    source). The memory runs on across changes of surface, lost samples and random values. The spread of a sample is
-    unchanged; averages of n frames have a variance larger by about (1 + rho) / (1 - rho).
+    frame to the one before. A software filter reaches 0.5 and more; charge that lags, some 0.01. The memory runs on
+    across changes of surface, lost samples and random values. The spread of a sample is unchanged; averages of n
+    frames have a variance larger by about (1 + rho) / (1 - rho).
     """
 
     kind: ClassVar[str] = "temporal_correlation"
     level: ClassVar[Level] = Level.CORRELATION
     signature: ClassVar[str] = "memory: autocorrelation rho^k at a lag of k frames"
+    typical: ClassVar[str] = "0.5 and more for a software filter, some 0.01 for charge that lags"
+    basis: ClassVar[str] = "assumed"
     predicts: ClassVar[str] = (
         "it changes no marginal distribution; a pixel's next noise, given its last e, is normal around rho e with "
         "variance 1 - rho^2"
@@ -46,11 +48,6 @@ class TemporalCorrelation(Effect):
     def explain(self) -> str:
         """One sentence."""
         return f"each pixel's noise remembers the frame before, with a correlation of {self.coefficient:g}"
-
-    @property
-    def remembers(self) -> bool:
-        """Unless the coefficient is 0."""
-        return self.coefficient != 0
 
     def colour(self, noise: FloatArray, before: FloatArray) -> FloatArray:
         """One step of the AR(1) process."""

@@ -18,13 +18,15 @@ class Vignetting(Effect):
     """Amplitude times (cos az cos el)^n, sigma divided by it.
 
     A lens images with cos^4 of the angle off its axis, and the emitter's lobe adds its own fall: for cos^4 alone, the
-    corner of 47 x 39 degrees has 1.33 times the sigma of the centre (physics). n is such that the pixel in the
+    corner of 47 x 39 degrees has 1.78 times the sigma of the centre. n is such that the pixel in the
     image's corner has `corner_factor` times the sigma.
     """
 
     kind: ClassVar[str] = "vignetting"
     level: ClassVar[Level] = Level.LIGHT
     signature: ClassVar[str] = "spread against the distance from the image's centre, and amplitude"
+    typical: ClassVar[str] = "1.8 in the corner of 47 x 39 degrees for cos^4 of the lens alone"
+    basis: ClassVar[str] = "physics"
 
     corner_factor: float = number(
         "Sigma of the pixel in the image's corner, in that of the axis.",

@@ -17,17 +17,20 @@ class Wiggling(Effect):
 
     Four correlation samples a period recover the phase of a pure sine. The light is no pure sine: its third and
     fifth harmonics fold onto the fundamental and return four times a turn. A third harmonic of relative strength h
-    in the correlation turns the phase by up to h rad, thus d_u h / 2 pi: 12 mm for 1 % at 20 MHz, 60 mm for 5 %
-    (physics), with a period of d_u / 4 = 1.874 m.
+    in the correlation turns the phase by up to h rad, thus d_u h / 2 pi: 12 mm for 1 % at 20 MHz, 60 mm for 5 %, with a
+    period of d_u / 4 = 1.874 m. A real camera's noise and amplitude wiggle too; here the bias alone does.
 
     References
     ----------
-    Lindner and Kolb, Lateral and depth calibration of PMD-distance sensors, ISVC 2006: "wiggling" of some cm.
+    Lindner and Kolb, Lateral and depth calibration of PMD-distance sensors, ISVC 2006. Koehler et al.,
+    Sensors 25(1), 109, 2025, doi:10.3390/s25010109, for the noise.
     """
 
     kind: ClassVar[str] = "wiggling"
     level: ClassVar[Level] = Level.CORRELATION
     signature: ClassVar[str] = "bias against range, a sine of period d_u / 4"
+    typical: ClassVar[str] = "+-12 mm for 1 % of third harmonic at 20 MHz, +-60 mm for 5 %; period 1.874 m"
+    basis: ClassVar[str] = "physics"
     acts_on_phase: ClassVar[bool] = True
 
     amplitude_mm: float = number("Largest bias.", unit="mm", low=0, high=1000, zero=0, typical=(3, 60))
