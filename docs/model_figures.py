@@ -16,10 +16,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.estimation.sequence import estimate_layers
+from tofmix.layers import Layers
+from tofmix.recording import ArrayRecording
 from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors import load_profile
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.model import Model
+from tofmix.simulation.model_toml import parse_model
+from tofmix.simulation.render import recording_sensor, render_blocks
 
 BOARDS_MM = (2400.0, 3600.0, 4800.0)
 """The paper's Fig. 3."""
@@ -29,6 +36,13 @@ TAU_MS = 1.2
 
 WEIGHTS = {"area": 0, "area and 1 / r²": 2}
 """Powers of 1 / r in the light of a surface that fills the pixel."""
+
+REFLECTIVITY = {"area": 1.0 / max(BOARDS_MM) ** 2, "area and 1 / r²": 0.0}
+"""What makes boards as bright as the weight says: in proportion to r^2, which undoes 1 / r^2; or all the same, 0.8."""
+
+PROBABILITIES = (0.0, 0.3, 1.0)
+ROWS, FRAMES, SEED = 200, 100, 1
+"""Pixels that all see the three boards, and samples of each."""
 
 _SUMS = (LIGHT.accent, "#cc79a7")
 _WIDTH_INCH = 7.2
@@ -172,7 +186,58 @@ def two_surfaces() -> Figure:
     return figure
 
 
-FIGURES = {"rivals": rivals, "dials": dials, "two_surfaces": two_surfaces}
+def one_column(weight: str, probability: float) -> Model:
+    """Pixels of the paper's camera, all with the three boards in Table II's proportions, as a model for `simulate`."""
+    pixel = math.radians(47.0 / 176)
+    near, middle, _ = (share / sum(SHARES) * pixel for share in SHARES)
+    near_ends, middle_begins = BOARDS_MM[0] * math.tan(near - pixel / 2), BOARDS_MM[1] * math.tan(pixel / 2 - middle)
+    spans = (-2000.0, near_ends), (middle_begins, 2000.0), (-2000.0, 2000.0)
+    boards = []
+    for (left, right), z in zip(spans, BOARDS_MM, strict=True):
+        reflectivity = REFLECTIVITY[weight] * z**2 or 0.8
+        boards.append(f"""[[surface]]
+center_mm = [{(left + right) / 2}, 0.0, {z}]
+size_mm = [{right - left}, 2000.0]
+reflectivity = {reflectivity}
+""")
+    text = f"""[sensor]
+profile = "sr3000"
+rows = {ROWS}
+cols = 1
+fov_horizontal_deg = {47.0 / 176}
+fov_vertical_deg = 0.01
+integration_time_ms = {TAU_MS}
+outlier_probability = 0.0
+{"".join(boards)}
+[[effect]]
+kind = "flying_pixels"
+probability = {probability}
+"""
+    return parse_model(text, source="model_figures")
+
+
+def recorded(model: Model) -> Float32Array:
+    """Samples (frame, row, col) in mm."""
+    block = next(render_blocks(model, cast_scene(model), n_frames=FRAMES, seed=SEED, block_frames=FRAMES))
+    return block.range_mm.astype(np.float32)
+
+
+def between() -> Figure:
+    """Histograms of simulated samples: equation (1), the phasor sum, and some of each."""
+    figure = _figure(3.0)
+    panels = figure.subplots(1, len(PROBABILITIES), sharex=True, sharey=True)
+    for axes, probability in zip(panels, PROBABILITIES, strict=True):
+        _style(axes, f"probability {probability:g}")
+        samples = recorded(one_column("area and 1 / r²", probability)).ravel() / 1000
+        axes.hist(samples, bins=np.arange(1.8, 6.0, 0.05), density=True, color=LIGHT.ink, alpha=0.35)
+        for r, color in zip(BOARDS_MM, LIGHT.layers, strict=True):
+            axes.axvline(r / 1000, color=color, linestyle="--", linewidth=1.2)
+        axes.set(xlabel="range (m)", xlim=(1.8, 6.0))
+    panels[0].set_ylabel("density (1/m)")
+    return figure
+
+
+FIGURES = {"between": between, "rivals": rivals, "dials": dials, "two_surfaces": two_surfaces}
 
 
 def numbers() -> list[str]:
@@ -190,6 +255,31 @@ def numbers() -> list[str]:
     return lines
 
 
+def simulated() -> list[str]:
+    """Write where `simulate` puts the phasor sum, and what `estimate` makes of either model."""
+    lines = [
+        f"\nsimulated, {ROWS} pixels of {FRAMES} samples\n",
+        "| weighted by | probability | mean (mm) | spread (mm) | pixels with 1, 2, 3 layers | median ranges (mm) |",
+        "|---|---|---|---|---|---|",
+    ]
+    for weight in WEIGHTS:
+        for probability in PROBABILITIES:
+            model = one_column(weight, probability)
+            samples = recorded(model)
+            layers = estimate_layers(ArrayRecording(samples, recording_sensor(model)))
+            counts = ", ".join(str(int((layers.n_modes == k).sum())) for k in (1, 2, 3))
+            row = f"| {weight} | {probability:g} | {samples.mean():.0f} | {samples.std():.0f} | {counts} |"
+            lines.append(f"{row} {_medians(layers)} |")
+    return lines
+
+
+def _medians(layers: Layers) -> str:
+    """Median range of each layer, over the pixels with the most frequent count."""
+    count = int(np.bincount(layers.n_modes.ravel()).argmax())
+    ranges = layers.range[layers.n_modes == count][:, :count]
+    return ", ".join(f"{value:.0f}" for value in np.median(ranges, axis=0))
+
+
 def main() -> None:
     """Draw every figure into a folder and print the numbers."""
     parser = argparse.ArgumentParser(description="Draw the figures of docs/model.md and print its numbers.")
@@ -199,7 +289,7 @@ def main() -> None:
     with drawing(LIGHT):
         for name, draw in FIGURES.items():
             draw().savefig(folder / f"model_{name}.png", metadata={"Software": None})
-    sys.stdout.write("\n".join([*numbers(), ""]))
+    sys.stdout.write("\n".join([*numbers(), *simulated(), ""]))
 
 
 if __name__ == "__main__":

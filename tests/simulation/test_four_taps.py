@@ -10,7 +10,7 @@ Where the contract's law is an approximation of the taps, the test stays where i
 - The phase noise is 0.02 to 0.1 rad. From about 0.2 rad on, the arctangent of noisy charges is no Gaussian.
 - wiggling: up to 1 % of third harmonic (12 mm at 20 MHz). At 5 % the second order is 1.5 mm, and sigma swings by 5 %,
   which the contract leaves alone. Light of several ranges in one sample brings the harmonics of each, not those of
-  the mean range: 2 mm where a tenth of the light is another's and the swing 6 mm. So wiggling is tested without it.
+  the mean range: by up to 6 times the swing times the other light's share. So wiggling is tested without it.
 - interference: the stranger's light is as strong in all samples, so that a sigma in mm goes with one amplitude. The
   boards are of one amplitude here.
 - temporal_correlation: the charges remember their noise. A sample's phase noise is the part of it across its phasor, so
