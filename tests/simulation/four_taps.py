@@ -2,7 +2,7 @@
 
 Plain NumPy; nothing here is shared with the package, neither its laws nor its geometry. What a frame is made of:
 
-1. An event a pixel: a surface, with its share of the beam.
+1. An event a pixel: a surface, with its share of the beam, or nothing at all.
 2. The light that reaches the pixel: the phasor ``a exp(i phi)`` of that surface, a its amplitude and phi the phase
    ``4 pi f r / c``, and all other light that gets there: over a second path, through the lens, from a neighbour.
 3. Four charges. The light's modulation is correlated with a reference at 0, 90, 180 and 270 degrees. A harmonic of the
@@ -17,12 +17,14 @@ still a Gaussian to less than 1 % in sigma. Use it below 0.2 rad.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Phasors = NDArray[np.complex128]
+Number = TypeVar("Number", np.float64, np.complex128)
 
 LIGHT_MM_S = 299_792_458_000.0
 QUARTERS = 1j ** np.arange(4)  # the reference's four phases
@@ -135,7 +137,7 @@ class Errors:
 def record(
     camera: Camera, seen: Seen, frames: int, rng: np.random.Generator, errors: Errors, *, fold: bool = False
 ) -> tuple[Floats, Floats]:
-    """Record frames: ranges (frame, row, col) in mm, NaN where saturated, and amplitudes.
+    """Record frames: ranges (frame, row, col) in mm, NaN where saturated or without a surface, and amplitudes.
 
     The range is on the turn nearest to the event's own, or, with `fold`, as the arctangent gives it.
     """
@@ -151,21 +153,23 @@ def record(
     measured = np.arctan2(quadrature, in_phase) % (2 * np.pi) * (camera.turn_mm / (2 * np.pi))
     if not fold:
         measured += camera.turn_mm * np.rint((range_mm - measured) / camera.turn_mm)
-    measured[np.abs(light) > errors.full_well] = np.nan
+    measured[(np.abs(light) > errors.full_well) | (board == len(seen.share))] = np.nan
     return measured, np.hypot(quadrature, in_phase)
 
 
 def _draw_boards(share: Floats, frames: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Which board each sample comes from, (frame, row, col)."""
+    """Which board each sample comes from, (frame, row, col); the number after the last for none."""
     u = rng.random((frames, *share.shape[1:]))
-    edges = np.cumsum(share, axis=0) / share.sum(axis=0)
-    return np.asarray((u[np.newaxis] >= edges[:-1, np.newaxis]).sum(axis=0), dtype=np.int64)
+    edges = np.cumsum(share, axis=0) + 1e-9 * (np.cumsum(share, axis=0) > 1 - 1e-9)
+    return np.asarray((u[np.newaxis] >= edges[:, np.newaxis]).sum(axis=0), dtype=np.int64)
 
 
-def _of(values: Floats, board: NDArray[np.int64]) -> Floats:
-    """Values (board, row, col) of each sample's board."""
+def _of(values: NDArray[Number], board: NDArray[np.int64]) -> NDArray[Number]:
+    """Values (board, row, col) of each sample's board; 0 without one."""
     row, col = np.indices(board.shape[1:])
-    return np.asarray(values[board, row, col])
+    nothing = np.zeros_like(values[:1])
+    each: NDArray[Number] = np.concatenate([values, nothing])[board, row, col]
+    return each
 
 
 def _light(
@@ -179,10 +183,9 @@ def _light(
         for number, (share, longer_mm) in errors.second_path.items():
             wave[number] *= 1 + share * np.exp(1j * order * turn * longer_mm / 2)  # out and back: half of it is range
         sums.append(wave)
-    together = rng.random(board.shape) < errors.all_at_once
-    light, third = (
-        np.where(together, (seen.share * wave).sum(axis=0) / seen.share.sum(axis=0), _of(wave, board)) for wave in sums
-    )
+    several = (seen.share > 0).sum(axis=0) > 1
+    together = several & (board < len(seen.share)) & (rng.random(board.shape) < errors.all_at_once)
+    light, third = (np.where(together, (seen.share * wave).sum(axis=0), _of(wave, board)) for wave in sums)
     light, third = (
         light_of + errors.lens * (seen.share * wave).sum(axis=0).mean()
         for light_of, wave in zip((light, third), sums, strict=True)

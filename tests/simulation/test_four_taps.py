@@ -18,7 +18,7 @@ Where the contract's law is an approximation of the taps, the test stays where i
   each other here, or the pixels see one.
 - saturation: the well fills with the light of the pixel, here all modulated, and without noise of its own.
 - A pixel without a return has no phase at all; the contract puts it at the range limit and lets light effects leave it
-  there. No pixel here is one.
+  there. Such samples are left out; what they do to their neighbours and to the stray light is held.
 """
 
 from dataclasses import replace
@@ -39,6 +39,7 @@ Floats = NDArray[np.float64]
 ALPHA = 1e-4  # one false alarm in ten thousand tests on another random stream; these streams are fixed
 ROWS, COLS, FRAMES = 200, 4, 500
 PIXEL_DEG = 0.267
+RANGE_MAX_MM = 14_000.0
 NOISE_MM = [500.0, 1000.0, 2000.0, 3000.0, 5000.0, 7500.0]
 NOISE_SIGMA = [4.0, 6.0, 20.0, 32.0, 90.0, 180.0]
 BOARDS = (
@@ -84,7 +85,7 @@ cols = {like.cols}
 fov_horizontal_deg = {like.fov_horizontal_deg}
 fov_vertical_deg = {like.fov_vertical_deg}
 range_min_mm = 300.0
-range_max_mm = 14000.0
+range_max_mm = {RANGE_MAX_MM}
 modulation_frequency_hz = {like.frequency_hz}
 integration_time_ms = {like.tau_ms}
 outlier_probability = 0.0
@@ -234,6 +235,28 @@ def test_the_recording_has_the_distribution_of_the_taps(name: str, case: int) ->
     if case == len(CASES[name]) - 1:  # the largest magnitude is not within the noise of the comparison
         with pytest.raises(AssertionError):
             assert_same(ours[:, ::apart], without_errors())
+
+
+@pytest.mark.parametrize(
+    ("text", "errors"),
+    [
+        (effect("scattering", share=0.1), Errors(lens=0.1)),
+        (effect("pixel_crosstalk", share=0.05), Errors(neighbours=0.05)),
+        (effect("flying_pixels", probability=0.7), Errors(all_at_once=0.7)),
+    ],
+)
+def test_nothing_in_the_beam_gives_no_light(text: str, errors: Errors) -> None:
+    """Without the far board: columns 1 and 2 see gaps, column 3 nothing but one."""
+    cam, boards = camera(), BOARDS[:2]
+    apart = 3 if errors.neighbours else 1
+    ours, _ = simulated(model_text(cam, boards, text), frames=apart * FRAMES)
+    theirs, _ = record(cam, look_at(cam, boards), apart * FRAMES, np.random.default_rng(12), errors)
+    assert (ours[:, :, 3] > RANGE_MAX_MM - 1000).all()
+    ours[ours > RANGE_MAX_MM - 1000] = np.nan
+    gaps = np.isnan(theirs).mean(axis=(0, 1))
+    assert gaps[0] == 0
+    assert (gaps[1:3] > 0.2).all()
+    assert_same(ours[:, ::apart], theirs[:, ::apart])
 
 
 @pytest.mark.parametrize("frequency_hz", [8.0e6, 60.0e6, 75.0e6])
