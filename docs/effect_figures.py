@@ -45,25 +45,30 @@ _SETTINGS = {
     "ytick.color": _INK,
     "legend.frameon": False,
 }
-_SIZE_INCH, _DPI = (7.6, 2.7), 110.0
+_SIZE_INCH, _DPI = (7.6, 2.7), 100.0
 _BINS = 24
-_FEWEST = 40  # samples that a point of a curve rests on
+_FEWEST, _FEWEST_PIXELS = 40, 4  # samples, and pixels, that a point of a curve rests on
 _MIDDLE_ROW, _MIXED_COL = 72, 92  # the pixel of three-boards that sees all three
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recorded:
-    """A recording of a scene: range_mm (frame, row, col), NaN where invalid; lone: pixels that see one surface alone."""
+    """A recording of a scene.
+
+    range_mm (frame, row, col), NaN where invalid; the truth of the scene without the effect; and moved, with it.
+    """
 
     range_mm: FloatArray
     truth: Truth
+    moved: Truth
     model: Model
 
     @property
     def lone(self) -> FloatArray:
-        """1 where a pixel sees one surface and nothing else, NaN elsewhere."""
-        alone = (self.truth.n_modes == 1) & (self.truth.weight_no_return == 0)
-        return np.where(alone, 1.0, np.nan)
+        """1 where a pixel sees one surface and nothing else, with and without the effect; NaN elsewhere."""
+        alone = [(truth.n_modes == 1) & (truth.weight_no_return == 0) for truth in (self.truth, self.moved)]
+        same = self.truth.surface[..., 0] == self.moved.surface[..., 0]
+        return np.where(alone[0] & alone[1] & same, 1.0, np.nan)
 
     @property
     def true_mm(self) -> FloatArray:
@@ -83,26 +88,37 @@ def record(scene: str, effect: str = "", *, frames: int = FRAMES, rate_hz: float
     model = replace(model, recording=replace(model.recording, frames=frames, frame_rate_hz=rate_hz))
     blocks = render_blocks(model, cast_scene(model), n_frames=frames, seed=SEED, threads=2)
     ranges = np.concatenate([block.range_mm for block in blocks]).astype(np.float64)
-    return Recorded(range_mm=np.where(ranges > 0, ranges, np.nan), truth=cast_scene(plain), model=model)
+    return Recorded(
+        range_mm=np.where(ranges > 0, ranges, np.nan), truth=cast_scene(plain), moved=cast_scene(model), model=model
+    )
 
 
 _Panel = Callable[[Axes, Recorded, Recorded], None]
 
 
-def _curve(axes: Axes, x: FloatArray, y: FloatArray, color: str, statistic: Callable[..., FloatArray]) -> None:
-    """Statistic of y in bins of x, where there are enough."""
+def _binned(
+    x: FloatArray, y: FloatArray, statistic: Callable[..., FloatArray], *, bins: int, fewest: int
+) -> tuple[FloatArray, FloatArray]:
+    """Mean of x and statistic of y in bins of x, where there are enough."""
     fine = np.isfinite(x) & np.isfinite(y)
     x, y = x[fine], y[fine]
-    edges = np.linspace(x.min(), x.max(), _BINS + 1)
-    which = np.clip(np.digitize(x, edges) - 1, 0, _BINS - 1)
-    points = [
-        (x[which == k].mean(), float(statistic(y[which == k]))) for k in range(_BINS) if (which == k).sum() > _FEWEST
-    ]
-    axes.plot(*np.array(points).T, "o", color=color, markersize=3.2)
+    edges = np.linspace(x.min(), x.max(), bins + 1)
+    which = np.clip(np.digitize(x, edges) - 1, 0, bins - 1)
+    used = [k for k in range(bins) if (which == k).sum() >= fewest]
+    means = np.array([x[which == k].mean() for k in used])
+    return means, np.array([float(statistic(y[which == k])) for k in used])
 
 
-def _spread(values: FloatArray) -> FloatArray:
-    return np.asarray(np.percentile(values, 84.13) - np.percentile(values, 15.87)) / 2
+def _curve(
+    axes: Axes, x: FloatArray, y: FloatArray, color: str, statistic: Callable[..., FloatArray], bins: int
+) -> None:
+    axes.plot(*_binned(x, y, statistic, bins=bins, fewest=_FEWEST), "o", color=color, markersize=3.2)
+
+
+def _spread(values: FloatArray, axis: int | None = None) -> FloatArray:
+    """Half the interval that holds 68 %: sigma of a Gaussian, and outliers do not count."""
+    low, high = np.percentile(values, [15.87, 84.13], axis=axis)
+    return np.asarray((high - low) / 2, dtype=np.float64)
 
 
 def _axis(axes: Axes, name: str, recorded: Recorded) -> FloatArray:
@@ -118,40 +134,39 @@ def _axis(axes: Axes, name: str, recorded: Recorded) -> FloatArray:
     return np.broadcast_to(np.arange(recorded.range_mm.shape[2], dtype=np.float64), recorded.range_mm.shape[1:])
 
 
-def _against(name: str, what: str, rows: slice = slice(None)) -> _Panel:
+def _against(name: str, what: str, rows: slice = slice(None), surface: int | None = None) -> _Panel:
     """Bias, spread or invalid share in bins of range, amplitude or column, and what is predicted of lone pixels."""
 
+    def wanted(recorded: Recorded) -> FloatArray:
+        seen = recorded.truth.surface[..., 0]
+        return np.where((seen == surface) | (surface is None), 1.0, np.nan)
+
     def panel(axes: Axes, plain: Recorded, other: Recorded) -> None:
+        bins = 3 * _BINS if name == "column" else _BINS
         for recorded, color in ((plain, _GREY), (other, _BLUE)):
-            x = _axis(axes, name, recorded)
+            x = _axis(axes, name, recorded) * wanted(recorded)
             if what == "invalid":
                 lost = np.isnan(recorded.range_mm).mean(axis=0) * recorded.lone
-                _curve(axes, x[rows], lost[rows], color, np.mean)
+                _curve(axes, x[rows], lost[rows], color, np.mean, _BINS)
             else:
                 off = recorded.off_mm[:, rows]
                 spread_x = np.broadcast_to(x[rows], off.shape)
-                _curve(axes, spread_x, off, color, np.median if what == "bias" else _spread)
+                _curve(axes, spread_x, off, color, np.median if what == "bias" else _spread, bins)
         axes.set_ylabel({"bias": "bias (mm)", "spread": "spread (mm)", "invalid": "invalid share"}[what])
         axes.set_title(f"{what} against {name}")
-        _predicted(axes, name, what, other, rows)
+        _predicted(axes, what, other, rows, _axis(axes, name, other) * wanted(other))
 
     return panel
 
 
-def _predicted(axes: Axes, name: str, what: str, other: Recorded, rows: slice) -> None:
-    """Line of the prediction at half the recording's time, by lone pixels in bins."""
+def _predicted(axes: Axes, what: str, other: Recorded, rows: slice, x: FloatArray) -> None:
+    """Line of the prediction at half the recording's time, of lone pixels in fine bins."""
     time_s = other.model.recording.frames / other.model.recording.frame_rate_hz / 2
-    prediction = predict(other.model, time_s=time_s, seed=SEED)
-    values = _statistic_of(prediction, what).reshape(other.true_mm.shape)
+    values = _statistic_of(predict(other.model, time_s=time_s, seed=SEED), what).reshape(other.true_mm.shape)
     if what == "bias":
         values = values - other.true_mm
-    x = _axis(axes, name, other)[rows]
-    fine = np.isfinite(x) & np.isfinite(values[rows] * other.lone[rows])
-    x, y = x[fine], values[rows][fine]
-    edges = np.linspace(x.min(), x.max(), 3 * _BINS + 1)
-    which = np.clip(np.digitize(x, edges) - 1, 0, 3 * _BINS - 1)
-    points = [(x[which == k].mean(), np.median(y[which == k])) for k in range(3 * _BINS) if (which == k).sum() > 3]
-    axes.plot(*np.array(points).T, color=_INK, linewidth=0.8, zorder=1)
+    line = _binned(x[rows], (values * other.lone)[rows], np.median, bins=3 * _BINS, fewest=_FEWEST_PIXELS)
+    axes.plot(*line, color=_INK, linewidth=0.8, zorder=1)
 
 
 def _statistic_of(prediction: Prediction, what: str) -> FloatArray:
@@ -159,7 +174,8 @@ def _statistic_of(prediction: Prediction, what: str) -> FloatArray:
     if what == "invalid":
         return prediction.invalid
     best = prediction.weight.argmax(axis=0), np.arange(prediction.weight.shape[1])
-    return (prediction.range_mm if what == "bias" else prediction.sigma_mm)[best]
+    values: FloatArray = (prediction.range_mm if what == "bias" else prediction.sigma_mm)[best]
+    return values
 
 
 def _map(what: str) -> _Panel:
@@ -171,7 +187,7 @@ def _map(what: str) -> _Panel:
         elif what == "bias":
             image, unit = np.nanmedian(other.range_mm, axis=0) - np.nanmedian(plain.range_mm, axis=0), "mm"
         else:
-            ratio = np.nanstd(other.off_mm, axis=0) / np.nanstd(plain.off_mm, axis=0)
+            ratio = _spread(other.off_mm, axis=0) / _spread(plain.off_mm, axis=0)
             image, unit = ratio, "spread with / without"
         limit = float(np.nanpercentile(np.abs(image), 98)) or 1.0
         low, colors = (-limit, "RdBu_r") if what == "bias" else (0.0, "viridis")
@@ -227,7 +243,7 @@ def _histogram(axes: Axes, plain: Recorded, other: Recorded) -> None:
     edges = np.arange(1800, 6000, 60.0)
     for recorded, color in ((plain, _GREY), (other, _BLUE)):
         samples = recorded.range_mm[:, _MIDDLE_ROW, _MIXED_COL]
-        axes.hist(samples / 1000, edges / 1000, color=color, alpha=0.6)
+        axes.hist(samples / 1000, list(edges / 1000), color=color, alpha=0.6)
     prediction = predict(other.model, seed=SEED)
     pixel = _MIDDLE_ROW * recorded.range_mm.shape[2] + _MIXED_COL
     at = np.broadcast_to(edges[:, np.newaxis], (edges.size, prediction.weight.shape[1]))
@@ -237,19 +253,22 @@ def _histogram(axes: Axes, plain: Recorded, other: Recorded) -> None:
     axes.set_title("one pixel that sees three boards")
 
 
-def _columns(what: str) -> _Panel:
-    """Mean or spread along the middle row of three-boards."""
+def _columns(what: str, limits: tuple[int, int]) -> _Panel:
+    """Mean, less that without the effect, or spread along the middle row."""
 
     def panel(axes: Axes, plain: Recorded, other: Recorded) -> None:
         columns = np.arange(other.range_mm.shape[2])
+        without = np.nanmean(plain.range_mm[:, _MIDDLE_ROW], axis=0)
         for recorded, color in ((plain, _GREY), (other, _BLUE)):
             samples = recorded.range_mm[:, _MIDDLE_ROW]
-            values = np.nanmean(samples, axis=0) / 1000 if what == "mean" else np.nanstd(samples, axis=0)
+            values = np.nanmean(samples, axis=0) - without if what == "mean" else np.nanstd(samples, axis=0)
             axes.plot(columns, values, "o-", color=color, markersize=2.8, linewidth=0.7)
-        axes.set(xlabel="column", ylabel="mean range (m)" if what == "mean" else "spread (mm)", xlim=(82, 102))
+        axes.set(
+            xlabel="column", ylabel="mean less that without (mm)" if what == "mean" else "spread (mm)", xlim=limits
+        )
         if what == "spread":
             axes.set_yscale("log")
-        axes.set_title(f"{what} along row {_MIDDLE_ROW}, across the edges")
+        axes.set_title(f"{what} along row {_MIDDLE_ROW}, across an edge")
 
     return panel
 
@@ -308,12 +327,13 @@ class Signature:
     left: _Panel
     right: _Panel
     rate_hz: float = 25.0
+    frames: int = FRAMES
 
 
 SIGNATURES: dict[str, Signature] = {
     "surface_pose": Signature(
         scene="three-boards", parameters='surface = "middle board"\nshift_mm = 60.0',
-        left=_against("range", "bias"), right=_map("bias"),
+        left=_against("range", "bias", surface=1), right=_map("bias"),
     ),
     "motion": Signature(
         scene="slanted-wall", parameters='surface = "board"\nvelocity_mm_s = 50.0',
@@ -321,19 +341,22 @@ SIGNATURES: dict[str, Signature] = {
     ),
     "multipath": Signature(
         scene="corner", parameters='surface = "left wall"\nshare = 0.2\nextra_path_mm = 1500.0',
-        left=_against("range", "bias"), right=_map("bias"),
+        left=_against("range", "bias", surface=0), right=_map("bias"),
     ),
     "scattering": Signature(
-        scene="near-far", parameters="share = 0.02", left=_against("amplitude", "bias"), right=_map("bias")
+        scene="near-far", parameters="share = 0.002", left=_against("range", "bias", surface=1), right=_map("bias")
     ),
     "pixel_crosstalk": Signature(
-        scene="three-boards", parameters="share = 0.05", left=_columns("mean"), right=_columns("spread")
+        scene="near-far", parameters="share = 0.002", left=_columns("mean", (76, 96)),
+        right=_columns("spread", (76, 96)),
     ),
     "flying_pixels": Signature(
-        scene="three-boards", parameters="probability = 0.5", left=_histogram, right=_columns("spread")
+        scene="three-boards", parameters="probability = 0.5", frames=800, left=_histogram,
+        right=_columns("spread", (82, 102)),
     ),
     "vignetting": Signature(
-        scene="slanted-wall", parameters="corner_factor = 2.5", left=_against("column", "spread"), right=_map("ratio")
+        scene="slanted-wall", parameters="corner_factor = 2.5", left=_against("column", "spread", slice(5, 25)),
+        right=_map("ratio"),
     ),
     "wiggling": Signature(
         scene="slanted-wall", parameters="amplitude_mm = 20.0\nphase_rad = 0.3",
@@ -344,7 +367,7 @@ SIGNATURES: dict[str, Signature] = {
     ),
     "interference": Signature(
         scene="three-boards", parameters="probability = 0.2\nsigma_mm = 100.0",
-        left=_over_time("spread"), right=_against("range", "spread"),
+        left=_over_time("spread"), right=_one_pixel,
     ),
     "saturation": Signature(
         scene="slanted-wall", parameters="full_well_amplitude = 100.0",
@@ -365,7 +388,7 @@ SIGNATURES: dict[str, Signature] = {
         left=_against("column", "bias"), right=_map("bias"),
     ),
     "amplitude_walk": Signature(
-        scene="near-far", parameters="scale_mm = 20.0\nreference_amplitude = 10.0\nexponent = 0.7",
+        scene="slanted-wall", parameters="scale_mm = 20.0\nreference_amplitude = 40.0\nexponent = 0.7",
         left=_against("amplitude", "bias"), right=_map("bias"),
     ),
     "excess_noise": Signature(
@@ -389,7 +412,7 @@ def draw(kind: str, plain: Recorded) -> Figure:
     """Draw the picture of one effect."""
     signature = SIGNATURES[kind]
     effect = f'\n[[effect]]\nkind = "{kind}"\n{signature.parameters}\n'
-    other = record(signature.scene, effect, rate_hz=signature.rate_hz)
+    other = record(signature.scene, effect, frames=signature.frames, rate_hz=signature.rate_hz)
     layout = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06)
     figure = Figure(figsize=_SIZE_INCH, dpi=_DPI, layout=layout, facecolor="white")
     shown = signature.parameters.replace("\n", ", ")
@@ -406,13 +429,14 @@ def main() -> None:
     parser.add_argument("--output", type=Path, default=Path(__file__).parent / "images" / "effects")
     arguments = parser.parse_args()
     arguments.output.mkdir(parents=True, exist_ok=True)
-    plain: dict[tuple[str, float], Recorded] = {}
+    plain: dict[tuple[str, float, int], Recorded] = {}
     warnings.filterwarnings("ignore", "All-NaN|Mean of empty|Degrees of freedom")  # pixels that see nothing or much
     with style.context(["default", _SETTINGS]):
         for kind in arguments.effects:
-            key = SIGNATURES[kind].scene, SIGNATURES[kind].rate_hz
+            shown = SIGNATURES[kind]
+            key = shown.scene, shown.rate_hz, shown.frames
             if key not in plain:
-                plain[key] = record(key[0], rate_hz=key[1])
+                plain[key] = record(shown.scene, rate_hz=shown.rate_hz, frames=shown.frames)
             draw(kind, plain[key]).savefig(arguments.output / f"{kind}.png", metadata={"Software": None})
 
 

@@ -17,9 +17,9 @@ class Scattering(Effect):
 
     Light is reflected between lens and chip and spreads over the image. Bright near objects pull dark far ones
     towards them: a stray phasor of 1, 3, 10 % of the target's own amplitude, from 1.0 m onto 3.6 m, shortens the
-    range by 9.8, 29.9, 104 mm at 20 MHz. M is weighted by area, no return counting as 0, with the light effects
-    before this one in the file; the stray light of a real lens is not flat but falls off with the distance in the
-    image, which is not simulated.
+    range by 9.8, 29.9, 104 mm at 20 MHz. What is more than half a turn farther is pushed away instead. M is weighted
+    by area, no return counting as 0, with the light effects before this one in the file; the stray light of a real
+    lens is not flat but falls off with the distance in the image, which is not simulated.
 
     References
     ----------
