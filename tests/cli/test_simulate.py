@@ -75,6 +75,67 @@ def test_averaged_frames_have_the_default_integration_time(tofmix: Tofmix, model
         np.testing.assert_allclose(ratio, np.sqrt(10 / 1.2))
 
 
+EFFECTS = """
+[[effect]]
+kind = "stuck_pixels"
+share = 0.2
+value_mm = 1234.0
+[[effect]]
+kind = "dropout"
+probability = 0.3
+[[effect]]
+kind = "interference"
+probability = 0.5
+sigma_mm = 40.0
+[[effect]]
+kind = "motion"
+surface = "board"
+velocity_mm_s = 100.0
+"""
+
+
+def test_effects_are_recorded_with_what_was_drawn(tofmix: Tofmix, tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(SMALL + EFFECTS)
+    assert tofmix("simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5").code == 0
+    with h5py.File(tmp_path / "a.h5") as root:
+        ranges, truth = root["range"][...], root["truth"]
+        assert set(truth["effects"]) == {"stuck_pixels", "interference"}
+        stuck = truth["effects/stuck_pixels"][...] == 1234
+        np.testing.assert_array_equal(stuck, (ranges == 1234).all(axis=0))
+        assert [d[0].name for d in truth["effects/stuck_pixels"].dims] == ["/row", "/col"]
+        assert root["range"].attrs["_FillValue"][0] == 0
+        assert (ranges[:, ~stuck] == 0).mean() == pytest.approx(0.3, abs=0.06)
+        disturbed = truth["effects/interference"][...]
+        assert disturbed.shape == (20,)
+        assert set(disturbed) == {0, 1}
+        frames = truth["range_true_frames"][...]
+        assert [d[0].name for d in truth["range_true_frames"].dims] == ["/frame", "/row", "/col", "/truth/layer"]
+        np.testing.assert_array_equal(frames[0], truth["range_true"][...])
+        np.testing.assert_allclose(np.nanmean(frames[19] / frames[0]), 1 + 0.1 * 19 / 25 / 2, rtol=1e-3)
+
+
+def test_explain_says_what_would_be_simulated(tofmix: Tofmix, tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(SMALL + EFFECTS)
+    shown = tofmix("simulate", tmp_path / "m.toml", "--explain", "--frames", 7, "--seed", 9)
+    assert shown.code == 0
+    assert "recording: 7 frames at 25 Hz, 0.28 s in all, seed 9\n" in shown.out
+    assert 'geometry: motion: "board" moves along its normal at +100 mm/s\n' in shown.out
+    assert "read-out: dropout: 30 % of the samples are lost\n" in shown.out
+    assert [path.name for path in tmp_path.iterdir()] == ["m.toml"]
+    assert "effects: none" in tofmix("simulate", "corridor", "--explain").out
+
+
+def test_repeat_writes_recordings_of_consecutive_seeds(tofmix: Tofmix, model: Path, tmp_path: Path) -> None:
+    outcome = tofmix("simulate", model, "-o", tmp_path / "a.h5", "--repeat", 3, "--seed", 5)
+    assert [Path(line.split(":")[0]).name for line in outcome.out.splitlines()] == ["a_001.h5", "a_002.h5", "a_003.h5"]
+    assert not (tmp_path / "a.h5").exists()
+    tofmix("simulate", model, "-o", tmp_path / "b.h5", "--seed", 6)
+    assert (tmp_path / "a_002.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
+    (tmp_path / "a_001.h5").unlink()
+    assert tofmix("simulate", model, "-o", tmp_path / "a.h5", "--repeat", 3).code == ExitCode.USAGE
+    assert not (tmp_path / "a_001.h5").exists()
+
+
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
@@ -83,7 +144,8 @@ def test_averaged_frames_have_the_default_integration_time(tofmix: Tofmix, model
         (SMALL.replace("rows = 6", "rows = -1"), "rows"),
         (SMALL.replace("2000.0]", "inf]"), "center_mm"),
         (SMALL + "[sensor.noise]\nrange_mm = [1.0, 2.0]\nsigma_mm = [1.0, -2.0]\n", "sigma"),
-        (SMALL + '[[effect]]\nkind = "wiggling"\n', "wiggling"),
+        ((SMALL + EFFECTS).replace("seed = 3", "frame_rate_hz = 1e-3"), "motion: at 19000 s: center_mm"),
+        (SMALL + '[[effect]]\nkind = "wigling"\n', 'did you mean "wiggling"'),
     ],
 )
 def test_a_bad_model_is_bad_input(tofmix: Tofmix, tmp_path: Path, text: str, reason: str) -> None:

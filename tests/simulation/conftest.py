@@ -37,7 +37,7 @@ def sensor() -> SensorProfile:
 def make_model(sensor: SensorProfile) -> MakeModel:
     """Build a model of surfaces before the small sensor; keywords change the sensor."""
 
-    def make(*surfaces: Surface, **changes: float) -> Model:
+    def make(*surfaces: Surface, **changes: float | None) -> Model:
         settings: dict[str, Any] = dict(changes)
         return Model(sensor=replace(sensor, **settings), surfaces=surfaces)
 

@@ -40,6 +40,17 @@ def test_nothing_to_average_is_refused(make_model: MakeModel, tau: float) -> Non
         render_blocks(model, cast_scene(model), n_frames=1, seed=1, averaged=True)
 
 
+def test_a_camera_without_phase_is_refused(make_model: MakeModel) -> None:
+    model = make_model(BOARD, modulation_frequency_hz=None)
+    assert recording_sensor(model).modulation_frequency_hz is None
+    for make in (
+        recording_sensor,
+        lambda m, averaged: render_blocks(m, cast_scene(m), n_frames=1, seed=1, averaged=averaged),
+    ):
+        with pytest.raises(BadInputError, match="modulation_frequency_hz: SR-3000 has none, and --averaged acts on"):
+            make(model, averaged=True)
+
+
 def test_a_mean_of_too_many_samples_is_refused(make_model: MakeModel) -> None:
     with pytest.raises(BadInputError, match="more than 1000 times"):
         exposure_times(make_model(integration_time_ms=1e-9).sensor)

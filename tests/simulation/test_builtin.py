@@ -66,3 +66,41 @@ def test_corridor_has_walls_a_board_in_an_opening_and_open_space() -> None:
 def test_unknown_model_is_refused_with_the_nearest_name() -> None:
     with pytest.raises(BadInputError, match='"three-bords" is not a built-in model; did you mean "three-boards"'):
         builtin_text("three-bords")
+
+
+def cast(name: str) -> tuple[Model, Truth]:
+    model = parse_model(builtin_text(name), source=name)
+    return model, cast_scene(model)
+
+
+def test_slanted_wall_has_every_range_once_and_edges_of_every_depth() -> None:
+    model, truth = cast("slanted-wall")
+    assert [surface.name for surface in model.surfaces] == ["wall", "board"]
+    assert not truth.weight_no_return.any()
+    top = truth.range_true[10, :, 0]
+    assert (np.diff(top) < 0).all()  # the wall alone, nearer to the right
+    assert top[0] - top[-1] > 3000
+    step = np.diff(truth.range_true, axis=2)[truth.n_modes == 2]
+    assert step.size > 200
+    assert step.min() < 1500
+    assert step.max() > 3000
+
+
+def test_near_far_is_lit_by_its_near_board() -> None:
+    model, truth = cast("near-far")
+    assert not truth.weight_no_return.any()
+    near, far = (truth.amplitude[(truth.surface == k).any(axis=2) & (truth.n_modes == 1), 0] for k in (0, 1))
+    assert 150 < near.mean() / far.mean() < 300
+    assert min(near.size, far.size) > 5000
+    assert (truth.n_modes == 2).sum() > 200
+    assert [surface.name for surface in model.surfaces] == ["bright board", "dark wall"]
+
+
+def test_corner_has_creases_and_no_steps() -> None:
+    _, truth = cast("corner")
+    assert not truth.weight_no_return.any()
+    assert set(np.unique(truth.n_modes)) == {1, 2, 3}
+    step = np.diff(truth.range_true, axis=2)
+    assert np.nanmax(step) < 50
+    assert (truth.n_modes > 1).sum() > 200
+    np.testing.assert_array_equal(np.unique(truth.surface), [-1, 0, 1, 2])

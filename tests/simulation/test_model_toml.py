@@ -5,8 +5,10 @@ import re
 import pytest
 
 from tofmix.errors import BadInputError
+from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import RecordingSettings, Surface
 from tofmix.simulation.model_toml import parse_model
+from tofmix.simulation.render import render_blocks
 
 CONTRACT = """
 [sensor]
@@ -69,6 +71,14 @@ def test_without_a_profile_what_is_missing_is_said() -> None:
         parse_model(text, source="m")
     with pytest.raises(BadInputError, match=r"^m: \[sensor\]: missing rows, cols, fov_horizontal_deg"):
         parse_model("", source="m")
+
+
+def test_without_a_modulation_frequency_the_camera_measures_no_phase() -> None:
+    text = CONTRACT.replace('profile = "sr3000"', "").replace("modulation_frequency_hz", "# modulation_frequency_hz")
+    assert parse_model(text, source="m").sensor.modulation_frequency_hz is None
+    assert parse_model('[sensor]\nprofile = "stoc"', source="m").sensor.modulation_frequency_hz is None
+    given = parse_model('[sensor]\nprofile = "stoc"\nmodulation_frequency_hz = 2e7', source="m")
+    assert given.sensor.turn_mm("a test") == pytest.approx(7494.8, abs=0.1)
 
 
 def test_keys_left_out_come_from_the_profile_and_the_defaults() -> None:
@@ -158,11 +168,7 @@ def test_no_surface_is_legal() -> None:
         (SHORT + BOARD + "yaw_deg = '9'", 'm: [[surface]] 1: yaw_deg: expected a number, got a string, "9"'),
         (SHORT + BOARD + "name = ''", "m: [[surface]] 1: name: it is empty"),
         (SHORT + BOARD + "name = 'a'\n" + BOARD + "name = 'a'", 'm: [[surface]]: surfaces 1 and 2 are both named "a"'),
-        (
-            SHORT + "[[effect]]\nkind = 'wiggling'",
-            'm: [[effect]] 1: kind "wiggling": this version simulates equation (1)',
-        ),
-        (SHORT + "[[effect]]\n", "m: [[effect]] 1: kind"),
+        (SHORT + "[[effect]]\n", "m: [[effect]] 1: kind: missing"),
         (SHORT + "[effect]\n", "m: effect: expected tables [[effect]], got a table"),
     ],
 )
@@ -177,3 +183,37 @@ def test_strange_names_stay_on_one_line(text: str) -> None:
     with pytest.raises(BadInputError) as caught:
         parse_model(text, source="m")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        'kind = "wiggling"\namplitude_mm = 1',
+        'kind = "scattering"\nshare = 0.1',
+        'kind = "pixel_crosstalk"\nshare = 0.1',
+        'kind = "flying_pixels"\nprobability = 1',
+        'kind = "multipath"\nsurface = "surface 1"\nshare = 0.1\nextra_path_mm = 100',
+        'kind = "phase_wrapping"',
+    ],
+)
+def test_effects_on_the_phase_are_refused_for_a_camera_without_one(effect: str) -> None:
+    text = f"{BOARD}\n[[effect]]\n{effect}\n"
+    kind = effect.split('"')[1]
+    message = f"m: [[effect]] 1: kind: {kind} acts on the phase, and STOC has no modulation_frequency_hz"
+    with pytest.raises(BadInputError, match="^" + re.escape(message) + "$"):
+        parse_model('[sensor]\nprofile = "stoc"\n' + text, source="m")
+    parse_model(SHORT + text, source="m")
+
+
+def test_other_effects_act_in_a_camera_without_phase() -> None:
+    small = "rows = 3\ncols = 3\nfov_horizontal_deg = 1\nfov_vertical_deg = 1\noutlier_probability = 0\n"
+    effects = """[[effect]]
+kind = "range_offset"
+offset_mm = 50
+[[effect]]
+kind = "phase_wrapping"
+unambiguous_range_mm = 2000
+"""
+    model = parse_model('[sensor]\nprofile = "stoc"\n' + small + BOARD + effects, source="m")
+    block = next(render_blocks(model, cast_scene(model), n_frames=50, seed=1))
+    assert block.range_mm[:, 1, 1].mean() == pytest.approx(1050, abs=10)

@@ -2,16 +2,22 @@
 
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import special, stats
 
+from tofmix.simulation.builtin import builtin_text
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import FrameBlock, recording_sensor, render_blocks
+from tofmix.simulation.truth import Truth
 
+Floats = NDArray[np.float64]
 MakeModel = Callable[..., Model]
 BOARDS = (
     Surface(name="near", center_mm=(-500, 0, 2400), size_mm=(1000, 1000)),
@@ -40,6 +46,37 @@ def test_first_frames_are_the_same_however_many_follow(make_model: MakeModel) ->
     model = make_model(*BOARDS)
     for few, many in zip(frames(model, 5), frames(model, 40), strict=True):
         np.testing.assert_array_equal(few, many[:5])
+
+
+def _equation_1(model: Model, truth: Truth, r: Floats) -> Floats:
+    """Cumulative distribution (frame, pixel) at r (frame, pixel): the contract's equation (1), integrated."""
+    s = model.sensor
+    sigma = s.noise.scaled((10.0 / 1.2) ** 0.5).sigma
+    total = s.outlier_probability * np.clip((r - s.range_min_mm) / (s.range_max_mm - s.range_min_mm), 0.0, 1.0)
+    total += truth.weight_no_return.ravel() * special.ndtr((r - s.range_max_mm) / sigma(s.range_max_mm))
+    for layer in range(truth.range_true.shape[2]):
+        seen = layer < truth.n_modes.ravel()
+        mu = truth.range_true[..., layer].ravel()[seen].astype(np.float64)
+        total[:, seen] += truth.weight_true[..., layer].ravel()[seen] * special.ndtr((r[:, seen] - mu) / sigma(mu))
+    return total
+
+
+def test_p_values_of_2000_pixels_against_equation_1_are_uniform() -> None:
+    """The scene of the paper in pixels of one degree, so that one in eight is mixed; +-0.5 mm undoes the rounding."""
+    scene = parse_model(builtin_text("three-boards"), source="three-boards")
+    model = replace(scene, sensor=replace(scene.sensor, rows=40, cols=50, outlier_probability=0.02))
+    truth = cast_scene(model)
+    assert ((truth.n_modes + (truth.weight_no_return > 0)) > 1).sum() > 250
+    stored = frames(model, 1000)[0].reshape(1000, -1).astype(np.float64)
+    p_uniform = np.sort(
+        _equation_1(model, truth, stored + np.random.default_rng(0).uniform(-0.5, 0.5, stored.shape)), 0
+    )
+    rank = np.arange(1000)[:, np.newaxis] / 1000
+    distance = np.maximum(p_uniform - rank, rank + 1e-3 - p_uniform).max(axis=0)
+    p = stats.kstwo.sf(distance, 1000)
+    assert p.size == 2000
+    assert stats.kstest(p, "uniform").pvalue > 1e-3
+    assert p.min() > 1e-3 / p.size
 
 
 def test_another_seed_gives_other_frames(make_model: MakeModel) -> None:

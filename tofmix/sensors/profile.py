@@ -8,6 +8,8 @@ suffices, which `SensorProfile.sensor` makes.
 import math
 from dataclasses import dataclass
 
+from tofmix.errors import BadInputError
+from tofmix.ranging import unambiguous_range_mm
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 
 MAX_PIXELS_A_SIDE = 4096  # beyond any such camera; a typing error must not ask for terabytes
@@ -38,8 +40,8 @@ class SensorProfile:
         Full field of view, above 0, up to 360 and 180.
     range_min_mm, range_max_mm : float
         Working range, 0 <= min < max <= 65,000.
-    modulation_frequency_hz : float
-        Modulation frequency, above 0.
+    modulation_frequency_hz : float or None
+        Modulation frequency, above 0; None if the camera measures no phase.
     integration_time_ms : float
         Integration time tau of one sample, above 0.
     default_integration_time_ms : float
@@ -70,12 +72,12 @@ class SensorProfile:
     fov_vertical_deg: float
     range_min_mm: float
     range_max_mm: float
-    modulation_frequency_hz: float
     integration_time_ms: float
     default_integration_time_ms: float
     noise: NoiseCurve
     reference_integration_time_ms: float
     exponent: float
+    modulation_frequency_hz: float | None = None
     outlier_probability: float = DEFAULT_OUTLIER_PROBABILITY
     confirmed: bool = False
     sources: tuple[str, ...] = ()
@@ -87,7 +89,7 @@ class SensorProfile:
                 raise ValueError(f"{key}: {value} is not in 1..{MAX_PIXELS_A_SIDE}")
         for key in _ABOVE_ZERO:
             value = getattr(self, key)
-            if not (math.isfinite(value) and value > 0):
+            if value is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{key}: {value:g} is not a finite number above 0")
         for key, most in (("fov_horizontal_deg", 360.0), ("fov_vertical_deg", 180.0), ("range_max_mm", MAX_RANGE_MM)):
             if getattr(self, key) > most:
@@ -124,6 +126,26 @@ class SensorProfile:
         except OverflowError:
             raise ValueError(f"exponent: {self.exponent:g}: sigma overflows at {integration_time_ms:g} ms") from None
         return self.noise.scaled(factor)
+
+    def turn_mm(self, purpose: str) -> float:
+        """Unambiguous range d_u = c / (2 f), mm, for what acts on the phase.
+
+        Parameters
+        ----------
+        purpose : str
+            What asks, as the user knows it: "--averaged", or an effect's kind.
+
+        Raises
+        ------
+        BadInputError
+            If the camera has no modulation frequency.
+        """
+        if self.modulation_frequency_hz is None:
+            raise BadInputError(
+                f"[sensor]: modulation_frequency_hz: {self.name} has none, and {purpose} acts on the phase;"
+                f" give one, or leave out {purpose}"
+            )
+        return unambiguous_range_mm(self.modulation_frequency_hz)
 
     def sensor(self) -> Sensor:
         """The camera as a recording at `integration_time_ms` describes it.

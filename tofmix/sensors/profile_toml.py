@@ -17,10 +17,10 @@ _NUMBERS = (
     "fov_vertical_deg",
     "range_min_mm",
     "range_max_mm",
-    "modulation_frequency_hz",
     "integration_time_ms",
     "outlier_probability",
 )
+_MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms")  # a camera without phase has no frequency
 _NOISE_LISTS = ("range_mm", "sigma_mm")
 _NOISE_NUMBERS = ("reference_integration_time_ms", "exponent")
 _UNNAMED = "unnamed"
@@ -44,7 +44,7 @@ def read_sensor(table: TomlTable, base: SensorProfile | None, *, more_keys: tupl
         If a key is unknown, missing, of a wrong type or outside its bounds.
     """
     noise = table.table("noise")
-    table.refuse_unknown({*_WHOLE, *_NUMBERS, "name", "default_integration_time_ms", "noise", *more_keys})
+    table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", *more_keys})
     noise.refuse_unknown({*_NOISE_LISTS, *_NOISE_NUMBERS})
     if base is None:
         _refuse_missing(table, noise)
@@ -52,7 +52,7 @@ def read_sensor(table: TomlTable, base: SensorProfile | None, *, more_keys: tupl
     if "name" in table:
         settings["name"] = table.text("name")
     settings |= {key: table.integer(key) for key in _WHOLE if key in table}
-    settings |= {key: table.number(key) for key in (*_NUMBERS, "default_integration_time_ms") if key in table}
+    settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
     settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
     settings["noise"] = _noise_curve(noise, base)
     # Without a profile nobody has said what the camera integrates by default; the curve's own time is the best guess.
@@ -69,7 +69,7 @@ def read_sensor(table: TomlTable, base: SensorProfile | None, *, more_keys: tupl
 def _settings(base: SensorProfile | None) -> dict[str, Any]:
     if base is None:
         return {"name": _UNNAMED}
-    keys = ("name", *_WHOLE, *_NUMBERS, "default_integration_time_ms", *_NOISE_NUMBERS, "confirmed", "sources")
+    keys = ("name", *_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, *_NOISE_NUMBERS, "confirmed", "sources")
     return {key: getattr(base, key) for key in keys}
 
 

@@ -7,7 +7,7 @@ from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.profile_toml import parse_profile
 from tofmix.toml_table import nearest
 
-PROFILES: dict[str, str] = {"sr3000": "sr3000.toml"}
+PROFILES: dict[str, str] = {"sr3000": "sr3000.toml", "sr4000": "sr4000.toml", "stoc": "stoc.toml"}
 
 
 def load_profile(name: str) -> SensorProfile:

@@ -5,7 +5,13 @@ from importlib.resources import files
 from tofmix.errors import BadInputError
 from tofmix.toml_table import nearest
 
-BUILTIN_MODELS: dict[str, str] = {"three-boards": "three-boards.toml", "corridor": "corridor.toml"}
+BUILTIN_MODELS: dict[str, str] = {
+    "three-boards": "three-boards.toml",
+    "corridor": "corridor.toml",
+    "slanted-wall": "slanted-wall.toml",
+    "near-far": "near-far.toml",
+    "corner": "corner.toml",
+}
 
 
 def builtin_text(name: str) -> str:

@@ -1,0 +1,53 @@
+"""docs/effects.md is what the registry says, and the figures that it calls physics follow from formulas."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from tofmix.ranging import SPEED_OF_LIGHT_MM_S, unambiguous_range_mm
+from tofmix.simulation.effects import EFFECTS
+from tofmix.simulation.effects.reference import COMMAND, reference
+
+DOCS = Path(__file__).parents[3] / "docs"
+TURN = unambiguous_range_mm(20e6)
+
+
+def test_the_page_is_in_step() -> None:
+    assert (DOCS / "effects.md").read_text(encoding="utf-8") == reference(), f"run: {COMMAND}"
+
+
+@pytest.mark.parametrize("kind", EFFECTS)
+def test_every_effect_has_its_picture_and_its_basis(kind: str) -> None:
+    assert (DOCS / "images" / "effects" / f"{kind}.png").stat().st_size > 5000
+    assert any(word in EFFECTS[kind].basis for word in ("physics", "reported", "assumed"))
+    assert EFFECTS[kind].typical
+
+
+def test_every_effect_is_drawn_by_the_command() -> None:
+    text = (DOCS / "effect_figures.py").read_text(encoding="utf-8")
+    assert all(f'"{kind}": Signature(' in text for kind in EFFECTS)
+
+
+@pytest.mark.parametrize(
+    ("kind", "shown", "value"),
+    [
+        ("wiggling", "12 mm", TURN * 0.01 / (2 * math.pi)),
+        ("wiggling", "60 mm", TURN * 0.05 / (2 * math.pi)),
+        ("wiggling", "1.874 m", TURN / 4 / 1000),
+        ("range_offset", "67 ps", 2 * 10 / SPEED_OF_LIGHT_MM_S * 1e12),
+        ("multipath", "44 mm", TURN / (2 * math.pi) * math.atan2(
+            0.1 * math.sin(math.pi * 1000 / TURN), 1 + 0.1 * math.cos(math.pi * 1000 / TURN))),
+        ("phase_wrapping", "7.495 m", TURN / 1000),
+        ("interference", "120 mm", TURN / (2 * math.pi) * math.asin(0.1)),
+        ("vignetting", "1.8", (math.cos(math.radians(47 / 2)) * math.cos(math.radians(39 / 2))) ** -4),
+        ("excess_noise", "2", math.sqrt(4)),
+        *(("quantisation", f"{step}", TURN / 2**bits) for step, bits in ((1.8, 12), (7.3, 10), (29, 8))),
+    ],
+)  # fmt: skip
+def test_figures_of_physics_follow_from_their_formula(kind: str, shown: str, value: float) -> None:
+    number = shown.split(maxsplit=1)[0]
+    assert number in EFFECTS[kind].typical
+    assert "physics" in EFFECTS[kind].basis
+    digits = len(number.replace(".", "").strip("0"))
+    assert float(number) == pytest.approx(value, rel=0.5 * 10 ** (1 - digits))

@@ -1,0 +1,198 @@
+"""The registry: the contract's kinds, one declaration for all, zero magnitudes, and a 22nd effect in one class."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from effect_bench import Bench, effect
+
+from tofmix.errors import BadInputError
+from tofmix.simulation.echoes import Echoes
+from tofmix.simulation.effects import EFFECTS, Effect, Level
+from tofmix.simulation.effects.base import Context, neutral_values
+from tofmix.simulation.effects.parameter import Holds, number
+from tofmix.simulation.explain import explain
+from tofmix.simulation.model_toml import parse_model
+from tofmix.simulation.prediction import predict
+
+CONTRACT = {
+    "range_offset": "offset_mm",
+    "surface_pose": "surface shift_mm",
+    "wiggling": "amplitude_mm phase_rad",
+    "amplitude_walk": "scale_mm reference_amplitude exponent",
+    "temperature_drift": "amplitude_mm time_constant_s",
+    "fixed_pattern": "pixel_sigma_mm column_sigma_mm row_sigma_mm map",
+    "scattering": "share",
+    "multipath": "surface share extra_path_mm",
+    "phase_wrapping": "unambiguous_range_mm",
+    "flying_pixels": "probability",
+    "excess_noise": "factor",
+    "vignetting": "corner_factor",
+    "outliers": "probability",
+    "stuck_pixels": "share value_mm map",
+    "dropout": "probability threshold threshold_noise",
+    "temporal_correlation": "coefficient",
+    "interference": "probability sigma_mm burst_frames",
+    "saturation": "full_well_amplitude",
+    "motion": "surface velocity_mm_s",
+    "quantisation": "step_mm",
+    "pixel_crosstalk": "share",
+}
+NOT_ZERO: dict[str, dict[str, Any]] = {
+    "surface_pose": {"surface": "near"},
+    "motion": {"surface": "near"},
+    "multipath": {"surface": "near", "extra_path_mm": 1000},
+    "wiggling": {"phase_rad": 1},
+    "amplitude_walk": {"reference_amplitude": 100},
+    "temperature_drift": {"time_constant_s": 10},
+    "phase_wrapping": {"unambiguous_range_mm": 65_000},
+    "interference": {"burst_frames": 3},
+    "dropout": {"threshold_noise": 10},
+}
+MODEL = '[sensor]\nprofile = "sr3000"\n[[surface]]\nname = "board"\ncenter_mm = [0, 0, 3000]\nsize_mm = [900, 900]\n'
+
+
+def table(kind: str, **values: object) -> str:
+    shown = {key: f'"{value}"' if isinstance(value, str) else value for key, value in values.items()}
+    return f'[[effect]]\nkind = "{kind}"\n' + "".join(f"{key} = {value}\n" for key, value in shown.items())
+
+
+def test_the_contracts_kinds_and_parameters() -> None:
+    assert {kind: " ".join(cls.parameters()) for kind, cls in EFFECTS.items()} == {
+        kind: CONTRACT.get(kind, "missing") for kind in EFFECTS
+    }
+    assert set(EFFECTS) == set(CONTRACT)
+
+
+@pytest.mark.parametrize("kind", CONTRACT)
+def test_an_effect_says_what_it_is(kind: str) -> None:
+    effect = EFFECTS[kind]
+    assert effect.kind == kind
+    assert len(effect.__doc__ or "") > 300
+    assert effect.signature
+    assert effect.predicts
+    for parameter in effect.parameters().values():
+        assert parameter.sentence.endswith(".")
+        assert parameter.holds is not Holds.NUMBER or parameter.unit
+        assert parameter.required or parameter.default is not None or parameter.name in {"map", "unambiguous_range_mm"}
+
+
+@pytest.mark.parametrize("kind", CONTRACT)
+def test_at_zero_magnitude_the_recording_is_the_one_without_the_effect(bench: Bench, kind: str) -> None:
+    """Bit by bit: every effect draws from a stream of its own."""
+    plain = bench.boards(frames=30)
+    other = bench.boards(effect(kind, **NOT_ZERO.get(kind, {}), **neutral_values(EFFECTS[kind])), frames=30)
+    np.testing.assert_array_equal(other.stored, plain.stored)
+    np.testing.assert_array_equal(other.amplitude, plain.amplitude)
+
+
+def test_an_effect_more_changes_no_draw_of_the_others(bench: Bench) -> None:
+    dropout, outliers = effect("dropout", probability=0.3), effect("outliers", probability=0.2)
+    both, one = bench.boards(dropout, outliers), bench.boards(dropout)
+    wild = (both.amplitude == 0) & (one.amplitude > 0)
+    np.testing.assert_array_equal(both.stored[~wild & (both.amplitude > 0)], one.stored[~wild & (both.amplitude > 0)])
+    assert ((one.stored == 0) & (one.amplitude > 0) & (both.stored == 0)).sum() > 100
+
+
+@pytest.mark.parametrize("kind", CONTRACT)
+def test_bounds_are_refused_with_value_and_bound(kind: str) -> None:
+    bounded = [p for p in EFFECTS[kind].parameters().values() if p.holds is Holds.NUMBER]
+    assert bounded
+    for parameter in bounded:
+        needed = {p.name: "board" if p.holds is Holds.SURFACE else (p.zero or p.low or 1) for p in
+                  EFFECTS[kind].parameters().values() if p.required}  # fmt: skip
+        value = parameter.high * 2 + 1
+        text = MODEL + table(kind, **(needed | {parameter.name: value}))
+        message = f"m: [[effect]] 1: {parameter.name}: {value:g} is not in {parameter.bounds}"
+        with pytest.raises(BadInputError, match="^" + re.escape(message) + "$"):
+            parse_model(text, source="m")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (table("wigling"), 'm: [[effect]] 1: kind: "wigling" is not an effect; did you mean "wiggling"? known: '),
+        (table("range_offset"), "m: [[effect]] 1: offset_mm: missing"),
+        (table("range_offset", offset=3), 'm: [[effect]] 1: "offset" is not a key here; did you mean "offset_mm"?'),
+        (table("range_offset", offset_mm="a"), "m: [[effect]] 1: offset_mm: expected a number, got a string"),
+        (
+            table("motion", surface="bord", velocity_mm_s=1),
+            'm: [[effect]] 1: surface: "bord" is not a surface of this model; did you mean "board"? known: board',
+        ),
+        (
+            table("dropout", probability=0.1) + table("dropout", probability=0.2),
+            "m: [[effect]] 2: kind: dropout is [[effect]] 1 already; a kind may be there twice only with another",
+        ),
+        (
+            table("motion", surface="board", velocity_mm_s=1) * 2,
+            'm: [[effect]] 2: kind: motion of "board" is [[effect]] 1 already',
+        ),
+        (table("outliers", probability=0.9999), "m: [[effect]] 1: probability: 0.9999 is not below 0.9999"),
+        (table("fixed_pattern", map="a.npy"), "m: [[effect]] 1: map: a model without a file of its own has no maps"),
+    ],
+)
+def test_refusals(text: str, message: str) -> None:
+    with pytest.raises(BadInputError, match="^" + re.escape(message)) as caught:
+        parse_model(MODEL + text, source="m")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_kind_may_be_there_twice_with_another_surface() -> None:
+    more = '[[surface]]\nname = "wall"\ncenter_mm = [0, 0, 4000]\nsize_mm = [9000, 9000]\n'
+    poses = table("surface_pose", surface="board", shift_mm=1) + table("surface_pose", surface="wall", shift_mm=2)
+    assert len(parse_model(MODEL + more + poses, source="m").effects) == 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ripple(Effect):
+    """A 22nd effect: a ripple from row to row."""
+
+    kind: ClassVar[str] = "ripple"
+    level: ClassVar[Level] = Level.RANGE
+    signature: ClassVar[str] = "bias against row"
+
+    height_mm: float = number("Largest bias.", unit="mm", low=0, high=100, zero=0)
+
+    def explain(self) -> str:
+        return f"rows ripple by {self.height_mm:g} mm"
+
+    def act(self, echoes: Echoes, context: Context) -> None:
+        row = np.arange(echoes.shape[-1]) // context.sensor.cols
+        echoes.add_bias(self.height_mm * np.sin(row))
+
+
+def test_a_22nd_effect_is_one_class_and_one_line(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is parsed, refused, explained, simulated and predicted."""
+    monkeypatch.setitem(EFFECTS, "ripple", Ripple)
+    with pytest.raises(BadInputError, match=r"height_mm: 101 is not in \[0, 100\]$"):
+        parse_model(MODEL + table("ripple", height_mm=101), source="m")
+    model = parse_model(MODEL + table("ripple", height_mm=40), source="m")
+    assert "range: ripple: rows ripple by 40 mm" in explain(model)
+    plain, other = bench.wall(), bench.wall(*model.effects)
+    expected = 40 * np.sin(np.arange(240) // 40)
+    np.testing.assert_allclose(other.range_mm - plain.range_mm, np.broadcast_to(expected, (20, 240)), atol=1)
+    np.testing.assert_allclose(predict(other.model).range_mm[0] - plain.true_mm, expected, atol=1e-3)
+
+
+def test_every_effect_is_explained_with_its_values() -> None:
+    text = MODEL
+    for kind, cls in EFFECTS.items():
+        values = {p.name: "board" if p.holds is Holds.SURFACE else min(0.125, p.high) if p.low < 0.125 else p.low
+                  for p in cls.parameters().values() if p.required}  # fmt: skip
+        text += table(kind, **values)
+    lines = explain(parse_model(text, source="m")).splitlines()
+    named = [line.split(": ")[1] for line in lines if line.startswith("  ")]
+    assert sorted(named) == sorted(EFFECTS)
+    assert 'motion: "board" moves along its normal at +0.125 mm/s' in "\n".join(lines)
+    levels = [line.split(":")[0].strip() for line in lines if line.startswith("  ")]
+    assert list(dict.fromkeys(levels)) == ["geometry", "light", "correlation", "range", "read-out"]
+
+
+def test_one_file_an_effect() -> None:
+    import tofmix.simulation.effects as package
+
+    folder = Path(package.__file__).parent
+    assert {path.stem for path in folder.glob("*.py")} >= set(EFFECTS)

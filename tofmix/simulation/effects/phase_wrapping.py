@@ -1,0 +1,50 @@
+"""Ranges beyond the unambiguous one, folded back."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tofmix.sensors.profile import SensorProfile
+from tofmix.simulation.echoes import Echoes
+from tofmix.simulation.effects.base import Context, Effect, Level, refuse_without_phase
+from tofmix.simulation.effects.parameter import number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhaseWrapping(Effect):
+    """Ranges, noise and bias included, modulo `unambiguous_range_mm`.
+
+    A phase is known up to whole turns: what is beyond d_u = c / (2 f) seems near, and noise carries samples across
+    the turn both ways. This is no error but how such a camera measures. Samples without a return are no
+    measured phases and stay at `range_max_mm`; random values stay too. A range that folds to 0 is stored as 1 mm.
+    """
+
+    kind: ClassVar[str] = "phase_wrapping"
+    level: ClassVar[Level] = Level.CORRELATION
+    signature: ClassVar[str] = "far samples appear near"
+    typical: ClassVar[str] = "what is beyond c / (2 f), 7.495 m at 20 MHz, seems nearer by that"
+    basis: ClassVar[str] = "physics"
+    averages: ClassVar[bool] = False
+
+    unambiguous_range_mm: float = number(
+        "Range at which the phase has turned once; c / (2 f) of the sensor if it is left out.",
+        unit="mm", low=0, high=1e6, low_open=True, required=False,
+    )  # fmt: skip
+
+    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
+        """A camera without phase folds where it is told to, or not at all."""
+        Effect.check(self, sensor, surfaces)
+        if self.unambiguous_range_mm is None:
+            refuse_without_phase(self.kind, sensor)
+
+    def explain(self) -> str:
+        """One sentence."""
+        shown = (
+            "the sensor's unambiguous range"
+            if self.unambiguous_range_mm is None
+            else f"{self.unambiguous_range_mm:g} mm"
+        )
+        return f"ranges fold: what is beyond {shown} appears that much nearer"
+
+    def act(self, echoes: Echoes, context: Context) -> None:
+        """Say where ranges fold; it is done once noise and bias are in."""
+        echoes.period_mm = context.turn_mm if self.unambiguous_range_mm is None else self.unambiguous_range_mm
