@@ -49,6 +49,7 @@ class RecordingFile:
             self._fill = hdf5.fill_value(self._range)
         except BadInputError as error:
             raise BadInputError(f"{path}: {error}") from error
+        self._root = root
         self._amplitude = _samples(root, "amplitude", path) if "amplitude" in root else None
         if self._amplitude is not None and self._amplitude.shape != self.shape:
             raise BadInputError(f"{path}: amplitude: shape {self._amplitude.shape} differs from range {self.shape}")
@@ -57,6 +58,54 @@ class RecordingFile:
     def has_amplitude(self) -> bool:
         """Whether the recording holds amplitudes."""
         return self._amplitude is not None
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the recording is synthetic and carries its truth, which `estimate` never reads."""
+        return "truth" in self._root
+
+    @property
+    def stored_type(self) -> str:
+        """Type of the stored ranges, such as ``uint16``."""
+        return str(self._range.dtype)
+
+    @property
+    def fill(self) -> float | None:
+        """What stands for no sample beside NaN: `_FillValue`; without one 0 for integers, None for floats."""
+        if self._fill is not None:
+            return float(self._fill[0])
+        return None if self._range.dtype.kind == "f" else 0.0
+
+    def attributes(self) -> dict[str, str | int | float]:
+        """Root attributes that are one text or one number."""
+        found: dict[str, str | int | float] = {}
+        with hdf5.reading(self.path, "attributes"):
+            for key in sorted(self._root.attrs):
+                value = np.asarray(self._root.attrs[key]).reshape(-1)
+                text = hdf5.text_attribute(self._root, key)
+                if text is not None:
+                    found[key] = text
+                elif value.size == 1 and value.dtype.kind in "iuf":
+                    found[key] = value[0].item()
+        return found
+
+    def read_time(self) -> FloatArray | None:
+        """Read the start of each frame (frame,) float64 in s; None where the recording does not say.
+
+        Raises
+        ------
+        BadInputError
+            If it is not one number a frame.
+        """
+        if "time" not in self._root:
+            return None
+        dataset = hdf5.checked_dataset(self._root, "time", self.path)
+        if dataset.shape != self.shape[:1] or dataset.dtype.kind not in "iuf":
+            raise BadInputError(
+                f"{self.path}: time: expected one number a frame, got {dataset.dtype} of shape {dataset.shape}"
+            )
+        with hdf5.reading(self.path, "time"):
+            return np.asarray(dataset[...], dtype=np.float64)
 
     @property
     def row_step(self) -> int:

@@ -7,10 +7,7 @@ Reading the file itself is left to the caller, and the built-in models to
 import json
 from typing import Any
 
-from tofmix.errors import BadInputError
-from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.profile_toml import read_sensor
-from tofmix.sensors.registry import load_profile
+from tofmix.sensors.sensor_file import sensor_of
 from tofmix.simulation.model import Model, RecordingSettings, Surface
 from tofmix.toml_table import TomlTable, parse_toml
 
@@ -39,7 +36,7 @@ def parse_model(text: str, *, source: str) -> Model:
     root = parse_toml(text, source=source)
     root.refuse_unknown({"sensor", "recording", "surface", "effect"})
     _refuse_effects(root)
-    sensor = _read_sensor(root)
+    sensor = sensor_of(root)
     surfaces = tuple(_read_surface(table, number) for number, table in enumerate(root.tables("surface"), 1))
     recording = _read_recording(root.table("recording"))
     try:
@@ -58,18 +55,6 @@ def _refuse_effects(root: TomlTable) -> None:
         raise table.error(
             f"kind {kind}: this version simulates equation (1) alone, without effects; take the [[effect]] tables out"
         )
-
-
-def _read_sensor(root: TomlTable) -> SensorProfile:
-    table = root.table("sensor")
-    base = None
-    if "profile" in table:
-        name = table.text("profile")
-        try:
-            base = load_profile(name)
-        except BadInputError as error:
-            raise table.error(str(error), "profile") from None
-    return read_sensor(table, base, more_keys=("profile",))
 
 
 def _read_surface(table: TomlTable, number: int) -> Surface:
