@@ -10,6 +10,7 @@ import click
 
 from tofmix import __version__
 from tofmix.cli.estimate import estimate
+from tofmix.cli.export import export
 from tofmix.cli.info import info
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
@@ -50,7 +51,7 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report, info):
+for _command in (simulate, estimate, report, info, export):
     main.add_command(_command)
 
 
