@@ -108,3 +108,15 @@ def pinhole_ray_over_depth(
     x = (np.arange(cols) - centre_px[0]) / focal_px[0]
     y = (np.arange(rows) - centre_px[1]) / focal_px[1]
     return np.asarray(np.sqrt(1.0 + np.square(x) + np.square(y)[:, np.newaxis]))
+
+
+def pinhole_view_deg(
+    rows: int, cols: int, *, focal_px: tuple[float, float], centre_px: tuple[float, float]
+) -> tuple[float, float]:
+    """Full field of view of a pinhole camera, horizontal and vertical, from edge to edge of its pixels."""
+    edges = ((cols, focal_px[0], centre_px[0]), (rows, focal_px[1], centre_px[1]))
+    across, down = (
+        float(np.rad2deg(np.arctan((n - 0.5 - centre) / focal) + np.arctan((centre + 0.5) / focal)))
+        for n, focal, centre in edges
+    )
+    return across, down

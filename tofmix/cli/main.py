@@ -11,6 +11,7 @@ import click
 from tofmix import __version__
 from tofmix.cli.estimate import estimate
 from tofmix.cli.export import export
+from tofmix.cli.import_ import import_
 from tofmix.cli.info import info
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
@@ -51,7 +52,7 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report, info, export):
+for _command in (simulate, estimate, report, info, import_, export):
     main.add_command(_command)
 
 

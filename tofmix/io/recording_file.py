@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
 import h5py
 import numpy as np
@@ -200,7 +200,7 @@ def _invalid(raw: NDArray[np.generic], fill: NDArray[np.generic] | None) -> Bool
 class RecordingWriter:
     """Streams frames into a new recording, which gets its name when the last one is in.
 
-    Use it as a context manager; write every frame, in order, in blocks of `CHUNK_FRAMES`.
+    Use it as a context manager; write every frame, in order, in blocks of `chunk_frames`.
 
     Parameters
     ----------
@@ -216,8 +216,12 @@ class RecordingWriter:
         Text of the model file that a synthetic recording is made from; goes with `truth`.
     title : str
         The file's title.
-    has_amplitude, has_temperature : bool
-        Whether amplitudes, and temperatures, will be written.
+    has_amplitude, has_time, has_temperature : bool
+        Whether amplitudes, times and temperatures will be written.
+    dtype : {"u2", "f4"}
+        Type of the ranges: whole mm with 0 for no sample, or float32 with NaN.
+    chunk_frames : int
+        Frames that are stored, and best written, together.
     attributes : dict, optional
         Further root attributes.
     overwrite, inputs
@@ -239,7 +243,10 @@ class RecordingWriter:
         model_text: str = "",
         title: str = "time-of-flight recording",
         has_amplitude: bool = True,
+        has_time: bool = True,
         has_temperature: bool = False,
+        dtype: Literal["u2", "f4"] = "u2",
+        chunk_frames: int = CHUNK_FRAMES,
         attributes: dict[str, str | int | float] | None = None,
         overwrite: bool = False,
         inputs: tuple[Path, ...] = (),
@@ -250,7 +257,10 @@ class RecordingWriter:
         self._model_text = model_text
         self._title = title
         self._has_amplitude = has_amplitude
+        self._has_time = has_time
         self._has_temperature = has_temperature
+        self._dtype = dtype
+        self._chunk_frames = chunk_frames
         self._attributes = attributes or {}
         self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs)
 
@@ -274,29 +284,32 @@ class RecordingWriter:
         dims = dict(zip(_DIMS, self._shape, strict=True))
         for name, length in dims.items():
             hdf5.add_scale(root, name, length)
-        chunks = (min(frames, CHUNK_FRAMES), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS))
+        chunks = (min(frames, self._chunk_frames), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS))
+        fill = _NO_SAMPLE if self._dtype == "u2" else np.nan
         hdf5.add_variable(
-            root, "range", dims=dims, dtype="u2", units="mm", long_name="radial range", chunks=chunks, fill=_NO_SAMPLE
+            root, "range", dims=dims, dtype=self._dtype, units="mm", long_name="radial range", chunks=chunks, fill=fill
         )
         if self._has_amplitude:
             hdf5.add_variable(root, "amplitude", dims=dims, dtype="f4", units="1", long_name="amplitude", chunks=chunks)
         frame = {"frame": frames}
-        hdf5.add_variable(root, "time", dims=frame, dtype="f8", units="s", long_name="start of the frame")
+        if self._has_time:
+            hdf5.add_variable(root, "time", dims=frame, dtype="f8", units="s", long_name="start of the frame")
         if self._has_temperature:
             hdf5.add_variable(root, "temperature", dims=frame, dtype="f4", units="degC", long_name="temperature")
 
     def write(
         self,
         start: int,
-        range_mm: NDArray[np.uint16],
+        range_mm: NDArray[np.uint16] | Float32Array,
         *,
-        time_s: FloatArray,
+        time_s: FloatArray | None = None,
         amplitude: Float32Array | None = None,
         temperature_c: Float32Array | None = None,
     ) -> None:
         """Write frames [start, start + n).
 
-        range_mm (n, row, col) uint16, 0 where invalid; amplitude (n, row, col); time_s and temperature_c (n,).
+        range_mm (n, row, col) uint16, 0 where invalid, or float32, NaN where invalid;
+        amplitude (n, row, col); time_s and temperature_c (n,).
 
         Raises
         ------
@@ -305,7 +318,8 @@ class RecordingWriter:
         """
         stop = start + len(range_mm)
         self._root["range"][start:stop] = range_mm
-        self._root["time"][start:stop] = time_s
+        if time_s is not None:
+            self._root["time"][start:stop] = time_s
         if amplitude is not None:
             self._root["amplitude"][start:stop] = amplitude
         if temperature_c is not None:
