@@ -28,7 +28,7 @@ _INTRINSICS = 4
 @examples(
     """
 tofmix import bag.mcap -o bag.h5 --sensor sr3000
-tofmix import drive.bag -o drive.h5 --sensor my_camera.toml --topic /depth/image_raw --amplitude /ir/image_raw
+tofmix import run.bag -o run.h5 --sensor camera.toml --topic /depth/image --amplitude /ir/image
 tofmix import frames/ -o frames.h5 --sensor sr3000 --frame-rate 25 --scale 0.25
 tofmix import depth.tif -o depth.h5 --sensor sr3000 --depth-axis z --intrinsics 210,210,88,72
 tofmix import samples.mat -o samples.h5 --sensor sr3000 --topic r --axes row,col,frame

@@ -1,7 +1,7 @@
 """NumPy's .npy and .npz, never unpickled.
 
-An .npy is mapped, an array of an .npz is unpacked frame by frame. Arrays in
-Fortran order inside an .npz, and those whose frames are the last axis, are read whole.
+Both are read frame by frame. Where frames are not the first axis in memory, an
+.npy is mapped and an array of an .npz is read whole.
 """
 
 import math
@@ -43,15 +43,22 @@ def open_npy(path: Path, request: Request) -> Iterator[FrameSource]:
     BadInputError
         If it is damaged, holds objects, or is of another shape.
     """
-    with foreign(path):
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    frames = frames_first(array, request.axes or FRAMES_FIRST, path)
-    yield FrameSource(
-        kind="NumPy array",
-        shape=frames.shape,
-        dtype=frames.dtype,
-        frames=(Frame(depth=np.asarray(frame)) for frame in frames),
-    )
+    axes = request.axes or FRAMES_FIRST
+    with ExitStack() as stack:
+        with foreign(path):
+            file = stack.enter_context(path.open("rb"))
+            shape, fortran, dtype = _header(file)
+        check_numbers(dtype, path)
+        if fortran or axes != FRAMES_FIRST or len(shape) != _DIMENSIONS:
+            with foreign(path):
+                array = np.load(path, mmap_mode="r", allow_pickle=False)
+            frames = frames_first(array, axes, path)
+            found, images = frames.shape, iter(frames)
+        else:
+            check_not_empty(shape, path)
+            found = shape[0], shape[1], shape[2]
+            images = _unpacked(file, found, dtype, path)
+        yield FrameSource(kind="NumPy array", shape=found, dtype=dtype, frames=joined(images, None, None))
 
 
 @contextmanager
@@ -118,7 +125,9 @@ class _Member:
         return self._frames
 
 
-def _unpacked(file: IO[bytes], shape: tuple[int, int, int], dtype: np.dtype[Any], what: str) -> Iterator[NDArray[Any]]:
+def _unpacked(
+    file: IO[bytes], shape: tuple[int, int, int], dtype: np.dtype[Any], what: object
+) -> Iterator[NDArray[Any]]:
     size = math.prod(shape[1:]) * dtype.itemsize
     for number in range(shape[0]):
         with foreign(what):
