@@ -9,6 +9,7 @@ from typing import NoReturn
 import click
 
 from tofmix import __version__
+from tofmix.cli.compare import compare
 from tofmix.cli.estimate import estimate
 from tofmix.cli.export import export
 from tofmix.cli.import_ import import_
@@ -52,7 +53,7 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report, info, import_, export):
+for _command in (simulate, estimate, report, info, compare, import_, export):
     main.add_command(_command)
 
 

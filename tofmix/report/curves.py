@@ -21,7 +21,8 @@ SHOWN_LAYERS = len(LAYER_MARKERS)
 
 _SECTION_INCH, _COLUMNS_INCH, _HISTOGRAM_INCH = (5.6, 5.4), (5.6, 3.8), (5.0, 3.3)
 _MANY_POINTS = 3000
-_RANGE_BINS, _WEIGHT_BINS, _SIGMA_BINS = 80, 25, 70
+_RANGE_BINS, _WEIGHT_BINS, _SIGMA_BINS, _GAP_BINS = 80, 25, 70, 60
+_LEAST_ERRORS = 5.0
 
 _PLAIN_NUMBER = FuncFormatter(lambda value, _: f"{value:,.0f}")
 
@@ -137,6 +138,34 @@ def sigma_figure(layers: Layers, *, curve: NoiseCurve | None, theme: Theme) -> F
     off = int((sigma_mm > top).sum())
     if off:
         axes.set_title(f"{off} components lie above this view", loc="left")
+    return figure
+
+
+def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme) -> Figure:
+    """Draw differences of ranges in combined standard errors, with the normal law and the tolerance.
+
+    gap_errors of any shape; values that are not finite are passed over, those beyond the view counted in its title.
+    """
+    finite = gap_errors[np.isfinite(gap_errors)]
+    most = max(_LEAST_ERRORS, 1.3 * tolerance)
+    figure, axes = _curve_axes("range in B less range in A (combined standard errors)", "layers")
+    edges = np.linspace(-most, most, _GAP_BINS + 1)
+    counts = np.histogram(finite, edges)[0]
+    axes.stairs(counts, edges, baseline=None, color=theme.layers[0], linewidth=1.8, label="layers")
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    normal = finite.size * np.exp(-0.5 * np.square(middles)) / np.sqrt(2.0 * np.pi) * (edges[1] - edges[0])
+    axes.plot(middles, normal, color=theme.ink, linestyle="-.", linewidth=1.2, label="two recordings, by chance")
+    for side in (-1, 1):
+        axes.axvline(
+            side * tolerance, color=theme.accent, linestyle="--", linewidth=1.2,
+            label="tolerance" if side > 0 else None,
+        )  # fmt: skip
+    axes.set_ylim(bottom=0.7, top=3.0 * max(10, int(counts.max(initial=0)), float(normal.max(initial=0.0))))
+    axes.set_xlim(-most, most)
+    outside = int((np.abs(finite) > most).sum())
+    if outside:
+        axes.set_title(f"{outside} layers lie outside this view", loc="left", fontsize="small")
+    figure.legend(loc="outside upper center", ncols=3, columnspacing=1.0)
     return figure
 
 
