@@ -14,6 +14,7 @@ from tofmix.cli.estimate import estimate
 from tofmix.cli.export import export
 from tofmix.cli.import_ import import_
 from tofmix.cli.info import info
+from tofmix.cli.inspect import inspect
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
@@ -53,7 +54,7 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report, info, compare, import_, export):
+for _command in (simulate, estimate, report, inspect, info, compare, import_, export):
     main.add_command(_command)
 
 

@@ -108,6 +108,11 @@ def drawn(draw: Callable[[Theme], Figure], kind: Format) -> tuple[str, str, tupl
     return _data_uri(light, kind), _data_uri(dark, kind), size
 
 
+def figure_bytes(draw: Callable[[Theme], Figure], kind: Format) -> bytes:
+    """Draw a figure on a light ground, as a file of its own; the same figure gives the same bytes."""
+    return _saved(draw, kind, LIGHT)[0]
+
+
 def _saved(draw: Callable[[Theme], Figure], kind: Format, theme: Theme) -> tuple[bytes, tuple[int, int]]:
     nothing = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}
     buffer = io.BytesIO()
