@@ -2,7 +2,7 @@
 
 Ranges in recordings and layers are radial. The pixel grid of a recording is
 equiangular: equal angles between neighbours. A pinhole camera has equal steps on
-its image plane instead; `pinhole_ray_over_depth` is for its depth images.
+its image plane instead; `pinhole_directions` is for its depth images.
 """
 
 import numpy as np
@@ -59,30 +59,10 @@ def beam_directions(rows: int, cols: int, *, fov_horizontal_deg: float, fov_vert
     return np.stack([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level], axis=-1)
 
 
-def grid_ray_over_depth(rows: int, cols: int, *, fov_horizontal_deg: float, fov_vertical_deg: float) -> FloatArray:
-    """Range over depth along z of each pixel of an equiangular grid, 1 / (cos az cos el).
-
-    Returns
-    -------
-    (row, col) float64
-        At least 1.
-
-    Raises
-    ------
-    ValueError
-        If the field of view cannot be, or a pixel looks 90 degrees or more off the axis and has no depth.
-    """
-    directions = beam_directions(rows, cols, fov_horizontal_deg=fov_horizontal_deg, fov_vertical_deg=fov_vertical_deg)
-    forward = directions[..., 2]
-    if not (forward > np.finfo(np.float32).eps).all():
-        raise ValueError("a pixel looks 90 degrees or more off the axis and has no depth along z")
-    return np.asarray(1.0 / forward)
-
-
-def pinhole_ray_over_depth(
+def pinhole_directions(
     rows: int, cols: int, *, focal_px: tuple[float, float], centre_px: tuple[float, float]
 ) -> FloatArray:
-    """Range over depth along z of each pixel of a pinhole camera without lens distortion.
+    """Unit vectors along the beams of a pinhole camera without lens distortion.
 
     Parameters
     ----------
@@ -95,8 +75,8 @@ def pinhole_ray_over_depth(
 
     Returns
     -------
-    (row, col) float64
-        sqrt(1 + ((col - cx) / fx)^2 + ((row - cy) / fy)^2).
+    (row, col, 3) float64
+        Along ((col - cx) / fx, (row - cy) / fy, 1).
 
     Raises
     ------
@@ -105,18 +85,36 @@ def pinhole_ray_over_depth(
     """
     if not (np.isfinite([*focal_px, *centre_px]).all() and min(focal_px) > 0):
         raise ValueError(f"focal lengths {focal_px} and centre {centre_px} are not those of a camera")
-    x = (np.arange(cols) - centre_px[0]) / focal_px[0]
-    y = (np.arange(rows) - centre_px[1]) / focal_px[1]
-    return np.asarray(np.sqrt(1.0 + np.square(x) + np.square(y)[:, np.newaxis]))
+    x, y = np.meshgrid((np.arange(cols) - centre_px[0]) / focal_px[0], (np.arange(rows) - centre_px[1]) / focal_px[1])
+    beams = np.stack([x, y, np.ones((rows, cols))], axis=-1)
+    return np.asarray(beams / np.linalg.norm(beams, axis=-1, keepdims=True))
 
 
-def pinhole_view_deg(
-    rows: int, cols: int, *, focal_px: tuple[float, float], centre_px: tuple[float, float]
-) -> tuple[float, float]:
-    """Full field of view of a pinhole camera, horizontal and vertical, from edge to edge of its pixels."""
-    edges = ((cols, focal_px[0], centre_px[0]), (rows, focal_px[1], centre_px[1]))
-    across, down = (
-        float(np.rad2deg(np.arctan((n - 0.5 - centre) / focal) + np.arctan((centre + 0.5) / focal)))
-        for n, focal, centre in edges
-    )
-    return across, down
+def ray_over_depth(directions: FloatArray) -> FloatArray:
+    """Range over depth along z of each beam, at least 1.
+
+    Parameters
+    ----------
+    directions : (row, col, 3) float64
+        Unit vectors.
+
+    Returns
+    -------
+    (row, col) float64
+        1 / z.
+
+    Raises
+    ------
+    ValueError
+        If a beam is 90 degrees or more off the axis and has no depth.
+    """
+    forward = directions[..., 2]
+    if not (forward > np.finfo(np.float32).eps).all():
+        raise ValueError("a pixel looks 90 degrees or more off the axis and has no depth along z")
+    return np.asarray(1.0 / forward)
+
+
+def largest_angle_deg(one: FloatArray, other: FloatArray) -> float:
+    """Largest angle between two images of unit vectors (row, col, 3), degrees."""
+    across = np.linalg.norm(np.cross(one, other), axis=-1)
+    return float(np.rad2deg(np.arctan2(across, (one * other).sum(axis=-1))).max())

@@ -176,7 +176,8 @@ def test_what_is_doubtful_is_pointed_out(tofmix: Tofmix, tmp_path: Path, sensor:
         "import", path, "-o", tmp_path / "v.h5", "--sensor", sensor, "--topic", DEPTH, "--amplitude", AMPLITUDE
     )
     assert said.code == 0, said.err
-    assert "field of view of 6.9 x 4.6 degrees" in said.err
+    assert "look up to " in said.err
+    assert "have equal angles over 60 x 40 degrees" in said.err
     assert "1 frames without an amplitude image" in said.err
 
 

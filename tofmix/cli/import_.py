@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 MOSTLY = 0.5
 """Share of samples outside the working range that is worth a word."""
 
-VIEW_TOLERANCE_DEG = 2.0
-"""Difference of two fields of view that is worth a word."""
-
 _AXES = ("frame,row,col", "row,col,frame")
 _INTRINSICS = 4
 
@@ -163,36 +160,38 @@ def _geometry(
     frames: "FrameSource", camera: "SensorProfile", axis: str, given: "Pinhole | None", source: Path
 ) -> tuple["FloatArray | None", str]:
     """Range over depth of each pixel, and what to say of it."""
-    from tofmix.geometry import grid_ray_over_depth, pinhole_ray_over_depth
+    from tofmix.geometry import beam_directions, largest_angle_deg, pinhole_directions, ray_over_depth
 
     _, rows, cols = frames.shape
     if axis == "ray":
         if given is not None:
             raise UsageError("--intrinsics goes with depths along z (--depth-axis z)")
         return None, "depths along the beam, taken as ranges"
+    view = camera.fov_horizontal_deg, camera.fov_vertical_deg
     pinhole = given or frames.pinhole
     try:
+        grid = beam_directions(rows, cols, fov_horizontal_deg=view[0], fov_vertical_deg=view[1])
         if pinhole is None:
-            factor = grid_ray_over_depth(
-                rows, cols, fov_horizontal_deg=camera.fov_horizontal_deg, fov_vertical_deg=camera.fov_vertical_deg
-            )
-            text = f"field of view {camera.fov_horizontal_deg:g} x {camera.fov_vertical_deg:g} degrees, equal angles"
-        else:
-            factor = pinhole_ray_over_depth(rows, cols, focal_px=pinhole.focal_px, centre_px=pinhole.centre_px)
-            text = (
-                f"pinhole fx {pinhole.focal_px[0]:g} fy {pinhole.focal_px[1]:g}"
-                f" cx {pinhole.centre_px[0]:g} cy {pinhole.centre_px[1]:g}"
-            )
+            text = f"field of view {view[0]:g} x {view[1]:g} degrees, equal angles"
+            return ray_over_depth(grid), f"depths along z made ranges by {text}"
+        beams = pinhole_directions(rows, cols, focal_px=pinhole.focal_px, centre_px=pinhole.centre_px)
+        factor = ray_over_depth(beams)
     except ValueError as error:
         where = "--intrinsics" if given is not None else str(source)
         raise BadInputError(f"{where}: {error}") from error
-    return factor, f"depths along z made ranges by {text}"
+    angle = largest_angle_deg(grid, beams)
+    if angle > min(view[0] / cols, view[1] / rows):
+        click.echo(
+            f"tofmix: {source}: the pinhole's pixels look up to {angle:.1f} degrees beside the recording's, which have"
+            f" equal angles over {view[0]:g} x {view[1]:g} degrees; ranges are right, exported points are off by that",
+            err=True,
+        )
+    (fx, fy), (cx, cy) = pinhole.focal_px, pinhole.centre_px
+    return factor, f"depths along z made ranges by pinhole fx {fx:g} fy {fy:g} cx {cx:g} cy {cy:g}"
 
 
 def _say(frames: "FrameSource", imported: "Imported", camera: "SensorProfile", source: Path) -> None:
     """Say on stderr what the user should know of a source."""
-    from tofmix.geometry import pinhole_view_deg
-
     notes = list(frames.notes)
     _, rows, cols = frames.shape
     if (rows, cols) != (camera.rows, camera.cols):
@@ -200,15 +199,6 @@ def _say(frames: "FrameSource", imported: "Imported", camera: "SensorProfile", s
             f"{source}: {rows} x {cols} pixels, {camera.name} has {camera.rows} x {camera.cols};"
             " its field of view is taken for the image's"
         )
-    if frames.pinhole is not None:
-        across, down = pinhole_view_deg(
-            rows, cols, focal_px=frames.pinhole.focal_px, centre_px=frames.pinhole.centre_px
-        )
-        if max(abs(across - camera.fov_horizontal_deg), abs(down - camera.fov_vertical_deg)) > VIEW_TOLERANCE_DEG:
-            notes.append(
-                f"{source}: its camera_info has a field of view of {across:.1f} x {down:.1f} degrees, the sensor"
-                f" {camera.fov_horizontal_deg:g} x {camera.fov_vertical_deg:g}; the recording says what the sensor says"
-            )
     if imported.valid == 0:
         notes.append(f"{source}: no valid sample; check --invalid and --scale")
     elif imported.outside / imported.valid > MOSTLY:

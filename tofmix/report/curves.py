@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from tofmix.arrays import FloatArray
+from tofmix.geometry import pixel_angles
 from tofmix.layers import Layers
 from tofmix.report.tables import ordinal
 from tofmix.report.theme import LAYER_LINES, LAYER_MARKERS, RANGE_MAP, Theme
@@ -174,7 +175,7 @@ def _place(section: Section, range_mm: FloatArray) -> Place:
     columns = np.arange(range_mm.size, dtype=np.float64)
     if section.fov_horizontal_deg is None:
         return columns, range_mm / 1000.0
-    azimuth = np.deg2rad((columns - (range_mm.size - 1) / 2) * section.fov_horizontal_deg / range_mm.size)
+    azimuth = pixel_angles(range_mm.size, section.fov_horizontal_deg)
     return range_mm * np.sin(azimuth) / 1000.0, range_mm * np.cos(azimuth) / 1000.0
 
 

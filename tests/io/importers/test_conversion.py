@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tofmix.geometry import grid_ray_over_depth, pinhole_ray_over_depth, pinhole_view_deg
+from tofmix.geometry import beam_directions, pinhole_directions, ray_over_depth
 from tofmix.io.importers.conversion import Conversion
 
 
@@ -55,10 +55,10 @@ def _walls() -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     azimuth, elevation = np.deg2rad((col - 2.5) * 60 / 6), np.deg2rad((row - 1.5) * 40 / 4)
     return {
         "pinhole": (
-            pinhole_ray_over_depth(4, 6, focal_px=focal, centre_px=centre), np.linalg.norm(beams, axis=-1)
+            ray_over_depth(pinhole_directions(4, 6, focal_px=focal, centre_px=centre)), np.linalg.norm(beams, axis=-1)
         ),
         "grid": (
-            grid_ray_over_depth(4, 6, fov_horizontal_deg=60.0, fov_vertical_deg=40.0),
+            ray_over_depth(beam_directions(4, 6, fov_horizontal_deg=60.0, fov_vertical_deg=40.0)),
             1 / (np.cos(azimuth) * np.cos(elevation)),
         ),
     }  # fmt: skip
@@ -71,9 +71,3 @@ def test_a_wall_across_the_axis_has_one_depth_and_longer_ranges_off_it(geometry:
     convert = Conversion(dtype=depth.dtype, ray_over_depth=factor)
     assert convert.stored_dtype == "f4"
     np.testing.assert_allclose(convert(depth), 2000 * expected, rtol=1e-7)
-
-
-def test_the_view_of_a_pinhole() -> None:
-    across, down = pinhole_view_deg(4, 6, focal_px=(3.0, 2.0), centre_px=(2.5, 1.5))
-    assert across == pytest.approx(90.0)
-    assert down == pytest.approx(90.0)
