@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up import LayersInMemory, made_up_layers
 from matplotlib.axes import Axes
+from scipy.integrate import trapezoid
 from scipy.stats import norm
 
 from tofmix.estimation.modes import find_modes
@@ -81,7 +82,7 @@ def test_the_grown_density_ends_where_all_samples_lead() -> None:
     np.testing.assert_allclose(growth.modes_mm[-1], find_modes(samples, SENSOR.noise), atol=30 / 8)
     assert [number for number, _ in growth.snapshots] == [4, 12, 24, 48, 80]
     for _, p in growth.snapshots:
-        assert np.trapezoid(p, growth.range_mm) == pytest.approx(1.0, abs=1e-3)
+        assert trapezoid(p, growth.range_mm) == pytest.approx(1.0, abs=1e-3)
     counts = [len(modes) for modes in growth.modes_mm]
     changes = growth.changes()
     assert changes[0] == 0
@@ -129,7 +130,7 @@ def test_the_figure_draws_components_density_and_samples() -> None:
         for k, (at, p) in enumerate(components):
             expected = view.weight[k] * norm.pdf(at, view.range_mm[k] / 1000, view.sigma_mm[k] / 1000)
             np.testing.assert_allclose(p, expected, atol=1e-9)
-        assert np.trapezoid(density, range_m) == pytest.approx(1.0, abs=0.02)
+        assert trapezoid(density, range_m) == pytest.approx(1.0, abs=0.02)
         stairs = next(patch for patch in axes.patches if hasattr(patch, "get_data"))
         heights, edges, _ = stairs.get_data()
         assert (heights * np.diff(edges)).sum() == pytest.approx(1.0)

@@ -79,7 +79,7 @@ def test_npz_and_mat_carry_amplitude_and_time(tmp_path: Path) -> None:
         assert [frame.time_s for frame in frames] == time_s.tolist()
 
 
-@pytest.mark.parametrize("version", ["5", "7", "7.3"])
+@pytest.mark.parametrize("version", ["5", "7.3"])
 def test_mat_in_matlabs_order_and_in_ours(tmp_path: Path, version: str) -> None:
     own = save(tmp_path / "own.mat", version, d=np.moveaxis(samples(), 0, -1))
     ours = save(tmp_path / "ours.mat", version, d=samples())
@@ -131,8 +131,8 @@ def test_what_is_no_sequence_of_images_is_refused(tmp_path: Path, array: NDArray
             read_source(tmp_path / name, **({"topic": "a"} if name == "a.npz" else {}))
 
 
-@pytest.mark.parametrize("kind", ["npy", "npz", "npz compressed", "5", "7", "7.3"])
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 0.7, 0.98])
+@pytest.mark.parametrize("kind", ["npy", "npz", "npz compressed", "5", "7.3"])
+@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.98])
 def test_cut_files_are_refused_in_one_line(tmp_path: Path, kind: str, share: float) -> None:
     array = np.random.default_rng(1).integers(0, 60000, (20, 30, 40)).astype("u2")
     path = tmp_path / f"a.{kind[:3] if kind[0] == 'n' else 'mat'}"
@@ -147,6 +147,22 @@ def test_cut_files_are_refused_in_one_line(tmp_path: Path, kind: str, share: flo
         read_source(path, axes=FRAMES_FIRST)
     assert str(path) in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_a_mat_that_crashes_its_reader_is_refused(tmp_path: Path) -> None:
+    # SciPy 1.17 trusts the type of the array's name and ends in a segmentation fault.
+    path = save(tmp_path / "a.mat", "5", a=samples())
+    data = bytearray(path.read_bytes())
+    data[184] = 100
+    path.write_bytes(data)
+    with pytest.raises(BadInputError) as refused:
+        read_source(path, axes=FRAMES_FIRST)
+    assert str(refused.value).startswith(f"{path}: ")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_compressed_mat(tmp_path: Path) -> None:
+    np.testing.assert_array_equal(depths(save(tmp_path / "a.mat", "7", a=samples()), axes=FRAMES_FIRST), samples())
 
 
 def test_a_damaged_npz_is_refused(tmp_path: Path) -> None:

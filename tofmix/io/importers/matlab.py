@@ -1,12 +1,17 @@
 """MATLAB's .mat: up to version 7 by SciPy, version 7.3 as the HDF5 file that it is.
 
 MATLAB's own order is (row, col, frame). Version 7.3 is read frame by frame; it
-stores its axes reversed, which is undone here. Up to version 7 an array is read whole.
+stores its axes reversed, which is undone here. Up to version 7 an array is unpacked
+into the temporary folder by a process of its own, which a damaged file may crash.
 """
 
+import json
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import h5py
@@ -44,7 +49,8 @@ def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
         with hdf5.open_for_reading(path) as root:
             yield _of_hdf5(root, path, request)
     else:
-        yield _of_scipy(path, request)
+        with TemporaryDirectory(prefix="tofmix-") as folder:
+            yield _of_scipy(path, request, Path(folder))
 
 
 def _axes(shape: tuple[int, ...], request: Request, what: str) -> Axes:
@@ -61,22 +67,35 @@ def _axes(shape: tuple[int, ...], request: Request, what: str) -> Axes:
     return FRAMES_FIRST if first else _FRAMES_LAST
 
 
-def _of_scipy(path: Path, request: Request) -> FrameSource:
-    from scipy.io import loadmat, whosmat
+def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
+    program = [sys.executable, "-P", str(Path(__file__).with_name("mat_child.py")), str(path), str(folder)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as child:  # noqa: S603  our own
+        assert child.stdout is not None  # noqa: S101  for the type checker: it is a pipe
+        listed = child.stdout.readline()
+        if not listed:
+            raise _refusal(child, child.communicate()[1], path)
+        shapes = {name: tuple(shape) for name, shape in json.loads(listed).items()}
+        name = choose(shapes, request.topic, path)
+        names = [name] if request.amplitude is None else [name, choose(shapes, request.amplitude, path)]
+        axes = _axes(shapes[name], request, f"{path}: {name}")
+        wanted = [*names, TIME] if TIME in shapes else names
+        complaint = child.communicate(json.dumps(wanted) + "\n")[1]
+    if child.returncode:
+        raise _refusal(child, complaint, path)
+    with foreign(path):
+        held = [np.load(folder / f"{k}.npy", mmap_mode="r") for k in range(len(wanted))]
+    arrays = [frames_first(held[k], axes, f"{path}: {one}") for k, one in enumerate(names)]
+    time_s = held[-1] if TIME in shapes else None
+    return _source(path, name, arrays, time_s, f"array {name} of a .mat")
 
-    with foreign(path):
-        shapes = {name: shape for name, shape, _ in whosmat(path)}
-    name = choose(shapes, request.topic, path)
-    names = [name] if request.amplitude is None else [name, choose(shapes, request.amplitude, path)]
-    with foreign(path):
-        held: dict[str, Any] = loadmat(path, variable_names=[*names, TIME])
-    axes = _axes(shapes[name], request, f"{path}: {name}")
-    arrays = []
-    for one in names:
-        if not isinstance(held.get(one), np.ndarray):
-            raise BadInputError(f"{path}: {one}: not a full array of numbers")
-        arrays.append(frames_first(held[one], axes, f"{path}: {one}"))
-    return _source(path, name, arrays, held.get(TIME), f"array {name} of a .mat")
+
+def _refusal(child: "subprocess.Popen[str]", complaint: str, path: Path) -> BadInputError:
+    """What to say of a child that failed."""
+    if child.returncode < 0:
+        return BadInputError(f"{path}: cannot be read: SciPy's reader crashed on it; the file is damaged")
+    reason = complaint.strip().splitlines()
+    return BadInputError(f"{path}: cannot be read: {reason[-1] if reason else 'no reason given'}")
 
 
 def _source(path: Path, name: str, arrays: list[NDArray[Any]], time_s: Any, kind: str) -> FrameSource:  # noqa: ANN401  what loadmat gives

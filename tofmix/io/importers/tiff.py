@@ -1,7 +1,7 @@
 """TIFF by tifffile: a stack of pages, one a frame, read page by page."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -65,9 +65,9 @@ def read_single(path: Path) -> NDArray[Any]:
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     tifffile = need("tifffile", extra="images", what="TIFF")
-    with complaints_are_errors(_LOGGER, path), foreign(path):
-        file = tifffile.TiffFile(path)
-    with file:
+    with ExitStack() as stack:
+        with complaints_are_errors(_LOGGER, path), foreign(path):
+            file = stack.enter_context(tifffile.TiffFile(path))
         yield file.pages
 
 
