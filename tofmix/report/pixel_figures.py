@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.density import density
@@ -72,7 +73,7 @@ def neighbours_figure(views: list[PixelView], *, noise: NoiseCurve | None, theme
     """
     columns = min(_MOST_COLUMNS, len(views))
     rows = math.ceil(len(views) / columns)
-    figure = new_figure(_PANEL_INCH * rows + 0.4)
+    figure = new_figure(_PANEL_INCH * rows + 0.7)
     low, high = _view(views)
     known = np.concatenate([view.sigma_mm for view in views])
     # Side by side on one axis, as in the paper, unless the components would be needles.
@@ -86,6 +87,7 @@ def neighbours_figure(views: list[PixelView], *, noise: NoiseCurve | None, theme
         axes.tick_params(labelbottom=below or not shared)
     for axes in panels.flat[len(views) :]:
         axes.set_visible(False)
+    _explain(figure, theme)
     return figure
 
 
@@ -140,6 +142,16 @@ def _draw_pixel(axes: Axes, view: PixelView, range_m: FloatArray, noise: NoiseCu
     _mark_layers(axes, view, theme, top=1.05 / _room(count))
     if count or (samples is not None and samples.size):
         axes.legend(loc="upper left", fontsize=8, handlelength=1.2, borderaxespad=0.2, labelspacing=0.25)
+
+
+def _explain(figure: Figure, theme: Theme) -> None:
+    """Say below the panels what is the same in each."""
+    handles = [
+        Line2D([], [], color=theme.ink, linewidth=1.3, label="density of the samples"),
+        Line2D([], [], color=theme.accent, linestyle="none", marker="v", markersize=6.5, label="its modes"),
+        Line2D([], [], color=theme.ink, linestyle="--", linewidth=1.0, label="fitted means, with standard errors"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
 
 
 def _within(modes_m: FloatArray, low: float, high: float) -> FloatArray:
