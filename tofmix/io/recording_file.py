@@ -40,7 +40,7 @@ class RecordingFile:
     """
 
     def __init__(self, root: h5py.File, path: Path) -> None:
-        self.path = path
+        self._root, self.path = root, path
         self.sensor: Sensor = hdf5.read_sensor(root, path)
         self._range = _samples(root, "range", path)
         frames, rows, cols = self._range.shape
@@ -49,7 +49,6 @@ class RecordingFile:
             self._fill = hdf5.fill_value(self._range)
         except BadInputError as error:
             raise BadInputError(f"{path}: {error}") from error
-        self._root = root
         self._amplitude = _samples(root, "amplitude", path) if "amplitude" in root else None
         if self._amplitude is not None and self._amplitude.shape != self.shape:
             raise BadInputError(f"{path}: amplitude: shape {self._amplitude.shape} differs from range {self.shape}")
