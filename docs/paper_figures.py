@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.beam import beam_of
@@ -29,6 +28,7 @@ from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.io.model_file import load_model
 from tofmix.layers import Layers
+from tofmix.report.pixel_figures import draw_density, draw_modes, new_figure, style_axes
 from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.simulation.cast import cast_scene
@@ -53,7 +53,6 @@ FOUND_SIGMAS = 3.0
 _NAMES = ("near", "middle", "far")
 _BOARDS = LIGHT.layers
 _CURVE, _MODE, _PALE = LIGHT.ink, LIGHT.accent, "#56b4e9"
-_WIDTH_INCH = 7.2
 _VIEW_M = (1.6, 6.2)
 _WIDENED = 8.0
 """The beam of Fig. 3 is drawn this many times as wide as it is, as in the paper."""
@@ -108,17 +107,6 @@ def make_scene() -> Scene:
 # Drawing
 
 
-def _figure(height_inch: float) -> Figure:
-    layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06)
-    return Figure(figsize=(_WIDTH_INCH, height_inch), layout=layout)
-
-
-def _style(axes: Axes, title: str) -> None:
-    axes.set_title(title, loc="left", fontweight="bold")
-    axes.grid(color=LIGHT.grid, linewidth=0.6)
-    axes.set_axisbelow(True)
-
-
 def _mark_boards(axes: Axes, ranges_mm: FloatArray, names: bool) -> None:
     """Draw dashed lines where boards are, in the colours of their distance."""
     for mm in ranges_mm:
@@ -129,20 +117,6 @@ def _mark_boards(axes: Axes, ranges_mm: FloatArray, names: bool) -> None:
                 _NAMES[board], (mm / 1000.0, 1.0), (4, -2), xycoords=("data", "axes fraction"),
                 textcoords="offset points", va="top", fontsize=9,
             )  # fmt: skip
-
-
-def _draw_density(axes: Axes, range_m: FloatArray, p: FloatArray, modes_m: FloatArray) -> None:
-    """Draw p(r), 1/m, with a triangle above each mode."""
-    axes.fill_between(range_m, 0.0, p, color=_CURVE, alpha=0.12, linewidth=0)
-    axes.plot(range_m, p, color=_CURVE, linewidth=1.3)
-    _draw_modes(axes, range_m, p, modes_m)
-
-
-def _draw_modes(axes: Axes, range_m: FloatArray, p: FloatArray, modes_m: FloatArray) -> None:
-    axes.plot(
-        modes_m, np.interp(modes_m, range_m, p) + 0.05 * axes.get_ylim()[1], "v", color=_MODE, markersize=6.5,
-        zorder=4, clip_on=False,
-    )  # fmt: skip
 
 
 def _counted(counter: Counter, scene: Scene) -> FloatArray:
@@ -158,9 +132,9 @@ def _modes_text(n: int) -> str:
 
 def forward_model(scene: Scene) -> Figure:
     """Fig. 1(b): three boards in the proportions 1:2:3."""
-    figure = _figure(3.4)
+    figure = new_figure(3.4)
     axes = figure.subplots()
-    _style(axes, "forward model of one beam, equation (1)")
+    style_axes(axes, "forward model of one beam, equation (1)", LIGHT)
     range_m = np.linspace(*_VIEW_M, 1200)
     total = np.zeros_like(range_m)
     for share, mean, name, colour in zip((1, 2, 3), (2.4, 3.6, 4.8), _NAMES, _BOARDS, strict=True):
@@ -177,10 +151,10 @@ def forward_model(scene: Scene) -> Figure:
 
 def noise_curves(scene: Scene) -> Figure:
     """Fig. 2: sigma against range at several integration times."""
-    figure = _figure(3.8)
+    figure = new_figure(3.8)
     axes = figure.subplots()
     profile = scene.model.sensor
-    _style(axes, f"noise of one sample, {profile.name}")
+    style_axes(axes, f"noise of one sample, {profile.name}", LIGHT)
     range_mm = np.linspace(profile.range_min_mm, profile.range_max_mm, 300)
     marked = {profile.integration_time_ms: "the samples", profile.default_integration_time_ms: "the camera's default"}
     for tau in TAUS_MS:
@@ -228,9 +202,9 @@ def _board_ends(scene: Scene) -> list[tuple[FloatArray, FloatArray]]:
 
 def set_up(scene: Scene) -> Figure:
     """Fig. 3: the camera and the boards from above."""
-    figure = _figure(5.3)
+    figure = new_figure(5.3)
     axes = figure.subplots()
-    _style(axes, "the set-up from above")
+    style_axes(axes, "the set-up from above", LIGHT)
     camera = scene.model.sensor
     for side in (-1, 1):
         edge = np.deg2rad(side * camera.fov_horizontal_deg / 2)
@@ -264,11 +238,11 @@ def set_up(scene: Scene) -> Figure:
 
 def comet_tail(scene: Scene) -> Figure:
     """Fig. 4(c) and (d): points at the default integration time and at 1.2 ms."""
-    figure = _figure(3.9)
+    figure = new_figure(3.9)
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
     camera = scene.model.sensor
-    _style(left, f"one frame of {camera.default_integration_time_ms:g} ms, averaged")
-    _style(right, f"one frame of {camera.integration_time_ms:g} ms")
+    style_axes(left, f"one frame of {camera.default_integration_time_ms:g} ms, averaged", LIGHT)
+    style_axes(right, f"one frame of {camera.integration_time_ms:g} ms", LIGHT)
     nowhere = _nowhere(scene.averaged[ROWS], scene)
     x, z = _from_above(scene.averaged[ROWS], scene)
     left.plot(x[~nowhere], z[~nowhere], ".", color=_PALE, markersize=2.0, markeredgewidth=0)
@@ -290,7 +264,7 @@ def comet_tail(scene: Scene) -> Figure:
 
 def cpdf(scene: Scene) -> Figure:
     """Fig. 5: the cumulative distribution P and the difference F, at 15 bins and more."""
-    figure = _figure(5.4)
+    figure = new_figure(5.4)
     counters = (Cpdf(), Cpdf(bins=60), Cpdf(bins=100, ratio=1.02))
     samples = np.sort(scene.pixel())
     for column, (axes, counter) in enumerate(zip(figure.subplots(3, 2, sharex=True), counters, strict=True)):
@@ -298,8 +272,8 @@ def cpdf(scene: Scene) -> Figure:
         below = np.searchsorted(samples, edges, side="right") / len(samples)
         rise = np.interp(counter.ratio * edges, edges, below) - below
         modes = _counted(counter, scene)
-        _style(axes[0], f"P, {counter.bins} bins")
-        _style(axes[1], f"F, k = {counter.ratio:g}: {_modes_text(len(modes))}")
+        style_axes(axes[0], f"P, {counter.bins} bins", LIGHT)
+        style_axes(axes[1], f"F, k = {counter.ratio:g}: {_modes_text(len(modes))}", LIGHT)
         axes[0].step(edges / 1000.0, below, where="post", color=_CURVE, linewidth=1.3)
         axes[1].plot(edges / 1000.0, rise, "-", color=_CURVE, linewidth=1.2, marker=".", markersize=3.5)
         axes[1].set_ylim(0.0, 1.25 * rise.max())
@@ -316,7 +290,7 @@ def cpdf(scene: Scene) -> Figure:
 
 def fourier(scene: Scene) -> Figure:
     """Fig. 6: the truncated series at a low order and at twice that."""
-    figure = _figure(4.8)
+    figure = new_figure(4.8)
     low, high = beam_of(scene.sensor).range_min, beam_of(scene.sensor).range_top
     range_mm = np.linspace(low, high, 1500)
     period = high - low
@@ -328,12 +302,12 @@ def fourier(scene: Scene) -> Figure:
             p += np.cos(j * at) * np.cos(j * angles).mean() / np.pi + np.sin(j * at) * np.sin(j * angles).mean() / np.pi
         p *= 2.0 * np.pi / period * 1000.0  # of the angle -> 1/m
         modes = _counted(Fourier(order=order), scene)
-        _style(axes, f"order {order}: {_modes_text(len(modes))}")
+        style_axes(axes, f"order {order}: {_modes_text(len(modes))}", LIGHT)
         axes.axhline(0.0, color=_CURVE, linewidth=0.8)
         axes.plot(range_mm / 1000.0, p, color=_CURVE, linewidth=1.3)
         axes.fill_between(range_mm / 1000.0, 0.0, np.minimum(p, 0.0), color=_MODE, alpha=0.55, linewidth=0)
         axes.set_ylim(1.25 * p.min(), 1.2 * p.max())
-        _draw_modes(axes, range_mm / 1000.0, p, modes)
+        draw_modes(axes, range_mm / 1000.0, p, modes, LIGHT)
         _mark_boards(axes, scene.boards()[0], names=order == 8)  # noqa: PLR2004 - the first of the two
         axes.set(xlim=(low / 1000.0, high / 1000.0), ylabel="p(r)  (1/m)")
     axes.set_xlabel("range (m)")
@@ -343,7 +317,7 @@ def fourier(scene: Scene) -> Figure:
 
 def incremental(scene: Scene) -> Figure:
     """Fig. 7: the density as samples come in."""
-    figure = _figure(6.0)
+    figure = new_figure(6.0)
     live = IncrementalDensity(scene.sensor, 1)
     samples = scene.pixel()
     before = 0
@@ -352,9 +326,9 @@ def incremental(scene: Scene) -> Figure:
         before = n
         modes = live.modes()
         k = int(modes.found[0])
-        _style(axes, f"{n} samples: {_modes_text(k)}")
+        style_axes(axes, f"{n} samples: {_modes_text(k)}", LIGHT)
         axes.set(xlim=_VIEW_M, ylim=(0.0, 5.4), yticks=[0, 2, 4], ylabel="p(r)  (1/m)")
-        _draw_density(axes, live.range_mm / 1000.0, 1000.0 * live.density()[0], modes.place[0, :k] / 1000.0)
+        draw_density(axes, live.range_mm / 1000.0, 1000.0 * live.density()[0], modes.place[0, :k] / 1000.0, LIGHT)
         _mark_boards(axes, scene.boards()[0], names=n == SHOWN[0])
     axes.set_xlabel("range (m)")
     return figure
@@ -362,15 +336,15 @@ def incremental(scene: Scene) -> Figure:
 
 def neighbours(scene: Scene) -> Figure:
     """Fig. 8: four neighbouring pixels of the middle row."""
-    figure = _figure(4.6)
+    figure = new_figure(4.6)
     range_m = np.linspace(*_VIEW_M, 1500)
     for axes, col in zip(figure.subplots(2, 2, sharex=True).flat, NEIGHBOURS, strict=True):
         samples = scene.pixel(col)
         modes = find_modes(samples, scene.noise)
         p = 1000.0 * density(samples, 1000.0 * range_m, scene.noise)
-        _style(axes, f"pixel {col}: {_modes_text(len(modes))}")
+        style_axes(axes, f"pixel {col}: {_modes_text(len(modes))}", LIGHT)
         axes.set(xlim=_VIEW_M, ylim=(0.0, 1.3 * p.max()))
-        _draw_density(axes, range_m, p, modes / 1000.0)
+        draw_density(axes, range_m, p, modes / 1000.0, LIGHT)
         _mark_boards(axes, scene.boards(ROW, col)[0], names=True)
         if col in NEIGHBOURS[::2]:
             axes.set_ylabel("p(r)  (1/m)")

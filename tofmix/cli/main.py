@@ -9,7 +9,12 @@ from typing import NoReturn
 import click
 
 from tofmix import __version__
+from tofmix.cli.compare import compare
 from tofmix.cli.estimate import estimate
+from tofmix.cli.export import export
+from tofmix.cli.import_ import import_
+from tofmix.cli.info import info
+from tofmix.cli.inspect import inspect
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
@@ -49,7 +54,7 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report):
+for _command in (simulate, estimate, report, inspect, info, compare, import_, export):
     main.add_command(_command)
 
 

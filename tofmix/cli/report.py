@@ -3,15 +3,11 @@
 import json
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from tofmix.cli.options import PATH, examples, json_option, overwrite_option
-
-if TYPE_CHECKING:
-    from tofmix.io.layers_file import LayersFile
-    from tofmix.io.recording_file import RecordingFile
+from tofmix.cli.recording_check import check_recording
 
 
 @examples(
@@ -48,7 +44,7 @@ def report(
         file = stack.enter_context(open_layers(layers))
         source = None if recording is None else stack.enter_context(open_recording(recording))
         if source is not None:
-            _check_recording(file, source)
+            check_recording(file, source)
         if window >= file.shape[0]:
             raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
         if html is not None:
@@ -65,17 +61,3 @@ def report(
             click.echo(format_table(summary))
         if html is not None:
             click.echo(f"page: {html}", err=as_json)
-
-
-def _check_recording(file: "LayersFile", source: "RecordingFile") -> None:
-    """Refuse a recording of another size; say so where it is merely another one."""
-    from tofmix.errors import BadInputError
-    from tofmix.io.recording_file import file_sha256
-
-    if source.shape[1:] != file.shape[1:] or source.shape[0] < int(file.window_stop[-1]):
-        raise BadInputError(
-            f"{source.path}: range: shape {source.shape} does not go with {file.path}, which has"
-            f" {file.shape[1]} x {file.shape[2]} pixels and windows up to frame {int(file.window_stop[-1])}"
-        )
-    if file_sha256(source.path) != file.provenance.source_sha256:
-        click.echo(f"tofmix: {source.path} is not the recording that {file.path} was made from", err=True)

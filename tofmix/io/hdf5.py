@@ -252,7 +252,7 @@ def reading(path: Path, name: str) -> Iterator[None]:
     """Turn what h5py raises while data are read into one `BadInputError` that names the dataset."""
     try:
         yield
-    except (OSError, RuntimeError, KeyError) as error:
+    except (OSError, RuntimeError, KeyError, UnicodeDecodeError) as error:  # the last: a damaged name
         raise BadInputError(f"{path}: {name}: cannot be read: {_library_reason(error)}") from error
 
 

@@ -163,6 +163,17 @@ class LayersFile:
                 arrays[name] = dataset[window]
         return Layers(**arrays)
 
+    def read_field(self, name: str, window: int) -> NDArray[Any]:
+        """Read one dataset of `LAYER_FIELDS` for one window, (row, col) or (row, col, layer).
+
+        Raises
+        ------
+        BadInputError
+            If it cannot be read.
+        """
+        with hdf5.reading(self.path, name):
+            return np.asarray(self._datasets[name][window])
+
 
 @contextmanager
 def open_layers(path: Path) -> Iterator[LayersFile]:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Literal, Self
 
 import h5py
 import numpy as np
@@ -42,7 +42,7 @@ class RecordingFile:
     """
 
     def __init__(self, root: h5py.File, path: Path) -> None:
-        self.path = path
+        self._root, self.path = root, path
         self.sensor: Sensor = hdf5.read_sensor(root, path)
         self._range = _samples(root, "range", path)
         frames, rows, cols = self._range.shape
@@ -60,6 +60,54 @@ class RecordingFile:
     def has_amplitude(self) -> bool:
         """Whether the recording holds amplitudes."""
         return self._amplitude is not None
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the recording is synthetic and carries its truth, which `estimate` never reads."""
+        return "truth" in self._root
+
+    @property
+    def stored_type(self) -> str:
+        """Type of the stored ranges, such as ``uint16``."""
+        return str(self._range.dtype)
+
+    @property
+    def fill(self) -> float | None:
+        """What stands for no sample beside NaN: `_FillValue`; without one 0 for integers, None for floats."""
+        if self._fill is not None:
+            return float(self._fill[0])
+        return None if self._range.dtype.kind == "f" else 0.0
+
+    def attributes(self) -> dict[str, str | int | float]:
+        """Root attributes that are one text or one number."""
+        found: dict[str, str | int | float] = {}
+        with hdf5.reading(self.path, "attributes"):
+            for key in sorted(self._root.attrs):
+                value = np.asarray(self._root.attrs[key]).reshape(-1)
+                text = hdf5.text_attribute(self._root, key)
+                if text is not None:
+                    found[key] = text
+                elif value.size == 1 and value.dtype.kind in "iuf":
+                    found[key] = value[0].item()
+        return found
+
+    def read_time(self) -> FloatArray | None:
+        """Read the start of each frame (frame,) float64 in s; None where the recording does not say.
+
+        Raises
+        ------
+        BadInputError
+            If it is not one number a frame.
+        """
+        if "time" not in self._root:
+            return None
+        dataset = hdf5.checked_dataset(self._root, "time", self.path)
+        if dataset.shape != self.shape[:1] or dataset.dtype.kind not in "iuf":
+            raise BadInputError(
+                f"{self.path}: time: expected one number a frame, got {dataset.dtype} of shape {dataset.shape}"
+            )
+        with hdf5.reading(self.path, "time"):
+            return np.asarray(dataset[...], dtype=np.float64)
 
     @property
     def row_step(self) -> int:
@@ -156,7 +204,7 @@ def _invalid(raw: NDArray[np.generic], fill: NDArray[np.generic] | None) -> Bool
 class RecordingWriter:
     """Streams frames into a new recording, which gets its name when the last one is in.
 
-    Use it as a context manager; write every frame, in order, in blocks of `CHUNK_FRAMES`.
+    Use it as a context manager; write every frame, in order, in blocks of `chunk_frames`.
 
     Parameters
     ----------
@@ -176,8 +224,12 @@ class RecordingWriter:
         Whether true ranges will be written frame by frame; goes with `truth`.
     title : str
         The file's title.
-    has_amplitude, has_temperature : bool
-        Whether amplitudes, and temperatures, will be written.
+    has_amplitude, has_time, has_temperature : bool
+        Whether amplitudes, times and temperatures will be written.
+    dtype : {"u2", "f4"}
+        Type of the ranges: whole mm with 0 for no sample, or float32 with NaN.
+    chunk_frames : int
+        Frames that are stored, and best written, together.
     attributes : dict, optional
         Further root attributes.
     overwrite, inputs
@@ -201,7 +253,10 @@ class RecordingWriter:
         moving: bool = False,
         title: str = "time-of-flight recording",
         has_amplitude: bool = True,
+        has_time: bool = True,
         has_temperature: bool = False,
+        dtype: Literal["u2", "f4"] = "u2",
+        chunk_frames: int = CHUNK_FRAMES,
         attributes: dict[str, str | int | float] | None = None,
         overwrite: bool = False,
         inputs: tuple[Path, ...] = (),
@@ -214,7 +269,10 @@ class RecordingWriter:
         self._moving = moving
         self._title = title
         self._has_amplitude = has_amplitude
+        self._has_time = has_time
         self._has_temperature = has_temperature
+        self._dtype = dtype
+        self._chunk_frames = chunk_frames
         self._attributes = attributes or {}
         self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs)
 
@@ -248,31 +306,33 @@ class RecordingWriter:
         dims = dict(zip(_DIMS, self._shape, strict=True))
         for name, length in dims.items():
             hdf5.add_scale(root, name, length)
-        chunks = (min(frames, CHUNK_FRAMES), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS))
+        chunks = (min(frames, self._chunk_frames), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS))
+        fill = _NO_SAMPLE if self._dtype == "u2" else np.nan
         hdf5.add_variable(
-            root, "range", dims=dims, dtype="u2", units="mm", long_name="radial range", chunks=chunks, fill=_NO_SAMPLE
+            root, "range", dims=dims, dtype=self._dtype, units="mm", long_name="radial range", chunks=chunks, fill=fill
         )
         if self._has_amplitude:
             hdf5.add_variable(root, "amplitude", dims=dims, dtype="f4", units="1", long_name="amplitude", chunks=chunks)
         frame = {"frame": frames}
-        hdf5.add_variable(root, "time", dims=frame, dtype="f8", units="s", long_name="start of the frame")
+        if self._has_time:
+            hdf5.add_variable(root, "time", dims=frame, dtype="f8", units="s", long_name="start of the frame")
         if self._has_temperature:
             hdf5.add_variable(root, "temperature", dims=frame, dtype="f4", units="degC", long_name="temperature")
 
     def write(
         self,
         start: int,
-        range_mm: NDArray[np.uint16],
+        range_mm: NDArray[np.uint16] | Float32Array,
         *,
-        time_s: FloatArray,
+        time_s: FloatArray | None = None,
         amplitude: Float32Array | None = None,
         temperature_c: Float32Array | None = None,
         range_true: Float32Array | None = None,
     ) -> None:
         """Write frames [start, start + n).
 
-        range_mm (n, row, col) uint16, 0 where invalid; amplitude (n, row, col); time_s and temperature_c (n,);
-        range_true (n, row, col, layer), where surfaces move.
+        range_mm (n, row, col) uint16, 0 where invalid, or float32, NaN where invalid;
+        amplitude (n, row, col); time_s and temperature_c (n,); range_true (n, row, col, layer), where surfaces move.
 
         Raises
         ------
@@ -281,7 +341,8 @@ class RecordingWriter:
         """
         stop = start + len(range_mm)
         self._root["range"][start:stop] = range_mm
-        self._root["time"][start:stop] = time_s
+        if time_s is not None:
+            self._root["time"][start:stop] = time_s
         if amplitude is not None:
             self._root["amplitude"][start:stop] = amplitude
         if temperature_c is not None:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from tofmix.arrays import FloatArray
+from tofmix.geometry import pixel_angles
 from tofmix.layers import Layers
 from tofmix.report.tables import ordinal
 from tofmix.report.theme import LAYER_LINES, LAYER_MARKERS, RANGE_MAP, Theme
@@ -21,7 +22,8 @@ SHOWN_LAYERS = len(LAYER_MARKERS)
 
 _SECTION_INCH, _COLUMNS_INCH, _HISTOGRAM_INCH = (5.6, 5.4), (5.6, 3.8), (5.0, 3.3)
 _MANY_POINTS = 3000
-_RANGE_BINS, _WEIGHT_BINS, _SIGMA_BINS = 80, 25, 70
+_RANGE_BINS, _WEIGHT_BINS, _SIGMA_BINS, _GAP_BINS = 80, 25, 70, 60
+_LEAST_ERRORS = 5.0
 
 _PLAIN_NUMBER = FuncFormatter(lambda value, _: f"{value:,.0f}")
 
@@ -140,12 +142,40 @@ def sigma_figure(layers: Layers, *, curve: NoiseCurve | None, theme: Theme) -> F
     return figure
 
 
+def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme) -> Figure:
+    """Draw differences of ranges in combined standard errors, with the normal law and the tolerance.
+
+    gap_errors of any shape; values that are not finite are passed over, those beyond the view counted in its title.
+    """
+    finite = gap_errors[np.isfinite(gap_errors)]
+    most = max(_LEAST_ERRORS, 1.3 * tolerance)
+    figure, axes = _curve_axes("range in B less range in A (combined standard errors)", "layers")
+    edges = np.linspace(-most, most, _GAP_BINS + 1)
+    counts = np.histogram(finite, edges)[0]
+    axes.stairs(counts, edges, baseline=None, color=theme.layers[0], linewidth=1.8, label="layers")
+    middles = 0.5 * (edges[1:] + edges[:-1])
+    normal = finite.size * np.exp(-0.5 * np.square(middles)) / np.sqrt(2.0 * np.pi) * (edges[1] - edges[0])
+    axes.plot(middles, normal, color=theme.ink, linestyle="-.", linewidth=1.2, label="two recordings, by chance")
+    for side in (-1, 1):
+        axes.axvline(
+            side * tolerance, color=theme.accent, linestyle="--", linewidth=1.2,
+            label="tolerance" if side > 0 else None,
+        )  # fmt: skip
+    axes.set_ylim(bottom=0.7, top=3.0 * max(10, int(counts.max(initial=0)), float(normal.max(initial=0.0))))
+    axes.set_xlim(-most, most)
+    outside = int((np.abs(finite) > most).sum())
+    if outside:
+        axes.set_title(f"{outside} layers lie outside this view", loc="left", fontsize="small")
+    figure.legend(loc="outside upper center", ncols=3, columnspacing=1.0)
+    return figure
+
+
 def _place(section: Section, range_mm: FloatArray) -> Place:
     """Horizontal and vertical coordinate of one range a column: x and z in m, or column and range in m."""
     columns = np.arange(range_mm.size, dtype=np.float64)
     if section.fov_horizontal_deg is None:
         return columns, range_mm / 1000.0
-    azimuth = np.deg2rad((columns - (range_mm.size - 1) / 2) * section.fov_horizontal_deg / range_mm.size)
+    azimuth = pixel_angles(range_mm.size, section.fov_horizontal_deg)
     return range_mm * np.sin(azimuth) / 1000.0, range_mm * np.cos(azimuth) / 1000.0
 
 

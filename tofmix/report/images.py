@@ -1,4 +1,4 @@
-"""Pictures over the image plane: ranges and the number of surfaces.
+"""Pictures over the image plane: ranges, the number of surfaces, and where two results differ.
 
 Each is a figure of its own, so that a page can set them side by side or below
 one another; the colour scale is passed in, the same for all that are compared.
@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.report.theme import COUNT_MAP, RANGE_MAP, Theme, mark_no_data, no_data_patch
+from tofmix.report.theme import COUNT_MAP, GAP_MAP, RANGE_MAP, Theme, mark_no_data, no_data_patch
 
 WIDTH_INCH = 5.0
 MANY = 6
@@ -26,6 +26,7 @@ _LEFT_INCH, _RIGHT_INCH, _BELOW_INCH, _ABOVE_INCH = 0.6, 1.05, 0.85, 0.1
 _BAR_GAP_INCH, _BAR_INCH = 0.1, 0.14
 _BELOW, _ABOVE = "#000a1f", "#fff7b8"  # darker and lighter than the map's own ends, so that no value hides
 _CLIPPED_PERCENT = (0.1, 99.9)
+_LEAST_GAP_MM = 0.1
 
 
 def colour_scale(values: FloatArray, *, default: tuple[float, float]) -> tuple[float, float]:
@@ -104,6 +105,57 @@ def count_image(n_modes: NDArray[np.uint8], *, fitted: NDArray[np.bool_], theme:
     if not fitted.all():
         entries.append(no_data_patch(theme, "not fitted"))
     _legend_below(figure, entries)
+    return figure
+
+
+def category_image(categories: NDArray[np.uint8], *, names: tuple[str, ...], theme: Theme) -> Figure:
+    """Draw one of a few categories a pixel.
+
+    Parameters
+    ----------
+    categories : (row, col) uint8
+        Index into `names`; 0 is the ground.
+    names : tuple of str
+        For the legend, up to four; those that occur are in it.
+    theme : Theme
+        Colours.
+    """
+    figure, axes = _image_axes(categories.shape)
+    colours = [theme.no_surface, theme.layers[2], theme.layers[0], theme.accent][: len(names)]
+    norm = Normalize(-0.5, len(colours) - 0.5)
+    axes.imshow(categories, cmap=ListedColormap(colours), norm=norm, interpolation="nearest", aspect="auto")
+    present = np.unique(categories).tolist()
+    entries = [Patch(facecolor=colours[n], edgecolor=theme.ink, linewidth=0.6, label=names[n]) for n in present]
+    _legend_below(figure, entries)
+    return figure
+
+
+def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme) -> Figure:
+    """Draw signed differences over the image plane, zero in the middle of the colours.
+
+    Parameters
+    ----------
+    gap_mm : (row, col) float
+        Differences, mm; NaN where there is none: hatched.
+    no_data : str
+        What a hatched pixel is, for the legend.
+    theme : Theme
+        Colours.
+    """
+    figure, axes = _image_axes(gap_mm.shape)
+    mark_no_data(axes, theme)
+    finite = gap_mm[np.isfinite(gap_mm)]
+    most = max(_LEAST_GAP_MM, float(np.percentile(np.abs(finite), _CLIPPED_PERCENT[1])) if finite.size else 0.0)
+    norm = Normalize(-most, most)
+    cmap = colormaps[GAP_MAP]
+    axes.imshow(np.ma.masked_invalid(gap_mm), cmap=cmap, norm=norm, interpolation="nearest", aspect="auto")
+    bar = figure.colorbar(
+        ScalarMappable(norm=norm, cmap=cmap), cax=_bar_axes(figure, axes), extend=_extend(finite, (-most, most)),
+        label="difference (mm)",
+    )  # fmt: skip
+    bar.outline.set_visible(False)
+    if finite.size < gap_mm.size:
+        _legend_below(figure, [no_data_patch(theme, no_data)])
     return figure
 
 

@@ -5,7 +5,7 @@ is the one module that needs the extra ``report``, and only when it is called.
 """
 
 from dataclasses import replace
-from importlib import import_module, resources
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from tofmix.errors import UsageError
@@ -15,13 +15,10 @@ from tofmix.report.averaging import AveragedImage, average_layers, average_sampl
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary import Summary, noise_of, summarise
 from tofmix.report.tables import ordinal
+from tofmix.report.templates import load_template
 
 if TYPE_CHECKING:
-    from jinja2 import Template
-
     from tofmix.report.pictures import Gallery
-
-_MISSING_EXTRA = "the page needs matplotlib and jinja2: pip install 'tofmix[report]'"
 
 Row = tuple[str, str]
 
@@ -64,7 +61,7 @@ def render_page(
             f"recording: {recording.shape[1]} x {recording.shape[2]} pixels, the layers have {rows} x {cols}; "
             "pass the one the layers were made from"
         )
-    template = _template()
+    template = load_template("page.html")
     layers = layers_file.read_window(window)
     frames = int(layers_file.window_start[window]), int(layers_file.window_stop[window])
     provenance = layers_file.provenance
@@ -104,20 +101,6 @@ def percent(share: float) -> str:
         return "0 %"
     per_cent = f"{100 * share:.0f} %"
     return {"0 %": "less than 1 %", "100 %": "100 %" if share == 1 else "more than 99 %"}.get(per_cent, per_cent)
-
-
-def _template() -> "Template":
-    try:
-        import_module("matplotlib")  # told here, before minutes are spent on the numbers
-        jinja2 = import_module("jinja2")
-    except ImportError as error:
-        raise UsageError(_MISSING_EXTRA) from error
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    text = resources.files("tofmix.report").joinpath("page.html").read_text(encoding="utf-8")
-    template: Template = environment.from_string(text)
-    return template
 
 
 def _gallery(layers: Layers, averaged: AveragedImage, provenance: Provenance) -> "Gallery":

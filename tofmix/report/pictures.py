@@ -1,10 +1,8 @@
 """The pictures of one window, each with the words that go with it."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from tofmix.arrays import FloatArray
 from tofmix.flags import Status
@@ -19,28 +17,9 @@ from tofmix.report.curves import (
     weight_histogram,
 )
 from tofmix.report.images import colour_scale, count_image, range_image
+from tofmix.report.picture import Picture, make_picture
 from tofmix.report.tables import ordinal
-from tofmix.report.theme import Format, Theme, drawn
 from tofmix.sensor import Sensor
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Picture:
-    """One picture in both themes, as ``data:`` URIs, and its words.
-
-    title; alt, what it shows in numbers for those who do not see it; shows, good and bad, a line each; width and
-    height in CSS pixels.
-    """
-
-    title: str
-    light: str
-    dark: str
-    alt: str
-    shows: str
-    good: str
-    bad: str
-    width: int
-    height: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,17 +55,12 @@ def draw_gallery(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> Gal
     )
 
 
-def _picture(draw: Callable[[Theme], Figure], kind: Format, **words: str) -> Picture:
-    light, dark, (width, height) = drawn(draw, kind)
-    return Picture(light=light, dark=dark, width=width, height=height, **words)
-
-
 def _range_pictures(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> list[Picture]:
     default = (sensor.range_min_mm or 0.0, sensor.range_max_mm or 10_000.0)
     ranges = layers.range.astype(np.float64)
     scale = colour_scale(ranges if np.isfinite(ranges).any() else averaged.range_mm, default=default)
     pictures = [
-        _picture(
+        make_picture(
             lambda theme: range_image(averaged.range_mm, scale=scale, no_data="no data to average", theme=theme),
             "png",
             title="Averaged image",
@@ -103,7 +77,7 @@ def _range_pictures(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> 
 
 def _layer_picture(layer: int, range_mm: FloatArray, scale: tuple[float, float]) -> Picture:
     name = ordinal(layer)
-    return _picture(
+    return make_picture(
         lambda theme: range_image(range_mm, scale=scale, no_data=f"no data: no {name} layer", theme=theme),
         "png",
         title=f"{name.capitalize()} layer",
@@ -145,7 +119,7 @@ def _count_picture(layers: Layers) -> Picture:
     fitted = layers.status != Status.TOO_FEW_SAMPLES
     counts = np.bincount(layers.n_modes[fitted].ravel(), minlength=1)
     found = "; ".join(f"{n}: {count} pixels" for n, count in enumerate(counts.tolist()) if count)
-    return _picture(
+    return make_picture(
         lambda theme: count_image(layers.n_modes, fitted=fitted, theme=theme),
         "png",
         title="Number of surfaces",
@@ -166,7 +140,7 @@ def _section_picture(layers: Layers, averaged: AveragedImage, sensor: Sensor) ->
     )
     view = "seen from above" if sensor.fov_horizontal_deg is not None else "range over columns (field of view unknown)"
     several = int((layers.n_modes[row] > 1).sum())
-    return _picture(
+    return make_picture(
         lambda theme: section_figure(section, theme=theme),
         "svg",
         title=f"Section through row {row}",
@@ -187,7 +161,7 @@ def _histogram_pictures(layers: Layers, sensor: Sensor) -> tuple[Picture, ...]:
     weight_text = f"Median share {np.median(known):.2f}." if known.size else "No layer."
     sigma_text = f"Median sigma {np.median(sigma):.1f} mm." if sigma.size else "No component."
     return (
-        _picture(
+        make_picture(
             lambda theme: range_histogram(layers, theme=theme),
             "svg",
             title="Ranges",
@@ -196,7 +170,7 @@ def _histogram_pictures(layers: Layers, sensor: Sensor) -> tuple[Picture, ...]:
             good="A peak for each surface, none between them.",
             bad="A floor between the peaks: layers where nothing stands.",
         ),
-        _picture(
+        make_picture(
             lambda theme: weight_histogram(layers, theme=theme),
             "svg",
             title="Shares",
@@ -205,7 +179,7 @@ def _histogram_pictures(layers: Layers, sensor: Sensor) -> tuple[Picture, ...]:
             good="A first layer mostly at 1; the shares of mixed pixels spread evenly.",
             bad="Many layers at shares of a few per cent: outliers taken for surfaces.",
         ),
-        _picture(
+        make_picture(
             lambda theme: sigma_figure(layers, curve=curve, theme=theme),
             "svg",
             title="Sigma",

@@ -19,6 +19,7 @@ from matplotlib.patches import Patch
 
 RANGE_MAP = "cividis"
 COUNT_MAP = "viridis"
+GAP_MAP = "PuOr"
 LAYER_MARKERS = ("o", "s", "^")
 LAYER_LINES = ("-", "--", ":")
 
@@ -105,6 +106,11 @@ def drawn(draw: Callable[[Theme], Figure], kind: Format) -> tuple[str, str, tupl
     # An SVG names its colours, so it need not be drawn twice; laying out the text takes most of the time.
     dark = _recoloured(light) if kind == "svg" else _saved(draw, kind, DARK)[0]
     return _data_uri(light, kind), _data_uri(dark, kind), size
+
+
+def figure_bytes(draw: Callable[[Theme], Figure], kind: Format) -> bytes:
+    """Draw a figure on a light ground, as a file of its own; the same figure gives the same bytes."""
+    return _saved(draw, kind, LIGHT)[0]
 
 
 def _saved(draw: Callable[[Theme], Figure], kind: Format, theme: Theme) -> tuple[bytes, tuple[int, int]]:

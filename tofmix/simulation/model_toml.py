@@ -9,10 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 from tofmix.arrays import Float32Array
-from tofmix.errors import BadInputError
 from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.profile_toml import read_sensor
-from tofmix.sensors.registry import load_profile
+from tofmix.sensors.sensor_file import sensor_of
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.model import Model, RecordingSettings, Surface
@@ -46,7 +44,7 @@ def parse_model(text: str, *, source: str, read_map: MapReader | None = None) ->
     """
     root = parse_toml(text, source=source)
     root.refuse_unknown({"sensor", "recording", "surface", "effect"})
-    sensor = _read_sensor(root)
+    sensor = sensor_of(root)
     surfaces = tuple(_read_surface(table, number) for number, table in enumerate(root.tables("surface"), 1))
     recording = _read_recording(root.table("recording"))
     effects = tuple(_read_effect(table, sensor, read_map) for table in root.tables("effect"))
@@ -92,18 +90,6 @@ def _read_parameter(
         return PixelMap(path, read_map(path, (sensor.rows, sensor.cols)))
     except ValueError as error:
         raise table.error(_one_line(str(error)), parameter.name) from None
-
-
-def _read_sensor(root: TomlTable) -> SensorProfile:
-    table = root.table("sensor")
-    base = None
-    if "profile" in table:
-        name = table.text("profile")
-        try:
-            base = load_profile(name)
-        except BadInputError as error:
-            raise table.error(str(error), "profile") from None
-    return read_sensor(table, base, more_keys=("profile",))
 
 
 def _read_surface(table: TomlTable, number: int) -> Surface:

@@ -1,0 +1,148 @@
+"""``tofmix inspect``: one pixel and its neighbours."""
+
+import json
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option
+from tofmix.cli.recording_check import check_recording
+from tofmix.errors import BadInputError, UsageError
+
+if TYPE_CHECKING:
+    from tofmix.io.layers_file import LayersFile
+    from tofmix.report.pixels import GrowingDensity, PixelView
+
+_COORDINATES = 2
+
+
+@examples(
+    """
+tofmix inspect boards.layers.h5 --pixel 72,92
+tofmix inspect boards.layers.h5 --pixel 72,92 --recording boards.h5 -o pixel.png
+tofmix inspect boards.layers.h5 --pixel 72,92 --recording boards.h5 --over-frames -o frames.svg
+"""
+)
+@click.command(short_help="Show one pixel: its layers, samples and density.")
+@click.argument("layers", type=PATH)
+@click.option("--pixel", metavar="ROW,COL", required=True, help="The pixel, from 0; row 0 is at the top.")
+@click.option("--recording", type=PATH, help="The recording of these layers, for samples and density.")
+@click.option(
+    "--neighbours", type=click.IntRange(0, 15), default=3, show_default=True,
+    help="Pixels of the same row to show beside it, nearest first.",
+)  # fmt: skip
+@click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window.")
+@click.option(
+    "--over-frames", is_flag=True, allow_from_autoenv=False,
+    help="Modes of the pixel's density as its samples come in; needs --recording.",
+)  # fmt: skip
+@click.option("-o", "--output", type=PATH, help="Figure to write, .png or .svg.")
+@json_option
+@overwrite_option
+def inspect(
+    layers: Path,
+    pixel: str,
+    recording: Path | None,
+    neighbours: int,
+    window: int,
+    over_frames: bool,
+    output: Path | None,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
+    """Show one pixel of LAYERS, a layers file, and its neighbours.
+
+    Prints each layer's range and share with their standard errors, sigma and
+    probability. The figure (-o) shows the fitted components and, with --recording, the
+    samples and their density: the paper's Fig. 8, or its Fig. 7 with --over-frames.
+    """
+    from tofmix.io.layers_file import open_layers
+    from tofmix.io.recording_file import open_recording
+    from tofmix.io.storage import check_output
+    from tofmix.report.figures import FIGURE_SUFFIXES
+
+    inputs = tuple(path for path in (layers, recording) if path is not None)
+    if output is not None:
+        if output.suffix.lower() not in FIGURE_SUFFIXES:
+            raise UsageError(f"{output}: the name must end in one of {', '.join(FIGURE_SUFFIXES)}")
+        check_output(output, overwrite=overwrite, inputs=inputs)
+    with ExitStack() as stack:
+        file = stack.enter_context(open_layers(layers))
+        row, col = _place(pixel, file)
+        if window >= file.shape[0]:
+            raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
+        samples = None
+        if recording is not None:
+            from tofmix.report.pixels import row_samples
+
+            source = stack.enter_context(open_recording(recording))
+            check_recording(file, source)
+            frames = int(file.window_start[window]), int(file.window_stop[window])
+            samples = row_samples(source, row=row, start=frames[0], stop=frames[1])
+        from tofmix.report.pixels import neighbour_columns, view_pixels
+
+        cols = [col] if over_frames else neighbour_columns(col, cols=file.shape[2], neighbours=neighbours)
+        noise = file.provenance.sensor.noise
+        views = view_pixels(file.read_window(window), row=row, cols=cols, samples=samples, noise=noise)
+        growth = _growth(views[0], file) if over_frames else None
+    if output is not None:
+        _write_figure(output, views, file, growth, inputs, overwrite)
+    _print(views, col, growth, as_json)
+    if output is not None:
+        click.echo(f"figure: {output}", err=as_json)
+
+
+def _place(pixel: str, file: "LayersFile") -> tuple[int, int]:
+    try:
+        numbers = [int(part) for part in pixel.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != _COORDINATES:
+        raise UsageError(f"--pixel: {pixel!r} is not ROW,COL, such as 72,92")
+    _, rows, cols = file.shape
+    if not (0 <= numbers[0] < rows and 0 <= numbers[1] < cols):
+        raise UsageError(f"--pixel {pixel}: {file.path} has rows 0 to {rows - 1} and columns 0 to {cols - 1}")
+    return numbers[0], numbers[1]
+
+
+def _growth(view: "PixelView", file: "LayersFile") -> "GrowingDensity":
+    from tofmix.report.pixels import grow_density
+
+    if view.samples_mm is None:
+        raise UsageError("--over-frames needs --recording")
+    try:
+        return grow_density(view.samples_mm, file.provenance.sensor)
+    except ValueError as error:
+        raise BadInputError(f"{file.path}: {view.name}: {error}") from error
+
+
+def _write_figure(
+    output: Path,
+    views: "list[PixelView]",
+    file: "LayersFile",
+    growth: "GrowingDensity | None",
+    inputs: tuple[Path, ...],
+    overwrite: bool,
+) -> None:
+    from tofmix.io.storage import AtomicFile
+    from tofmix.report.figures import FIGURE_SUFFIXES, pixel_figure
+
+    kind = FIGURE_SUFFIXES[output.suffix.lower()]
+    content = pixel_figure(views, noise=file.provenance.sensor.noise, growth=growth, kind=kind)
+    with AtomicFile(output, overwrite=overwrite, inputs=inputs) as target:
+        target.sink.write(content)
+        target.commit()
+
+
+def _print(views: "list[PixelView]", col: int, growth: "GrowingDensity | None", as_json: bool) -> None:
+    from tofmix.report.pixel_table import format_growth, format_pixels
+
+    if as_json:
+        found = {"pixels": [view.as_dict() for view in views]}
+        click.echo(json.dumps(found | ({"over_frames": growth.as_dict()} if growth else {}), indent=2, allow_nan=False))
+        return
+    click.echo(format_pixels(views, col))
+    if growth is not None:
+        click.echo("\n" + format_growth(growth))

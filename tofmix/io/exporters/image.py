@@ -1,0 +1,53 @@
+"""Ranges of one layer as whole numbers of 16 bits, for image formats."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import Float32Array
+from tofmix.errors import BadInputError
+
+_LARGEST = 65535
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RangeImage:
+    """One layer's ranges.
+
+    Parameters
+    ----------
+    range_mm : (row, col) float32
+        Ranges, mm; NaN where there is no such layer.
+    scale_mm : float
+        mm of one count, above 0.
+    title : str
+        Where they are from; one line of ASCII.
+    """
+
+    range_mm: Float32Array
+    scale_mm: float
+    title: str
+
+    def counts(self) -> NDArray[np.uint16]:
+        """Nearest whole counts (row, col) uint16; 0 where there is no layer.
+
+        Raises
+        ------
+        BadInputError
+            If a range is not within 1 to 65,535 counts.
+        """
+        known = np.isfinite(self.range_mm)
+        counts = np.rint(self.range_mm.astype(np.float64) / self.scale_mm)
+        bad = known & ~((counts >= 1) & (counts <= _LARGEST))
+        if bad.any():
+            value = float(self.range_mm[bad][0])
+            raise BadInputError(
+                f"a range of {value:g} mm does not fit into 16 bits at {self.scale_mm:g} mm a count;"
+                " choose another --scale"
+            )
+        return np.where(known, counts, 0).astype(np.uint16)
+
+    def description(self) -> str:
+        """What a count is, in one line for the file's own header."""
+        return f"{self.title}; radial range, 1 count = {self.scale_mm:.9g} mm, 0 = no layer"

@@ -1,0 +1,98 @@
+"""Points as LAS 1.4 and LAZ, point format 6, by laspy.
+
+Coordinates are whole micrometres from the sensor; everything else that a point
+carries is in extra dimensions, bit for bit. The format has room for 15 returns.
+"""
+
+from collections.abc import Callable
+from datetime import date
+from typing import Any
+
+import numpy as np
+
+from tofmix import __version__
+from tofmix.errors import BadInputError, StorageError
+from tofmix.io.extras import need
+from tofmix.io.storage import AtomicFile
+from tofmix.points import POINT_FIELDS, LayerPoints, PointArray
+
+SCALE_M = 1e-6
+"""A count of a coordinate, m."""
+
+MOST_RETURNS = 15
+
+_COORDINATES = ("x", "y", "z")
+_OWN = (*_COORDINATES, "return_number", "number_of_returns")
+_FARTHEST_M = SCALE_M * np.iinfo(np.int32).max
+_DESCRIPTION_BYTES = 31
+_INTENSITY_OF_ONE = 65535
+_NO_DATE = date(1970, 1, 1)  # the format asks for one; the same points give the same bytes
+
+
+def write_las(file: AtomicFile, points: LayerPoints, title: str, written: Callable[[], None]) -> int:
+    """Write the points as LAS."""
+    return _write(file, points, title, written, compress=False)
+
+
+def write_laz(file: AtomicFile, points: LayerPoints, title: str, written: Callable[[], None]) -> int:
+    """Write the points as LAZ, LAS compressed."""
+    need("lazrs", extra="export", what="LAZ")
+    return _write(file, points, title, written, compress=True)
+
+
+def _write(file: AtomicFile, points: LayerPoints, title: str, written: Callable[[], None], *, compress: bool) -> int:
+    laspy = need("laspy", extra="export", what="LAZ" if compress else "LAS")
+    count = 0
+    try:
+        header = _header(laspy, title)
+        with laspy.LasWriter(file.sink, header, do_compress=compress, closefd=False) as writer:
+            for block in points:
+                if len(block):
+                    writer.write_points(_record(laspy, writer.header, block, file))
+                written()
+                count += len(block)
+    except laspy.errors.LaspyException as error:
+        raise StorageError(f"{file.path}: {' '.join(str(error).split())}") from error
+    return count
+
+
+def _header(laspy: Any, title: str) -> Any:  # noqa: ANN401  laspy has no types
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.offsets = np.full(3, SCALE_M), np.zeros(3)
+    header.creation_date = _NO_DATE
+    header.system_identifier = title[:_DESCRIPTION_BYTES]
+    header.generating_software = f"tofmix {__version__}"
+    header.add_extra_dims(
+        [
+            laspy.ExtraBytesParams(
+                name=spec.name, type=spec.dtype[1:], description=f"{spec.units}: {spec.long_name}"[:_DESCRIPTION_BYTES]
+            )
+            for spec in POINT_FIELDS
+            if spec.name not in _OWN
+        ]
+    )
+    return header
+
+
+def _record(laspy: Any, header: Any, block: PointArray, file: AtomicFile) -> Any:  # noqa: ANN401  laspy has no types
+    most = int(block["number_of_returns"].max())
+    if most > MOST_RETURNS:
+        raise BadInputError(
+            f"{file.path}: a pixel has {most} layers, LAS has room for {MOST_RETURNS} returns;"
+            " choose .ply, .pcd or .csv"
+        )
+    farthest = max(float(np.abs(block[axis]).max()) for axis in _COORDINATES)
+    if farthest > _FARTHEST_M:
+        raise BadInputError(
+            f"{file.path}: a point lies {farthest:.0f} m away, LAS at {SCALE_M:g} m a count ends at"
+            f" {_FARTHEST_M:.0f} m; choose .ply, .pcd or .csv"
+        )
+    record = laspy.ScaleAwarePointRecord.zeros(len(block), header=header)
+    for axis in _COORDINATES:
+        record[axis.upper()] = np.rint(block[axis].astype(np.float64) / SCALE_M).astype(np.int32)
+    for spec in POINT_FIELDS:
+        if spec.name not in _COORDINATES:
+            record[spec.name] = block[spec.name]
+    weight = np.clip(np.nan_to_num(block["weight"].astype(np.float64)), 0.0, 1.0)
+    record["intensity"] = np.rint(weight * _INTENSITY_OF_ONE).astype(np.uint16)
+    return record

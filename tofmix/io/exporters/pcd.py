@@ -1,0 +1,33 @@
+"""Points as binary PCD 0.7. A header of text and the packed records: no library is needed."""
+
+from collections.abc import Callable
+
+from tofmix import __version__
+from tofmix.io.storage import AtomicFile
+from tofmix.points import POINT_DTYPE, POINT_FIELDS, LayerPoints
+
+
+def write(file: AtomicFile, points: LayerPoints, title: str, written: Callable[[], None]) -> int:
+    """Write the points as an unorganised cloud; comments name the units."""
+    count = points.count()
+    kinds = [POINT_DTYPE[spec.name] for spec in POINT_FIELDS]
+    lines = ["# .PCD v0.7 - Point Cloud Data file format", f"# {title}", f"# written by tofmix {__version__}"]
+    lines += [f"# {spec.name}: {spec.long_name} ({spec.units})" for spec in POINT_FIELDS]
+    lines += [
+        "VERSION 0.7",
+        f"FIELDS {' '.join(spec.name for spec in POINT_FIELDS)}",
+        f"SIZE {' '.join(str(kind.itemsize) for kind in kinds)}",
+        f"TYPE {' '.join(kind.kind.upper() for kind in kinds)}",
+        f"COUNT {' '.join('1' for _ in kinds)}",
+        f"WIDTH {count}",
+        "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"POINTS {count}",
+        "DATA binary",
+        "",
+    ]
+    file.sink.write("\n".join(lines).encode("ascii"))
+    for block in points:
+        file.sink.write(block.tobytes())
+        written()
+    return count

@@ -1,0 +1,23 @@
+"""Points as binary PLY. A header of text and the packed records: no library is needed."""
+
+from collections.abc import Callable
+
+from tofmix import __version__
+from tofmix.io.storage import AtomicFile
+from tofmix.points import POINT_FIELDS, LayerPoints
+
+_TYPES = {"<f4": "float", "|u1": "uchar", "<u4": "uint"}
+
+
+def write(file: AtomicFile, points: LayerPoints, title: str, written: Callable[[], None]) -> int:
+    """Write the points as ``element vertex``, little-endian; comments name the units."""
+    count = points.count()
+    lines = ["ply", "format binary_little_endian 1.0", f"comment {title}", f"comment written by tofmix {__version__}"]
+    lines += [f"comment {spec.name}: {spec.long_name} ({spec.units})" for spec in POINT_FIELDS]
+    lines.append(f"element vertex {count}")
+    lines += [f"property {_TYPES[spec.dtype]} {spec.name}" for spec in POINT_FIELDS]
+    file.sink.write("\n".join([*lines, "end_header", ""]).encode("ascii"))
+    for block in points:
+        file.sink.write(block.tobytes())
+        written()
+    return count

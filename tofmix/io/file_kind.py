@@ -1,0 +1,17 @@
+"""Which of the tofmix formats an HDF5 file is, for commands that take any of them."""
+
+from pathlib import Path
+
+from tofmix.io import hdf5
+
+
+def format_of(path: Path) -> str | None:
+    """Root attribute ``format`` of an HDF5 file; None where it has none, as a recording from elsewhere may.
+
+    Raises
+    ------
+    BadInputError
+        If the file is missing, not HDF5 or cut short.
+    """
+    with hdf5.open_for_reading(path) as root, hdf5.reading(path, "format"):
+        return hdf5.text_attribute(root, "format")

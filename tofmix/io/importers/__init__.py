@@ -1,0 +1,88 @@
+"""Recordings from other programs' files: one file a kind of source, one line each here.
+
+`open_source` recognises a source by its name, or by what a folder holds. Frames
+come one by one, so that a recording of any length fits in memory; where a kind
+cannot be read in parts, its module says so.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tofmix.errors import BadInputError, UsageError, os_error_text
+from tofmix.io.importers import arrays, folder, matlab, rosbag, tiff
+from tofmix.io.importers.base import FrameSource, Request, with_amplitude
+from tofmix.io.storage import check_input
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Importer:
+    """One kind of source.
+
+    `names` are options of `Request` that it understands; where ``amplitude`` is not among them, the amplitudes are
+    another source of the same kind.
+    """
+
+    suffixes: tuple[str, ...]
+    open: Callable[[Path, Request], AbstractContextManager[FrameSource]]
+    names: frozenset[str] = frozenset()
+
+
+IMPORTERS: tuple[Importer, ...] = (
+    Importer(suffixes=rosbag.SUFFIXES, open=rosbag.open_bag, names=frozenset({"topic", "amplitude", "camera_info"})),
+    Importer(suffixes=(".tif", ".tiff"), open=tiff.open_pages),
+    Importer(suffixes=(".npy",), open=arrays.open_npy, names=frozenset({"axes"})),
+    Importer(suffixes=(".npz",), open=arrays.open_npz, names=frozenset({"topic", "amplitude", "axes"})),
+    Importer(suffixes=(".mat",), open=matlab.open_mat, names=frozenset({"topic", "amplitude", "axes"})),
+)
+_FOLDER = Importer(suffixes=(), open=folder.open_folder)
+
+
+def importer_for(path: Path) -> Importer:
+    """Find the importer of a source.
+
+    Raises
+    ------
+    BadInputError
+        If there is no such file or folder.
+    UsageError
+        If its name says no known kind.
+    """
+    try:
+        is_folder = path.is_dir()
+    except OSError as error:
+        raise BadInputError(os_error_text(error, path)) from error
+    if is_folder:
+        return IMPORTERS[0] if rosbag.is_bag_folder(path) else _FOLDER
+    check_input(path)
+    for importer in IMPORTERS:
+        if path.suffix.lower() in importer.suffixes:
+            return importer
+    known = ", ".join(suffix for importer in IMPORTERS for suffix in importer.suffixes)
+    raise UsageError(f"{path}: not a known source; choose a folder of images, a ROS 2 bag, or a file of {known}")
+
+
+@contextmanager
+def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
+    """Open a source of frames.
+
+    Raises
+    ------
+    BadInputError
+        If it is missing, damaged, or holds nothing that fits.
+    UsageError
+        If it is of no known kind, an option does not go with its kind, or a library is missing.
+    """
+    importer = importer_for(path)
+    for name in ("topic", "camera_info", "axes"):
+        if getattr(request, name) is not None and name not in importer.names:
+            raise UsageError(f"--{name.replace('_', '-')} does not go with {path}")
+    if request.amplitude is None or "amplitude" in importer.names:
+        with importer.open(path, request) as source:
+            yield source.check(path)
+        return
+    other = Path(request.amplitude)
+    alone = replace(request, amplitude=None)
+    with importer.open(path, alone) as source, importer_for(other).open(other, alone) as amplitude:
+        yield with_amplitude(source.check(path), amplitude, other)

@@ -1,0 +1,216 @@
+"""NumPy's .npy and .npz, never unpickled.
+
+Both are read frame by frame. Where frames are not the first axis in memory, an
+.npy is mapped and an array of an .npz is read whole.
+"""
+
+import math
+import zipfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.lib import format as npy_format
+from numpy.typing import NDArray
+
+from tofmix.errors import BadInputError
+from tofmix.io.importers.base import (
+    IMAGE_DIMENSIONS,
+    Axes,
+    Frame,
+    FrameSource,
+    Request,
+    check_numbers,
+    foreign,
+)
+
+FRAMES_FIRST: Axes = "frame,row,col"
+TIME = "time"
+"""Name of an array of one number a frame, s."""
+
+_DIMENSIONS = 3
+_PREFERRED = "range"
+
+
+@contextmanager
+def open_npy(path: Path, request: Request) -> Iterator[FrameSource]:
+    """Open an .npy, (frame, row, col) or (row, col).
+
+    Raises
+    ------
+    BadInputError
+        If it is damaged, holds objects, or is of another shape.
+    """
+    axes = request.axes or FRAMES_FIRST
+    with ExitStack() as stack:
+        with foreign(path):
+            file = stack.enter_context(path.open("rb"))
+            shape, fortran, dtype = _header(file)
+        check_numbers(dtype, path)
+        if fortran or axes != FRAMES_FIRST or len(shape) != _DIMENSIONS:
+            with foreign(path):
+                array = np.load(path, mmap_mode="r", allow_pickle=False)
+            frames = frames_first(array, axes, path)
+            found, images = frames.shape, iter(frames)
+        else:
+            check_not_empty(shape, path)
+            found = shape[0], shape[1], shape[2]
+            images = _unpacked(file, found, dtype, path)
+        yield FrameSource(kind="NumPy array", shape=found, dtype=dtype, frames=joined(images, None, None))
+
+
+@contextmanager
+def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
+    """Open an .npz with the depths, and optionally amplitudes and `time`.
+
+    Raises
+    ------
+    BadInputError
+        If it is damaged, holds no fitting array or several, or arrays do not go together.
+    """
+    with ExitStack() as stack:
+        with foreign(path):
+            archive = stack.enter_context(zipfile.ZipFile(path))
+            members = {name.removesuffix(".npy"): name for name in archive.namelist() if name.endswith(".npy")}
+        shapes = {}
+        for name, member in members.items():
+            with foreign(f"{path}: {name}"), archive.open(member) as file:
+                shapes[name] = _header(file)[0]
+        name = choose(shapes, request.topic, path)
+        axes = request.axes or FRAMES_FIRST
+        depth = _Member(archive, members[name], axes, f"{path}: {name}", stack)
+        amplitude = None
+        if request.amplitude is not None:
+            other = choose(shapes, request.amplitude, path)
+            amplitude = _Member(archive, members[other], axes, f"{path}: {other}", stack)
+            check_shapes(depth.shape, amplitude.shape, f"{path}: {other}")
+        time_s = None
+        if TIME in members:
+            with foreign(f"{path}: {TIME}"), archive.open(members[TIME]) as file:
+                time_s = npy_format.read_array(file, allow_pickle=False)
+            check_time(time_s, depth.shape[0], path)
+        yield FrameSource(
+            kind=f"array {name} of an .npz",
+            shape=depth.shape,
+            dtype=depth.dtype,
+            frames=joined(depth, amplitude, time_s),
+            has_amplitude=amplitude is not None,
+            has_time=time_s is not None,
+        )
+
+
+class _Member:
+    """One array of an archive, frame by frame; an iterator of (row, col)."""
+
+    def __init__(self, archive: zipfile.ZipFile, member: str, axes: Axes, what: str, stack: ExitStack) -> None:
+        with foreign(what):
+            file = stack.enter_context(archive.open(member))
+            shape, fortran, dtype = _header(file)
+        check_numbers(dtype, what)
+        if fortran or axes != FRAMES_FIRST or len(shape) != _DIMENSIONS:
+            with foreign(what), archive.open(member) as again:
+                whole = npy_format.read_array(again, allow_pickle=False)
+            frames = frames_first(whole, axes, what)
+            self.shape: tuple[int, int, int] = frames.shape
+            self._frames: Iterator[NDArray[Any]] = iter(frames)
+        else:
+            check_not_empty(shape, what)
+            self.shape = shape[0], shape[1], shape[2]
+            self._frames = _unpacked(file, self.shape, dtype, what)
+        self.dtype = dtype
+
+    def __iter__(self) -> Iterator[NDArray[Any]]:
+        return self._frames
+
+
+def _unpacked(
+    file: IO[bytes], shape: tuple[int, int, int], dtype: np.dtype[Any], what: object
+) -> Iterator[NDArray[Any]]:
+    size = math.prod(shape[1:]) * dtype.itemsize
+    for number in range(shape[0]):
+        with foreign(what):
+            data = file.read(size)
+        if len(data) < size:
+            raise BadInputError(f"{what}: ends in frame {number} of {shape[0]}")
+        yield np.frombuffer(data, dtype=dtype).reshape(shape[1:])
+
+
+def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    version = npy_format.read_magic(file)
+    read = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
+    shape, fortran, dtype = read(file)
+    return shape, fortran, dtype
+
+
+def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path) -> str:
+    """Name of the array to read: the wanted one, else the only one of frames, else ``range``.
+
+    Raises
+    ------
+    BadInputError
+        If there is none, or it cannot be told; the text lists the candidates.
+    """
+    images = [name for name, shape in shapes.items() if len(shape) == _DIMENSIONS]
+    images = images or [name for name, shape in shapes.items() if len(shape) == IMAGE_DIMENSIONS and min(shape) > 1]
+    listed = ", ".join(f"{name} {shape}" for name, shape in sorted(shapes.items())) or "none"
+    if wanted is not None:
+        if wanted not in shapes:
+            raise BadInputError(f"{path}: no array {wanted!r}; it holds: {listed}")
+        return wanted
+    if _PREFERRED in images:
+        return _PREFERRED
+    if len(images) != 1:
+        raise BadInputError(f"{path}: cannot tell which array holds the depths; choose with --topic from: {listed}")
+    return images[0]
+
+
+def frames_first(array: NDArray[Any], axes: Axes, what: object) -> NDArray[Any]:
+    """View an array as (frame, row, col); a single image is one frame.
+
+    Raises
+    ------
+    BadInputError
+        If it is of another shape, empty, or holds no numbers.
+    """
+    check_numbers(array.dtype, what)
+    if array.ndim == IMAGE_DIMENSIONS:
+        array = array[np.newaxis]
+    elif array.ndim == _DIMENSIONS and axes != FRAMES_FIRST:
+        array = np.moveaxis(array, -1, 0)
+    check_not_empty(array.shape, what)
+    return array
+
+
+def check_not_empty(shape: tuple[int, ...], what: object) -> None:
+    """Refuse what has no sample, or is no sequence of images."""
+    if len(shape) != _DIMENSIONS or 0 in shape:
+        raise BadInputError(f"{what}: expected (frame, row, col), got shape {shape}")
+
+
+def check_shapes(depth: tuple[int, ...], amplitude: tuple[int, ...], what: object) -> None:
+    """Refuse amplitudes of another shape."""
+    if depth != amplitude:
+        raise BadInputError(f"{what}: shape {amplitude} differs from the depths' {depth}")
+
+
+def check_time(time_s: NDArray[Any], frames: int, path: Path) -> None:
+    """Refuse a time that is not one number a frame."""
+    if time_s.size != frames or time_s.dtype.kind not in "iuf":
+        raise BadInputError(f"{path}: {TIME}: expected {frames} numbers, got {time_s.dtype} of shape {time_s.shape}")
+
+
+def joined(
+    depth: "Iterator[NDArray[Any]] | _Member | NDArray[Any]",
+    amplitude: "_Member | NDArray[Any] | None",
+    time_s: NDArray[Any] | None,
+) -> Iterator[Frame]:
+    """Frames of arrays that have been checked to go together."""
+    amplitudes = None if amplitude is None else iter(amplitude)
+    for number, frame in enumerate(depth):
+        yield Frame(
+            depth=frame,
+            amplitude=None if amplitudes is None else next(amplitudes),
+            time_s=None if time_s is None else float(time_s.reshape(-1)[number]),
+        )

@@ -1,0 +1,195 @@
+"""What every importer hands on: frames as their source has them, one after the other.
+
+Values are converted afterwards, in one place: `tofmix.io.importers.conversion`.
+"""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.errors import BadInputError, TofmixError, os_error_text
+
+IMAGE_DIMENSIONS = 2
+MOST_PIXELS_A_SIDE = 4096
+"""As for a camera; a damaged header must not ask for terabytes."""
+
+DepthAxis = Literal["z", "ray"]
+Axes = Literal["frame,row,col", "row,col,frame"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pinhole:
+    """Intrinsics of a pinhole camera, in pixels: fx, fy and cx, cy."""
+
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What is asked of a source.
+
+    Parameters
+    ----------
+    topic : str, optional
+        Topic of a bag, or array of an .npz or .mat, with the depths; the only fitting one without it.
+    amplitude : str, optional
+        Topic or array with the amplitudes; for sources that hold one thing, the path of another one.
+    camera_info : str, optional
+        Topic with the intrinsics; the depth topic's sibling without it.
+    axes : str, optional
+        Order of the axes of an array.
+    image : (int, int)
+        Rows and columns of the sensor, to tell the order of axes by.
+    """
+
+    topic: str | None = None
+    amplitude: str | None = None
+    camera_info: str | None = None
+    axes: Axes | None = None
+    image: tuple[int, int] = (0, 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Frame:
+    """One frame: depths (row, col) in the source's own numbers, amplitude (row, col), time in s from any origin."""
+
+    depth: NDArray[Any]
+    amplitude: NDArray[Any] | None = None
+    time_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FrameSource:
+    """An open source.
+
+    Parameters
+    ----------
+    kind : str
+        What it is, in words.
+    shape : (int, int, int)
+        Frames, rows, columns.
+    dtype : dtype
+        Type of the depths.
+    frames : iterator of Frame
+        The frames in order; read once.
+    unit_mm : float
+        mm of one unit, where the source's kind says.
+    depth_axis : {"z", "ray"}
+        What its depths are along, where its kind says.
+    has_amplitude, has_time : bool
+        Whether frames carry them.
+    pinhole : Pinhole, optional
+        Intrinsics, if the source has them.
+    notes : tuple of str
+        What the user should know.
+    """
+
+    kind: str
+    shape: tuple[int, int, int]
+    dtype: np.dtype[Any]
+    frames: Iterator[Frame]
+    unit_mm: float = 1.0
+    depth_axis: DepthAxis = "ray"
+    has_amplitude: bool = False
+    has_time: bool = False
+    pinhole: Pinhole | None = None
+    notes: tuple[str, ...] = ()
+
+    def check(self, what: object) -> "FrameSource":
+        """Return the source itself; `BadInputError` if its images are larger than a camera's."""
+        if max(self.shape[1:]) > MOST_PIXELS_A_SIDE:
+            raise BadInputError(f"{what}: {_size(self.shape[1:])} pixels; no more than {MOST_PIXELS_A_SIDE} a side")
+        return self
+
+
+@contextmanager
+def foreign(what: object) -> Iterator[None]:
+    """Turn whatever a library raises on damaged input into one `BadInputError` that begins with `what`.
+
+    Keep our own code out of the block: a bug of ours must not look like a bad file.
+    """
+    try:
+        yield
+    except TofmixError:
+        raise
+    except OSError as error:
+        text = os_error_text(error, str(what)) if error.errno else f"{what}: {_one_line(error)}"
+        raise BadInputError(text) from error
+    except Exception as error:
+        raise BadInputError(f"{what}: cannot be read: {_one_line(error)}") from error
+
+
+@contextmanager
+def complaints_are_errors(logger: str, what: object) -> Iterator[None]:
+    """Raise `BadInputError` for what a library only logs, such as a page that is cut off."""
+    log, heard = logging.getLogger(logger), _Heard()
+    propagate, log.propagate = log.propagate, False
+    log.addHandler(heard)
+    try:
+        yield
+    finally:
+        log.removeHandler(heard)
+        log.propagate = propagate
+    if heard.texts:
+        raise BadInputError(f"{what}: cannot be read: {heard.texts[0]}")
+
+
+class _Heard(logging.Handler):
+    """Keeps warnings and worse."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.texts: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.texts.append(_one_line(record.getMessage()))
+
+
+def _one_line(reason: object) -> str:
+    return " ".join(str(reason).split()) or type(reason).__name__
+
+
+def check_frame(depth: NDArray[Any], shape: tuple[int, int], dtype: np.dtype[Any], what: object) -> NDArray[Any]:
+    """Refuse a frame that differs from the first one.
+
+    Raises
+    ------
+    BadInputError
+        If its size or its type does.
+    """
+    if depth.shape != shape:
+        raise BadInputError(f"{what}: {_size(depth.shape)} pixels, the first frame has {_size(shape)}")
+    if depth.dtype != dtype:
+        raise BadInputError(f"{what}: type {depth.dtype}, the first frame has {dtype}")
+    return depth
+
+
+def check_numbers(dtype: np.dtype[Any], what: object) -> None:
+    """Refuse a type that is no whole or real number."""
+    if dtype.kind not in "iuf":
+        raise BadInputError(f"{what}: expected whole or real numbers, got {dtype}")
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return " x ".join(str(length) for length in shape)
+
+
+def with_amplitude(source: FrameSource, amplitude: FrameSource, what: Path) -> FrameSource:
+    """Join the frames of a source that has depths and of one that has amplitudes.
+
+    Raises
+    ------
+    BadInputError
+        If they differ in shape.
+    """
+    if source.shape != amplitude.shape:
+        raise BadInputError(f"{what}: amplitudes {_size(amplitude.shape)}, depths {_size(source.shape)}")
+    pairs = zip(source.frames, amplitude.frames, strict=True)
+    return replace(source, frames=(replace(a, amplitude=b.depth) for a, b in pairs), has_amplitude=True)

@@ -1,0 +1,213 @@
+"""Depth images of ROS 1 bags, ROS 2 bags and MCAP files, by rosbags.
+
+`16UC1` is in millimetres and `32FC1` in metres, along z (REP 118); rows may be
+padded (`step`) and of either byte order. A frame's time is its header's stamp,
+or the bag's where the header has none. Messages are read one by one.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.errors import BadInputError
+from tofmix.io.extras import need
+from tofmix.io.importers.base import Frame, FrameSource, Pinhole, Request, check_frame, foreign
+
+SUFFIXES = (".bag", ".mcap", ".db3")
+
+DEPTH_UNITS_MM = {"16UC1": 1.0, "mono16": 1.0, "32FC1": 1000.0}
+"""mm of one unit, by encoding. mono16 is taken for depth only where its topic is asked for."""
+
+_DTYPES = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4", "8UC1": "u1", "mono8": "u1", "16SC1": "i2", "64FC1": "f8"}
+_SURE = ("16UC1", "32FC1")
+_IMAGE, _INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+_WAITING = 64
+"""Frames that wait for an amplitude image of their stamp before they go without."""
+
+_NS = 1.0e-9
+_INTRINSICS = 9
+
+
+def is_bag_folder(path: Path) -> bool:
+    """Whether a folder is a ROS 2 bag."""
+    return (path / "metadata.yaml").is_file()
+
+
+@contextmanager
+def open_bag(path: Path, request: Request) -> Iterator[FrameSource]:
+    """Open a bag.
+
+    Raises
+    ------
+    BadInputError
+        If it is damaged or cut short, has no depth topic or several, or its images are no depths.
+    """
+    need("rosbags.highlevel", extra="ros", what="a ROS bag")
+    with _Bag(path) as bag:
+        topic = _depth_topic(bag, request.topic)
+        first, _ = bag.first(topic)
+        depth = _decoded(first, f"{path}: {topic}", tuple(DEPTH_UNITS_MM))
+        if request.amplitude is not None:
+            bag.check(request.amplitude, _IMAGE)
+        pinhole, notes = _intrinsics(bag, topic, request.camera_info, depth.shape)
+        yield FrameSource(
+            kind=f"{first.encoding} images of {topic}",
+            shape=(bag.count(topic), depth.shape[0], depth.shape[1]),
+            dtype=depth.dtype,
+            frames=_frames(bag, topic, request.amplitude, depth),
+            unit_mm=DEPTH_UNITS_MM[first.encoding],
+            depth_axis="z",
+            has_amplitude=request.amplitude is not None,
+            has_time=True,
+            pinhole=pinhole,
+            notes=notes,
+        )
+
+
+class _Bag:
+    """An open bag, with every error of the library in our words."""
+
+    def __init__(self, path: Path) -> None:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+
+        self.path = path
+        with foreign(path):
+            self._reader = AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
+
+    def __enter__(self) -> Self:
+        with foreign(self.path):
+            self._reader.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._reader.close()
+
+    def topics(self, kind: str) -> list[str]:
+        """Topics with messages of a type."""
+        return sorted({c.topic for c in self._reader.connections if c.msgtype == kind and c.msgcount > 0})
+
+    def count(self, topic: str) -> int:
+        """Messages of a topic, by the bag's own index."""
+        return sum(c.msgcount for c in self._reader.connections if c.topic == topic)
+
+    def check(self, topic: str, kind: str) -> None:
+        """Refuse a topic that is not there or of another type."""
+        if topic not in self.topics(kind):
+            there = ", ".join(self.topics(kind)) or "none"
+            raise BadInputError(f"{self.path}: no topic {topic} of {kind}; it has: {there}")
+
+    def messages(self, *topics: str) -> Iterator[tuple[str, int, Any]]:
+        """Topic, the bag's time in ns, and message, in the bag's order."""
+        with foreign(self.path):
+            chosen = [c for c in self._reader.connections if c.topic in topics]
+            raw = self._reader.messages(connections=chosen)
+        while True:
+            with foreign(self.path):
+                item = next(raw, None)
+                if item is None:
+                    return
+                connection, stamp, data = item
+                message = self._reader.deserialize(data, connection.msgtype)
+            yield connection.topic, stamp, message
+
+    def first(self, topic: str) -> tuple[Any, int]:
+        """The first message of a topic and the bag's time of it."""
+        for _, stamp, message in islice(self.messages(topic), 1):
+            return message, stamp
+        raise BadInputError(f"{self.path}: {topic}: no message")
+
+
+def _depth_topic(bag: _Bag, wanted: str | None) -> str:
+    if wanted is not None:
+        bag.check(wanted, _IMAGE)
+        return wanted
+    encodings = {topic: str(bag.first(topic)[0].encoding) for topic in bag.topics(_IMAGE)}
+    depths = [topic for topic, encoding in encodings.items() if encoding in _SURE]
+    if len(depths) == 1:
+        return depths[0]
+    listed = ", ".join(f"{topic} ({encoding})" for topic, encoding in encodings.items()) or "none"
+    reason = "several topics of depth images" if depths else f"no topic of depth images ({' or '.join(_SURE)})"
+    raise BadInputError(f"{bag.path}: {reason}; choose with --topic from its images: {listed}")
+
+
+def _decoded(message: Any, what: str, encodings: tuple[str, ...]) -> NDArray[Any]:  # noqa: ANN401  a ROS message
+    """Pixels (row, col) of an image message."""
+    encoding, rows, cols, step = str(message.encoding), int(message.height), int(message.width), int(message.step)
+    if encoding not in encodings:
+        raise BadInputError(f"{what}: encoding {encoding!r}, expected {' or '.join(encodings)}")
+    dtype = np.dtype((">" if message.is_bigendian else "<") + _DTYPES[encoding])
+    data = np.asarray(message.data, dtype=np.uint8)
+    if min(rows, cols) < 1 or step < cols * dtype.itemsize or data.size < rows * step:
+        raise BadInputError(
+            f"{what}: {data.size} bytes are no image of {rows} x {cols} pixels {encoding} in steps of {step}"
+        )
+    lines = data[: rows * step].reshape(rows, step)[:, : cols * dtype.itemsize]
+    return np.ascontiguousarray(lines).view(dtype).astype(dtype.newbyteorder("="))
+
+
+def _stamp(message: Any, bag_ns: int) -> int:  # noqa: ANN401  a ROS message
+    stamp = message.header.stamp
+    stamp_ns = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return stamp_ns or bag_ns
+
+
+def _frames(bag: _Bag, topic: str, amplitude: str | None, first: NDArray[Any]) -> Iterator[Frame]:
+    shape, dtype = (first.shape[0], first.shape[1]), first.dtype
+    waiting: list[tuple[int, NDArray[Any]]] = []
+    amplitudes: dict[int, NDArray[Any]] = {}
+    origin: int | None = None
+    topics = (topic,) if amplitude is None else (topic, amplitude)
+    for number, (name, bag_ns, message) in enumerate(bag.messages(*topics)):
+        what = f"{bag.path}: {name}: message {number}"
+        stamp = _stamp(message, bag_ns)
+        if name == topic:
+            depth = _decoded(message, what, tuple(DEPTH_UNITS_MM))
+            waiting.append((stamp, check_frame(depth, shape, dtype, what)))
+            origin = stamp if origin is None else origin
+        else:
+            amplitudes[stamp] = _decoded(message, what, tuple(_DTYPES))
+            if amplitudes[stamp].shape != shape:
+                raise BadInputError(f"{what}: {amplitudes[stamp].shape} pixels, the depths have {shape}")
+        while waiting and (amplitude is None or waiting[0][0] in amplitudes or len(waiting) > _WAITING):
+            yield _joined(*waiting.pop(0), amplitudes, origin)
+        while len(amplitudes) > 2 * _WAITING:
+            del amplitudes[next(iter(amplitudes))]
+    for stamp, depth in waiting:
+        yield _joined(stamp, depth, amplitudes, origin)
+
+
+def _joined(stamp: int, depth: NDArray[Any], amplitudes: dict[int, NDArray[Any]], origin: int | None) -> Frame:
+    time_s = (stamp - (origin or 0)) * _NS
+    return Frame(depth=depth, amplitude=amplitudes.pop(stamp, None), time_s=time_s)
+
+
+def _intrinsics(
+    bag: _Bag, topic: str, wanted: str | None, shape: tuple[int, ...]
+) -> tuple[Pinhole | None, tuple[str, ...]]:
+    """Intrinsics from the camera_info beside the depth topic, and what is to be said of them."""
+    name = wanted or f"{topic.rpartition('/')[0]}/camera_info"
+    if wanted is not None:
+        bag.check(name, _INFO)
+    elif name not in bag.topics(_INFO):
+        return None, ()
+    message, _ = bag.first(name)
+    what = f"{bag.path}: {name}"
+    matrix = np.asarray(getattr(message, "k", getattr(message, "K", ())), dtype=np.float64).ravel()
+    size = int(message.height), int(message.width)
+    if size != tuple(shape) or matrix.size != _INTRINSICS:
+        raise BadInputError(f"{what}: describes {size[0]} x {size[1]} pixels, the depths have {shape[0]} x {shape[1]}")
+    if not min(matrix[0], matrix[4]) > 0:
+        return None, (f"{what}: not calibrated (a focal length is not above 0); not used",)
+    distortion = np.asarray(getattr(message, "d", getattr(message, "D", ())), dtype=np.float64)
+    notes = []
+    if distortion.any() and "rect" not in topic.rpartition("/")[2]:
+        notes.append(
+            f"{what}: its lens distortion is not undone; depths along z of a raw image are off near the corners"
+        )
+    return Pinhole(focal_px=(matrix[0], matrix[4]), centre_px=(matrix[2], matrix[5])), tuple(notes)

@@ -1,0 +1,161 @@
+"""From an open source to a recording, block by block: memory does not grow with the frames."""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from tofmix.errors import BadInputError
+from tofmix.io.importers.base import Frame, FrameSource
+from tofmix.io.importers.conversion import Conversion
+from tofmix.io.recording_file import CHUNK_FRAMES, RecordingWriter
+from tofmix.sensor import Sensor
+
+BLOCK_BYTES = 64_000_000
+"""Most bytes of ranges that are held at once, where a frame is not larger."""
+
+_BYTES_A_SAMPLE = 4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imported:
+    """What was written.
+
+    Parameters
+    ----------
+    frames, samples, valid : int
+        Frames; samples; samples that are valid.
+    outside : int
+        Valid samples outside the sensor's working range.
+    without_amplitude : int
+        Frames without an amplitude where the source has some; they hold NaN.
+    """
+
+    frames: int
+    samples: int
+    valid: int
+    outside: int
+    without_amplitude: int
+
+
+def write_recording(
+    source: FrameSource,
+    output: Path,
+    *,
+    what: Path,
+    sensor: Sensor,
+    conversion: Conversion,
+    frame_rate_hz: float | None = None,
+    attributes: dict[str, str | int | float] | None = None,
+    progress: Callable[[int], object] | None = None,
+    overwrite: bool = False,
+    inputs: tuple[Path, ...] = (),
+) -> Imported:
+    """Write the frames of a source as a recording.
+
+    Parameters
+    ----------
+    source : FrameSource
+        Frames; they are used up.
+    output : Path
+        The new recording.
+    what : Path
+        The source, for messages.
+    sensor : Sensor
+        The camera.
+    conversion : Conversion
+        From the source's numbers to ranges.
+    frame_rate_hz : float, optional
+        Gives `time` where the source has none.
+    attributes : dict, optional
+        Root attributes.
+    progress : callable, optional
+        Called with the frames of each block.
+    overwrite, inputs
+        As for `AtomicFile`.
+
+    Returns
+    -------
+    Imported
+        Counts.
+
+    Raises
+    ------
+    BadInputError
+        If the source is damaged, or has fewer or more frames than it announces.
+    UsageError, StorageError
+        As for `AtomicFile`.
+    """
+    frames, rows, cols = source.shape
+    block_frames = max(1, min(CHUNK_FRAMES, BLOCK_BYTES // (rows * cols * _BYTES_A_SAMPLE)))
+    kind: Literal["u2", "f4"] = "u2" if conversion.stored_dtype == "u2" else "f4"
+    writer = RecordingWriter(
+        output, shape=source.shape, sensor=sensor, title=f"recording imported from {what.name}",
+        has_amplitude=source.has_amplitude, has_time=source.has_time or frame_rate_hz is not None, dtype=kind,
+        chunk_frames=block_frames, attributes=attributes, overwrite=overwrite, inputs=inputs,
+    )  # fmt: skip
+    tally = _Tally(sensor)
+    with writer:
+        start = 0
+        for block in _blocks(source.frames, block_frames):
+            if start + len(block) > frames:
+                raise BadInputError(f"{what}: more frames than the {frames} that it announces")
+            ranges: Any = np.stack([conversion(frame.depth) for frame in block])
+            tally.add(ranges, block if source.has_amplitude else [])
+            writer.write(
+                start, ranges, time_s=_time(block, start, frame_rate_hz, has_time=source.has_time),
+                amplitude=_amplitude(block) if source.has_amplitude else None,
+            )  # fmt: skip
+            start += len(block)
+            if progress is not None:
+                progress(len(block))
+        if start < frames:
+            raise BadInputError(f"{what}: ends after {start} of {frames} frames; the rest of it is missing")
+    return tally.result(frames)
+
+
+def _blocks(frames: Iterator[Frame], length: int) -> Iterator[list[Frame]]:
+    while block := list(islice(frames, length)):
+        yield block
+
+
+def _time(block: list[Frame], start: int, rate: float | None, *, has_time: bool) -> "np.ndarray[Any, Any] | None":
+    if has_time:
+        return np.array([math.nan if frame.time_s is None else frame.time_s for frame in block])
+    return None if rate is None else (start + np.arange(len(block))) / rate
+
+
+def _amplitude(block: list[Frame]) -> "np.ndarray[Any, np.dtype[np.float32]]":
+    nothing = np.full(block[0].depth.shape, np.nan, dtype=np.float32)
+    with np.errstate(over="ignore"):
+        images = [nothing if frame.amplitude is None else frame.amplitude.astype(np.float32) for frame in block]
+    return np.stack(images)
+
+
+class _Tally:
+    """Counts over blocks."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self._limits = sensor.range_min_mm or 0.0, sensor.range_max_mm or math.inf
+        self._samples = self._valid = self._outside = self._without = 0
+
+    def add(self, ranges: "np.ndarray[Any, Any]", with_amplitude: list[Frame]) -> None:
+        valid = np.isfinite(ranges) if ranges.dtype.kind == "f" else ranges != 0
+        outside = valid & ((ranges < self._limits[0]) | (ranges > self._limits[1]))
+        self._samples += ranges.size
+        self._valid += int(valid.sum())
+        self._outside += int(outside.sum())
+        self._without += sum(frame.amplitude is None for frame in with_amplitude)
+
+    def result(self, frames: int) -> Imported:
+        return Imported(
+            frames=frames,
+            samples=self._samples,
+            valid=self._valid,
+            outside=self._outside,
+            without_amplitude=self._without,
+        )

@@ -1,0 +1,168 @@
+"""Layers as points in space: one point a layer, in the sensor's frame.
+
+Use `LayerPoints` to pass the layers of a file on to programs that take point
+clouds. `POINT_FIELDS` is the one list of what a point carries; every format
+writes all of it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import FloatArray
+from tofmix.geometry import beam_directions
+from tofmix.layers import LAYER_FIELDS, Layers
+
+MM_A_METRE = 1000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointField:
+    """One attribute of a point; `dtype` is little-endian."""
+
+    name: str
+    dtype: str
+    units: str
+    long_name: str
+
+
+POINT_FIELDS: tuple[PointField, ...] = (
+    PointField(name="x", dtype="<f4", units="m", long_name="to the right"),
+    PointField(name="y", dtype="<f4", units="m", long_name="down"),
+    PointField(name="z", dtype="<f4", units="m", long_name="away from the sensor"),
+    *(
+        PointField(name=spec.name, dtype=f"<{spec.dtype}", units=spec.units, long_name=spec.long_name)
+        for spec in LAYER_FIELDS
+        if spec.per_layer
+    ),
+    PointField(name="return_number", dtype="|u1", units="1", long_name="layer, 1 = nearest"),
+    PointField(name="number_of_returns", dtype="|u1", units="1", long_name="layers of the pixel"),
+    PointField(name="status", dtype="|u1", units="1", long_name="outcome of the estimator"),
+    PointField(name="row", dtype="<u4", units="1", long_name="row of the pixel, 0 = top"),
+    PointField(name="col", dtype="<u4", units="1", long_name="column of the pixel"),
+    PointField(name="window", dtype="<u4", units="1", long_name="window of the layers file"),
+)
+"""What a point carries. What comes from the layers file has its name and its unit there."""
+
+POINT_DTYPE = np.dtype([(spec.name, spec.dtype) for spec in POINT_FIELDS])
+"""A packed record of `POINT_FIELDS`."""
+
+PointArray = NDArray[np.void]
+
+
+class WindowSource(Protocol):
+    """Layers that are read window by window, such as `tofmix.io.layers_file.LayersFile`."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Windows, rows, columns."""
+
+    def read_window(self, window: int) -> Layers:
+        """Layers of one window, of the leading shape (row, col)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PointFilter:
+    """Which layers become points: those with at least this weight and this probability.
+
+    None asks for nothing. A layer whose value is not known (NaN) does not pass where one is asked for.
+    """
+
+    min_weight: float | None = None
+    min_probability: float | None = None
+
+    def passes(self, layers: Layers) -> NDArray[np.bool_]:
+        """Whether each layer (row, col, layer) passes; one without a finite range never does."""
+        keep = np.isfinite(layers.range)
+        if self.min_weight is not None:
+            keep &= layers.weight >= self.min_weight
+        if self.min_probability is not None:
+            keep &= layers.probability >= self.min_probability
+        return keep
+
+
+class LayerPoints:
+    """The points of a layers file, window by window: memory is that of one window.
+
+    Parameters
+    ----------
+    source : WindowSource
+        The layers.
+    fov_horizontal_deg, fov_vertical_deg : float
+        Full field of view: the pixels look where docs/formats.md says.
+    windows : sequence of int, optional
+        Which windows; all without it.
+    chosen : PointFilter
+        Which layers.
+
+    Raises
+    ------
+    ValueError
+        If the field of view cannot be.
+    """
+
+    def __init__(
+        self,
+        source: WindowSource,
+        *,
+        fov_horizontal_deg: float,
+        fov_vertical_deg: float,
+        windows: Sequence[int] | None = None,
+        chosen: PointFilter | None = None,
+    ) -> None:
+        count, rows, cols = source.shape
+        self._source = source
+        self._windows = range(count) if windows is None else windows
+        self._chosen = chosen or PointFilter()
+        self._directions = beam_directions(
+            rows, cols, fov_horizontal_deg=fov_horizontal_deg, fov_vertical_deg=fov_vertical_deg
+        )
+
+    def __iter__(self) -> Iterator[PointArray]:
+        """Points of one window after the other, (point,) of `POINT_DTYPE`; by row, column and layer within each."""
+        for window in self._windows:
+            yield window_points(self._source.read_window(window), self._directions, window=window, chosen=self._chosen)
+
+    def count(self) -> int:
+        """Count the points, for a header that precedes them; reads every window."""
+        return sum(int(self._chosen.passes(self._source.read_window(window)).sum()) for window in self._windows)
+
+    def __len__(self) -> int:
+        """Windows."""
+        return len(self._windows)
+
+
+def window_points(layers: Layers, directions: FloatArray, *, window: int, chosen: PointFilter) -> PointArray:
+    """Points of one window.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col).
+    directions : (row, col, 3) float64
+        From `tofmix.geometry.beam_directions`.
+    window : int
+        Number of the window.
+    chosen : PointFilter
+        Which layers. `return_number` and `number_of_returns` are the pixel's own, whatever is left out.
+
+    Returns
+    -------
+    (point,) of POINT_DTYPE
+        By row, column and layer.
+    """
+    row, col, layer = np.nonzero(chosen.passes(layers))
+    points: Any = np.zeros(len(row), dtype=POINT_DTYPE)
+    place = directions[row, col] * (layers.range[row, col, layer].astype(np.float64) / MM_A_METRE)[:, np.newaxis]
+    points["x"], points["y"], points["z"] = place.T
+    for spec in LAYER_FIELDS:
+        if spec.per_layer:
+            points[spec.name] = getattr(layers, spec.name)[row, col, layer]
+    points["return_number"] = layer + 1
+    points["number_of_returns"] = layers.n_modes[row, col]
+    points["status"] = layers.status[row, col]
+    points["row"], points["col"], points["window"] = row, col, window
+    return np.asarray(points)

@@ -1,0 +1,299 @@
+"""What a file is, before anything is done with it: sizes, units, options, camera, and what to be wary of.
+
+Use `describe_recording`, `describe_layers` or `describe_model`. Headers are read, not samples; of layers also the
+counts and the status. What an estimate found is told by `tofmix.report.summary`.
+"""
+
+import tomllib
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import FloatArray
+from tofmix.flags import Status, status_name
+from tofmix.report.findings import Finding, count_findings
+from tofmix.report.sources import LayersSource
+from tofmix.report.tables import printable
+from tofmix.sensor import Sensor
+from tofmix.sensors.profile import SensorProfile
+from tofmix.simulation.model import Model
+
+GAP = 1.5
+"""A step of `time` longer than this many median steps is a gap."""
+
+_BYTES_A_SAMPLE = 6
+_NAME_WIDTH = 26
+_SENSOR_NUMBERS = (
+    "modulation_frequency_hz",
+    "integration_time_ms",
+    "range_min_mm",
+    "range_max_mm",
+    "fov_horizontal_deg",
+    "fov_vertical_deg",
+    "outlier_probability",
+)
+
+Value = str | int | float | bool | None | list[float] | list[dict[str, Any]]
+Section = dict[str, Value]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Description:
+    """A file in words and numbers.
+
+    Parameters
+    ----------
+    kind : str
+        ``recording``, ``layers``, ``model`` or ``sensor``.
+    name : str
+        The file as it was named.
+    sections : dict of str to dict
+        Names of values within each section carry their units; None stands for what is not known.
+    warnings : tuple of Finding
+        What to be wary of.
+    """
+
+    kind: str
+    name: str
+    sections: dict[str, Section]
+    warnings: tuple[Finding, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the same for JSON: None for numbers that are not finite."""
+        warnings = [{"code": finding.code, "text": finding.text} for finding in self.warnings]
+        sections = {title: {k: _no_nan(v) for k, v in part.items()} for title, part in self.sections.items()}
+        return {"kind": self.kind, "file": self.name, **sections, "warnings": warnings}
+
+
+class RecordingHeader(Protocol):
+    """What is asked of a recording; `tofmix.io.recording_file.RecordingFile` has it."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Frames, rows, columns."""
+
+    @property
+    def sensor(self) -> Sensor:
+        """The camera."""
+
+    @property
+    def stored_type(self) -> str:
+        """Type of the stored ranges."""
+
+    @property
+    def fill(self) -> float | None:
+        """What stands for no sample beside NaN."""
+
+    @property
+    def has_amplitude(self) -> bool:
+        """Whether amplitudes are there."""
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the truth is there."""
+
+    def attributes(self) -> dict[str, str | int | float]:
+        """Root attributes."""
+
+    def read_time(self) -> FloatArray | None:
+        """Start of each frame, s."""
+
+
+class LayersHeader(LayersSource, Protocol):
+    """What is asked of a layers file; `tofmix.io.layers_file.LayersFile` has it."""
+
+    def read_field(self, name: str, window: int) -> NDArray[Any]:
+        """One dataset of one window."""
+
+
+def describe_recording(file: RecordingHeader, *, name: str, file_bytes: int) -> Description:
+    """Describe a recording from its header and its frames' times."""
+    frames, rows, cols = file.shape
+    time_s = file.read_time()
+    samples: Section = {
+        "units": "mm",
+        "type": file.stored_type,
+        "invalid_value": file.fill,
+        "amplitude": file.has_amplitude,
+        "time": time_s is not None,
+        "truth": file.has_truth,
+    }
+    sections: dict[str, Section] = {
+        "sizes": {"frames": frames, "rows": rows, "cols": cols, "file_bytes": file_bytes},
+        "range": samples,
+    }
+    if time_s is not None:
+        sections["time"] = _time_section(time_s)
+    sections["sensor"] = _sensor_section(file.sensor)
+    sections["attributes"] = dict(file.attributes())
+    warnings = [*_recording_findings(file), *_time_findings(time_s)]
+    return Description(kind="recording", name=name, sections=sections, warnings=tuple(warnings))
+
+
+def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Description:
+    """Describe a layers file from its header, its counts and its status, read window by window."""
+    windows, rows, cols = file.shape
+    provenance = file.provenance
+    surfaces = np.zeros(file.max_layers + 1, dtype=np.int64)
+    by_status: dict[str, int] = dict.fromkeys((status_name(s) for s in Status), 0)
+    for window in range(windows):
+        counts = np.bincount(file.read_field("n_modes", window).ravel(), minlength=file.max_layers + 1)
+        surfaces += counts[: file.max_layers + 1]
+        status = file.read_field("status", window)
+        for known in Status:
+            by_status[status_name(known)] += int((status == known).sum())
+    sections: dict[str, Section] = {
+        "sizes": {
+            "windows": windows, "rows": rows, "cols": cols, "max_layers": file.max_layers, "file_bytes": file_bytes,
+            "window_frames": int(file.window_stop[0] - file.window_start[0]),
+            "frames_left_out": provenance.frames_left_out,
+        },
+        "units": {"range": "mm", "sigma": "mm", "range_stderr": "mm", "weight": "1"},
+        "made_from": {
+            "source": provenance.source, "source_sha256": provenance.source_sha256, "tofmix_version": provenance.version
+        },
+        "options": dict(sorted(provenance.options.items())),
+        "sensor": _sensor_section(provenance.sensor),
+    }  # fmt: skip
+    warnings = count_findings(
+        pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers
+    )
+    return Description(
+        kind="layers", name=name, sections=sections, warnings=(*warnings, *_view_findings(provenance.sensor))
+    )
+
+
+def describe_model(model: Model, *, name: str) -> Description:
+    """Describe a model: its camera, what it will record, and its surfaces and effects."""
+    plan, camera = model.recording, model.sensor
+    effects = tomllib.loads(model.text).get("effect", []) if model.text else []
+    surfaces: list[dict[str, Any]] = [
+        {
+            "name": surface.name,
+            "center_mm": list(surface.center_mm),
+            "size_mm": list(surface.size_mm),
+            "yaw_deg": surface.yaw_deg,
+            "pitch_deg": surface.pitch_deg,
+            "reflectivity": surface.reflectivity,
+        }
+        for surface in model.surfaces
+    ]
+    size = plan.frames * camera.rows * camera.cols * _BYTES_A_SAMPLE
+    sections: dict[str, Section] = {
+        "recording": {
+            "frames": plan.frames, "frame_rate_hz": plan.frame_rate_hz, "seed": plan.seed,
+            "bytes_before_compression": size,
+        },
+        "scene": {"surfaces": surfaces, "effects": effects},
+        "sensor": _profile_section(camera),
+    }  # fmt: skip
+    warnings = list(_profile_findings(camera))
+    if not model.surfaces:
+        warnings.append(Finding(code="no_surface", text="The model has no surface: no pixel will return anything."))
+    return Description(kind="model", name=name, sections=sections, warnings=tuple(warnings))
+
+
+def describe_sensor(camera: SensorProfile, *, name: str) -> Description:
+    """Describe a camera's own file."""
+    sections = {"sensor": _profile_section(camera)}
+    return Description(kind="sensor", name=name, sections=sections, warnings=_profile_findings(camera))
+
+
+def format_description(description: Description) -> str:
+    """Format a description for the terminal, without a newline at the end."""
+    lines = [f"{printable(description.name)}: {description.kind}"]
+    for title, section in description.sections.items():
+        lines += ["", title.replace("_", " ")]
+        for key, value in section.items():
+            lines += _lines(key, value)
+    if description.warnings:
+        lines.append("")
+    lines += [f"warning: {finding.text}" for finding in description.warnings]
+    return "\n".join(lines)
+
+
+def _no_nan(value: Value) -> Value:
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _lines(key: str, value: Value) -> list[str]:
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        rows = (", ".join(f"{k} {_shown(v)}" for k, v in item.items()) for item in value)
+        return [f"  {key} {number}: {printable(row, 160)}" for number, row in enumerate(rows, 1)]
+    return [f"  {printable(key, _NAME_WIDTH):<{_NAME_WIDTH}} {printable(_shown(value), 120)}"]
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return "not known"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return " ".join(_shown(item) for item in value) or "none"
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def _sensor_section(sensor: Sensor) -> Section:
+    section: Section = {"name": sensor.name}
+    section |= {key: getattr(sensor, key) for key in _SENSOR_NUMBERS}
+    noise = sensor.noise
+    section["noise_range_mm"] = None if noise is None else noise.range_mm.tolist()
+    section["noise_sigma_mm"] = None if noise is None else noise.sigma_mm.tolist()
+    return section
+
+
+def _profile_section(camera: SensorProfile) -> Section:
+    return {"rows": camera.rows, "cols": camera.cols} | _sensor_section(camera.sensor())
+
+
+def _profile_findings(camera: SensorProfile) -> tuple[Finding, ...]:
+    if camera.confirmed or not camera.sources:
+        return ()
+    text = f"Figures of {camera.name} are unconfirmed; its profile says where each is from."
+    return (Finding(code="unconfirmed_sensor", text=text),)
+
+
+def _time_section(time_s: FloatArray) -> Section:
+    section: Section = {"first_s": float(time_s[0]), "last_s": float(time_s[-1])}
+    steps = np.diff(time_s)
+    if steps.size and np.isfinite(steps).all() and np.median(steps) > 0:
+        section["frame_rate_hz"] = float(1.0 / np.median(steps))
+        section["longest_step_s"] = float(steps.max())
+    return section
+
+
+def _time_findings(time_s: FloatArray | None) -> list[Finding]:
+    if time_s is None:
+        return []
+    steps = np.diff(time_s)
+    if not np.isfinite(time_s).all() or (steps < 0).any():
+        return [Finding(code="time_disordered", text="The frames' times are not finite or go back.")]
+    gaps = int((steps > GAP * np.median(steps)).sum()) if steps.size else 0
+    if not gaps:
+        return []
+    text = f"{gaps} steps of time are longer than {GAP:g} times the median: frames are missing."
+    return [Finding(code="time_gaps", text=text)]
+
+
+def _recording_findings(file: RecordingHeader) -> list[Finding]:
+    found = []
+    sensor = file.sensor
+    if sensor.noise is None:
+        text = "No noise curve: estimate needs --noise auto, or --noise with a built-in sensor."
+        found.append(Finding(code="no_noise_curve", text=text))
+    if sensor.range_max_mm is None:
+        text = "No range_max_mm: what does not return is not told from surfaces."
+        found.append(Finding(code="no_range_max", text=text))
+    found += _view_findings(sensor)
+    if file.shape[0] == 1:
+        text = "One frame: a pixel's one sample cannot show several surfaces."
+        found.append(Finding(code="one_frame", text=text))
+    return found
+
+
+def _view_findings(sensor: Sensor) -> list[Finding]:
+    if sensor.fov_horizontal_deg is not None and sensor.fov_vertical_deg is not None:
+        return []
+    return [Finding(code="no_field_of_view", text="No field of view: points cannot be placed; export needs --fov.")]

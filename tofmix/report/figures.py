@@ -1,0 +1,52 @@
+"""Figures as files. Needs the extra ``report`` only when it is called."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+from tofmix.errors import UsageError
+from tofmix.report.pixels import GrowingDensity, PixelView
+from tofmix.sensor import NoiseCurve
+
+if TYPE_CHECKING:
+    from tofmix.report.theme import Format
+
+FIGURE_SUFFIXES: dict[str, "Format"] = {".png": "png", ".svg": "svg"}
+
+_MISSING_EXTRA = "a figure needs matplotlib: pip install 'tofmix[report]'"
+
+
+def pixel_figure(
+    views: list[PixelView], *, noise: NoiseCurve | None, growth: GrowingDensity | None, kind: "Format"
+) -> bytes:
+    """Draw neighbouring pixels, or how the density of the first one grew; see `tofmix.report.pixel_figures`.
+
+    Parameters
+    ----------
+    views : list of PixelView
+        The pixels.
+    noise : NoiseCurve, optional
+        sigma(r).
+    growth : GrowingDensity, optional
+        Draw this instead, over the layers of ``views[0]``.
+    kind : {"png", "svg"}
+        Format.
+
+    Returns
+    -------
+    bytes
+        The file; the same input gives the same bytes.
+
+    Raises
+    ------
+    UsageError
+        If matplotlib is missing.
+    """
+    try:
+        drawings, theme = (import_module(f"tofmix.report.{name}") for name in ("pixel_figures", "theme"))
+    except ImportError as error:
+        raise UsageError(_MISSING_EXTRA) from error
+    if growth is None:
+        figure: bytes = theme.figure_bytes(lambda t: drawings.neighbours_figure(views, noise=noise, theme=t), kind)
+    else:
+        figure = theme.figure_bytes(lambda t: drawings.growth_figure(growth, views[0], theme=t), kind)
+    return figure

@@ -1,0 +1,217 @@
+"""One pixel and its neighbours: their layers, their samples, and the density as samples come in.
+
+Use `view_pixels` for what the paper's Fig. 8 shows of neighbouring pixels, and
+`grow_density` for its Fig. 7. Drawing is left to `tofmix.report.pixel_figures`.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.estimation.incremental import IncrementalDensity
+from tofmix.estimation.modes import find_modes
+from tofmix.flags import Status, status_name
+from tofmix.layers import Layers
+from tofmix.recording import SampleSource
+from tofmix.sensor import NoiseCurve, Sensor
+
+SNAPSHOTS = (0.05, 0.15, 0.3, 0.6, 1.0)
+"""Shares of the samples at which Fig. 7 shows the density, as in docs/paper.md."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PixelView:
+    """A pixel in one window.
+
+    Parameters
+    ----------
+    row, col : int
+        The pixel.
+    range_mm, range_stderr_mm, weight, weight_stderr, sigma_mm, probability : (layer,) float64
+        Its layers, near to far; NaN where not known.
+    weight_no_return, weight_outlier : float
+        p(c_0) and p(c_r).
+    status : str
+        Name of the estimator's outcome.
+    n_samples, n_peaks : int
+        Valid samples used; peaks of the density in step 1.
+    samples_mm : (sample,) float64 or None
+        Valid samples in the order of their frames; None without a recording.
+    modes_mm : (mode,) float64 or None
+        Peaks of the density of these samples; None without samples or without a noise curve.
+    """
+
+    row: int
+    col: int
+    range_mm: FloatArray
+    range_stderr_mm: FloatArray
+    weight: FloatArray
+    weight_stderr: FloatArray
+    sigma_mm: FloatArray
+    probability: FloatArray
+    weight_no_return: float
+    weight_outlier: float
+    status: str
+    n_samples: int
+    n_peaks: int
+    samples_mm: FloatArray | None = None
+    modes_mm: FloatArray | None = None
+
+    @property
+    def name(self) -> str:
+        """``row 72, column 92``."""
+        return f"row {self.row}, column {self.col}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the same as dicts and lists, for JSON; None for what is not known."""
+        layers = [{name: _number(getattr(self, name)[k]) for name in _PER_LAYER} for k in range(len(self.range_mm))]
+        return {
+            "row": self.row,
+            "col": self.col,
+            "status": self.status,
+            "n_samples": self.n_samples,
+            "n_peaks": self.n_peaks,
+            "layers": layers,
+            "weight_no_return": _number(self.weight_no_return),
+            "weight_outlier": _number(self.weight_outlier),
+            "samples_mm": None if self.samples_mm is None else self.samples_mm.tolist(),
+            "modes_mm": None if self.modes_mm is None else self.modes_mm.tolist(),
+        }
+
+
+_PER_LAYER = ("range_mm", "range_stderr_mm", "weight", "weight_stderr", "sigma_mm", "probability")
+_FIELDS = {"range_mm": "range", "range_stderr_mm": "range_stderr", "sigma_mm": "sigma"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GrowingDensity:
+    """The density of one pixel as its samples come in.
+
+    Parameters
+    ----------
+    n_samples : (step,) int64
+        Valid samples after each frame that has one.
+    modes_mm : tuple of (mode,) float64
+        Peaks of the density after each of them.
+    range_mm : (place,) float64
+        Where the density is taken.
+    snapshots : tuple of (int, (place,) float64)
+        Number of samples and density, 1/mm, at a few of them.
+    """
+
+    n_samples: tuple[int, ...]
+    modes_mm: tuple[FloatArray, ...]
+    range_mm: FloatArray
+    snapshots: tuple[tuple[int, FloatArray], ...]
+
+    def changes(self) -> list[int]:
+        """Steps at which the number of modes is another than before, the first and the last one included."""
+        counts = [len(modes) for modes in self.modes_mm]
+        last = len(counts) - 1
+        return [k for k in range(len(counts)) if k in (0, last) or counts[k] != counts[k - 1]]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return samples and modes for JSON."""
+        return {"n_samples": list(self.n_samples), "modes_mm": [modes.tolist() for modes in self.modes_mm]}
+
+
+def neighbour_columns(col: int, *, cols: int, neighbours: int) -> list[int]:
+    """Columns of a pixel and of `neighbours` beside it, ascending.
+
+    Nearest first, the right side before the left; at the edge of the image all from the other side.
+    """
+    count = min(neighbours, cols - 1) + 1
+    first = min(max(0, col - (count - 1) // 2), cols - count)
+    return list(range(first, first + count))
+
+
+def view_pixels(
+    layers: Layers, *, row: int, cols: list[int], samples: FloatArray | None, noise: NoiseCurve | None
+) -> list[PixelView]:
+    """View pixels of one row.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col).
+    row : int
+        The row.
+    cols : list of int
+        The columns.
+    samples : (frame, col) float, optional
+        Samples of the whole row, mm, NaN where invalid.
+    noise : NoiseCurve, optional
+        sigma(r), for the modes.
+    """
+    views = []
+    for col in cols:
+        valid = modes = None
+        if samples is not None:
+            valid = samples[np.isfinite(samples[:, col]), col].astype(np.float64)
+            modes = None if noise is None or valid.size == 0 else find_modes(valid, noise)
+        n_modes = int(layers.n_modes[row, col])
+        of_layers = {
+            name: getattr(layers, _FIELDS.get(name, name))[row, col, :n_modes].astype(np.float64) for name in _PER_LAYER
+        }
+        value = int(layers.status[row, col])
+        views.append(
+            PixelView(
+                row=row,
+                col=col,
+                **of_layers,
+                weight_no_return=float(layers.weight_no_return[row, col]),
+                weight_outlier=float(layers.weight_outlier[row, col]),
+                status=status_name(value) if value in tuple(Status) else f"status_{value}",
+                n_samples=int(layers.n_samples[row, col]),
+                n_peaks=int(layers.n_peaks[row, col]),
+                samples_mm=valid,
+                modes_mm=modes,
+            )
+        )
+    return views
+
+
+def row_samples(recording: SampleSource, *, row: int, start: int, stop: int) -> FloatArray:
+    """Samples (frame, col) of one row over frames [start, stop), mm, NaN where invalid."""
+    block = recording.read_range(slice(start, stop), slice(row, row + 1))
+    return np.asarray(block[:, 0, :], dtype=np.float64)
+
+
+def grow_density(samples_mm: FloatArray, sensor: Sensor) -> GrowingDensity:
+    """Add a pixel's samples one by one and look for modes after each.
+
+    Parameters
+    ----------
+    samples_mm : (sample,) float64
+        Valid samples in the order of their frames, at least one.
+    sensor : Sensor
+        Noise curve and working range.
+
+    Raises
+    ------
+    ValueError
+        If there is no sample, or the sensor has no noise curve or no working range.
+    """
+    if samples_mm.size == 0:
+        raise ValueError("the pixel has no valid sample")
+    live = IncrementalDensity(sensor, 1)
+    shown = {max(1, round(share * samples_mm.size)) for share in SNAPSHOTS}
+    modes, snapshots = [], []
+    for number, sample in enumerate(samples_mm, 1):
+        live.add(np.array([[sample]]))
+        peaks = live.modes()
+        modes.append(peaks.place[0, : int(peaks.found[0])].copy())
+        if number in shown:
+            snapshots.append((number, live.density()[0]))
+    return GrowingDensity(
+        n_samples=tuple(range(1, samples_mm.size + 1)),
+        modes_mm=tuple(modes),
+        range_mm=live.range_mm,
+        snapshots=tuple(snapshots),
+    )
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

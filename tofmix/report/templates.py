@@ -1,0 +1,39 @@
+"""The templates of the pages, which share one style sheet and a few macros."""
+
+from importlib import import_module, resources
+from typing import TYPE_CHECKING
+
+from tofmix.errors import UsageError
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+_MISSING_EXTRA = "the page needs matplotlib and jinja2: pip install 'tofmix[report]'"
+
+
+def load_template(name: str) -> "Template":
+    """Load a template of this folder.
+
+    Raises
+    ------
+    UsageError
+        If matplotlib or jinja2 is missing.
+    """
+    try:
+        import_module("matplotlib")  # told here, before minutes are spent on the numbers
+        jinja2 = import_module("jinja2")
+    except ImportError as error:
+        raise UsageError(_MISSING_EXTRA) from error
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(_read),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    template: Template = environment.get_template(name)
+    return template
+
+
+def _read(name: str) -> str:
+    return resources.files("tofmix.report").joinpath(name).read_text(encoding="utf-8")

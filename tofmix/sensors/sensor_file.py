@@ -1,0 +1,50 @@
+"""The camera that a file describes: a model, or a TOML file with a ``[sensor]`` table alone.
+
+Use it where a user names a camera by file; `load_profile` has the built-in ones.
+"""
+
+from tofmix.errors import BadInputError
+from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.profile_toml import read_sensor
+from tofmix.sensors.registry import load_profile
+from tofmix.toml_table import TomlTable, parse_toml
+
+
+def sensor_of(root: TomlTable) -> SensorProfile:
+    """Read the table ``[sensor]``, whose key ``profile`` names a built-in camera that its other keys override.
+
+    Raises
+    ------
+    BadInputError
+        If a key is unknown, missing, of a wrong type or outside its bounds.
+    """
+    table = root.table("sensor")
+    base = None
+    if "profile" in table:
+        name = table.text("profile")
+        try:
+            base = load_profile(name)
+        except BadInputError as error:
+            raise table.error(str(error), "profile") from None
+    return read_sensor(table, base, more_keys=("profile",))
+
+
+def parse_sensor(text: str, *, source: str) -> SensorProfile:
+    """Read the camera of a TOML file; tables of a model beside ``[sensor]`` are passed over.
+
+    Parameters
+    ----------
+    text : str
+        The file's text.
+    source : str
+        Its name, for messages.
+
+    Raises
+    ------
+    BadInputError
+        If it is not TOML or holds no camera.
+    """
+    root = parse_toml(text, source=source)
+    if "sensor" not in root:
+        raise root.error("no table [sensor], so no camera")
+    return sensor_of(root)
