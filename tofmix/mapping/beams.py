@@ -44,7 +44,7 @@ class Beams:
     samples_no_return : (row, col) float64
         Samples that met nothing.
     free_to_mm : float
-        Up to where a sample without a return says that space is free, mm.
+        Up to where a sample without a return says that space is free, mm; 0 where the camera knows no such samples.
     fov_horizontal_rad, fov_vertical_rad : float
         Full field of view, rad. Pixels are equally spaced in azimuth and in elevation.
     """
@@ -67,12 +67,9 @@ class Beams:
 
     @property
     def reach_mm(self) -> float:
-        """The farthest range that the beams tell anything of, mm; 0 if they tell nothing."""
+        """The farthest range that the beams can tell of, mm: `free_to_mm`, or a surface behind it."""
         surfaces = self.far_mm[np.isfinite(self.far_mm)]
-        known = [float(surfaces.max())] if surfaces.size else []
-        if (self.samples_no_return > 0).any():
-            known.append(self.free_to_mm)
-        return max(known, default=0.0)
+        return max(self.free_to_mm, float(surfaces.max()) if surfaces.size else 0.0)
 
 
 def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float = MIN_PROBABILITY) -> Beams:

@@ -124,7 +124,7 @@ def plan_grid(beams: Beams, pose: Pose, *, cell_mm: float, height_mm: tuple[floa
     Returns
     -------
     Grid
-        It depends on the range limit and the pose, on the surfaces only where there is no limit.
+        The same for all images of a camera from a pose, unless it has no range limit or a surface lies behind it.
 
     Raises
     ------
