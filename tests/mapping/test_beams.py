@@ -53,3 +53,12 @@ def test_refusals(make_layers: MakeLayers, camera: Sensor) -> None:
         beams_from_layers(layers.reshaped((64,)), camera)
     with pytest.raises(ValueError, match="does not go with range"):
         beams_from_ranges([[1.0, 2.0]], [[1.0]], camera)
+
+
+def test_a_surface_of_uncertain_place_is_less_surely_there(make_layers: MakeLayers, camera: Sensor) -> None:
+    layers = make_layers([1000.0, 2000.0], [0.5, 0.4], stderr=50.0)
+    layers.range_stderr[..., 1] = 0.0
+    beams = beams_from_layers(layers, camera)
+    within = beams.probability_within(50.0)[2, 3]
+    np.testing.assert_allclose(within, [0.682689, 1.0, 0.0], atol=1e-5)  # one standard error, none, no surface
+    assert (beams.probability_within(5.0)[..., 0] < 0.1).all()

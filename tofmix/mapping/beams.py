@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import erf
 
 from tofmix.arrays import FloatArray
 from tofmix.layers import Layers
@@ -70,6 +71,24 @@ class Beams:
         """The farthest range that the beams can tell of, mm: `free_to_mm`, or a surface behind it."""
         surfaces = self.far_mm[np.isfinite(self.far_mm)]
         return max(self.free_to_mm, float(surfaces.max()) if surfaces.size else 0.0)
+
+    def probability_within(self, distance_mm: float) -> FloatArray:
+        """How surely each surface exists and stands no farther than this from where it stops light.
+
+        Parameters
+        ----------
+        distance_mm : float
+            Distance, mm, above 0.
+
+        Returns
+        -------
+        (row, col, layer) float64
+            `probability` times that of a normal error of the range below the distance; 0 where there is no surface.
+        """
+        stderr = (self.near_mm - self.clear_to_mm) / CLEAR_STDERRS
+        with np.errstate(divide="ignore"):
+            placed = erf(distance_mm / (math.sqrt(2.0) * stderr))
+        return np.asarray(np.nan_to_num(self.probability * placed))
 
 
 def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float = MIN_PROBABILITY) -> Beams:

@@ -54,7 +54,8 @@ class Light:
     """Light counted in samples, in each cell of a grid.
 
     stopped, passed (x, y, z) float64: samples that stopped in the cell, and that passed through it; probability
-    (x, y, z) float64: how surely the surest surface exists that stopped any, 0 where none did.
+    (x, y, z) float64: how surely the surest surface that stopped any exists and stands within a cell's width of there,
+    0 where none did.
     """
 
     stopped: FloatArray
@@ -120,13 +121,14 @@ def count_light(
     """
     low = [grid.centres_mm(axis) - grid.cell_mm / 2 - pose.position()[axis] for axis in range(3)]
     width, height = beams.pixel_size_rad
-    surfaces = beams.near_mm, beams.far_mm, beams.clear_to_mm, beams.samples, beams.probability
+    surfaces = beams.near_mm, beams.far_mm, beams.clear_to_mm, beams.samples
+    probability = beams.probability_within(grid.cell_mm)
     out = np.zeros((grid.shape[2], grid.shape[0], grid.shape[1], 3))
 
     def level(k: int) -> None:
         count_levels(
             low[2][k : k + 1], low[0], low[1], grid.cell_mm, beams.reach_mm, pose.rotation(), width, height,
-            *surfaces, beams.samples_no_return, beams.free_to_mm, out[k : k + 1],
+            *surfaces, probability, beams.samples_no_return, beams.free_to_mm, out[k : k + 1],
         )  # fmt: skip
         if progress is not None:
             progress(grid.shape[0] * grid.shape[1])
@@ -148,7 +150,7 @@ def log_odds(
     stopped, passed : array_like
         Samples, of one shape, at least 0.
     probability : array_like
-        How surely the surest surface exists that stopped any: no cell is more surely occupied than that.
+        How surely the surest surface that stopped any exists and is there: no cell is more surely occupied than that.
     min_share : float
         Share of the light through a cell that an obstacle stops at least, in (0, 1).
 
