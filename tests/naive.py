@@ -4,6 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from tofmix.mapping.beams import Beams
+from tofmix.mapping.grid import Grid
+from tofmix.mapping.pose import Pose
 from tofmix.sensor import NoiseCurve, Sensor
 
 Array = NDArray[np.float64]
@@ -107,3 +110,29 @@ def plain_em(
         variance = np.full(len(mean), squares.sum() / len(samples)) if equal else squares / support
         weight, sigma = support / len(samples), np.maximum(np.sqrt(variance), floor)
     return weight, mean, sigma
+
+
+def light(beams: Beams, pose: Pose, grid: Grid, *, rays: int) -> tuple[Array, Array]:
+    """Samples that stop in each voxel, and that pass: every pixel as rays x rays thin rays, every ray through all."""
+    rows, cols, layers = beams.samples.shape
+    width, height = beams.pixel_size_rad
+    corners = np.stack(np.meshgrid(*[np.array(f) + np.arange(n) for f, n in zip(grid.first, grid.shape, strict=True)],
+                                   indexing="ij"), axis=-1) * grid.cell_mm - pose.position()  # fmt: skip
+    stopped, passed = np.zeros(grid.shape), np.zeros(grid.shape)
+    for number in np.ndindex(rows * rays, cols * rays):
+        row, col = number[0] // rays, number[1] // rays
+        el = ((number[0] + 0.5) / rays - rows / 2) * height
+        az = ((number[1] + 0.5) / rays - cols / 2) * width
+        ray = pose.rotation() @ np.array([np.sin(az) * np.cos(el), np.sin(el), np.cos(az) * np.cos(el)])
+        with np.errstate(divide="ignore"):
+            planes = corners / ray, (corners + grid.cell_mm) / ray
+        enter = np.maximum(np.minimum(*planes).max(axis=-1), 0.0)
+        leave = np.maximum(*planes).min(axis=-1)
+        hit = leave > enter
+        for layer in range(layers):
+            part = beams.samples[row, col, layer] / rays**2
+            inside = (beams.near_mm[row, col, layer] <= leave) & (beams.far_mm[row, col, layer] >= enter)
+            passed[hit & (beams.clear_to_mm[row, col, layer] > leave)] += part
+            stopped[hit & inside] += part
+        passed[hit & (leave <= beams.free_to_mm)] += beams.samples_no_return[row, col] / rays**2
+    return stopped, passed

@@ -12,15 +12,16 @@ PACKAGE = Path(tofmix.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 MAY_IMPORT = {
-    "cli": {"cli", "io", "report", "estimation", "simulation", "sensors"},
-    "io": {"io", "simulation"},
+    "cli": {"cli", "io", "report", "estimation", "mapping", "simulation", "sensors"},
+    "io": {"io", "mapping", "simulation"},
     "report": {"report", "estimation", "simulation", "sensors"},
     "estimation": {"estimation"},
+    "mapping": {"mapping"},
     "simulation": {"simulation", "sensors"},
     "sensors": {"sensors"},
     "": set(),
 }
-ONLY_IN = {"h5py": "io", "click": "cli", "tqdm": "cli", "matplotlib": "report", "jinja2": "report"}
+ONLY_IN = {"h5py": "io", "click": "cli", "tqdm": "cli", "matplotlib": "report", "jinja2": "report", "plyfile": "io"}
 
 
 def _folder(module: Path) -> str:

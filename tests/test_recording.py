@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tofmix.recording import ArrayRecording
+from tofmix.recording import ArrayRecording, FrameSpan
 from tofmix.sensor import Sensor
 
 
@@ -21,3 +21,16 @@ def test_it_is_its_own_copy_with_nan_for_invalid(sensor: Sensor) -> None:
 def test_other_shapes_are_refused(shape: tuple[int, ...], sensor: Sensor) -> None:
     with pytest.raises(ValueError, match="range: expected"):
         ArrayRecording(np.zeros(shape), sensor)
+
+
+def test_a_span_of_frames_is_a_recording_of_its_own() -> None:
+    samples = np.arange(10 * 2 * 3, dtype=np.float32).reshape(10, 2, 3)
+    span = FrameSpan(ArrayRecording(samples, Sensor(name="x")), 4, 9)
+    assert span.shape == (5, 2, 3)
+    assert span.row_step == 1
+    assert span.sensor.name == "x"
+    for frames in (slice(None), slice(1, 3), slice(0, 99)):
+        np.testing.assert_array_equal(span.read_range(frames, slice(1, 2)), samples[4:9][frames, 1:2])
+    for start, stop in ((-1, 3), (3, 3), (0, 11)):
+        with pytest.raises(ValueError, match="the recording has 10"):
+            FrameSpan(ArrayRecording(samples, Sensor(name="x")), start, stop)

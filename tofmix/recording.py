@@ -115,3 +115,45 @@ class ArrayRecording:
         if self._amplitude is None:
             raise ValueError("the recording has no amplitudes")
         return self._amplitude[frames, rows]
+
+
+class FrameSpan:
+    """Some frames of a recording, as a recording of their own; nothing is copied.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The recording.
+    start, stop : int
+        Its frames [start, stop).
+
+    Raises
+    ------
+    ValueError
+        If the recording has no such frames.
+    """
+
+    def __init__(self, source: SampleSource, start: int, stop: int) -> None:
+        if not 0 <= start < stop <= source.shape[0]:
+            raise ValueError(f"frames {start} to {stop} asked for, the recording has {source.shape[0]}")
+        self._source, self._start, self._stop = source, start, stop
+
+    @property
+    def sensor(self) -> Sensor:
+        """The camera."""
+        return self._source.sensor
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Frames, rows, columns."""
+        return self._stop - self._start, *self._source.shape[1:]
+
+    @property
+    def row_step(self) -> int:
+        """Rows that are stored together."""
+        return self._source.row_step
+
+    def read_range(self, frames: slice, rows: slice) -> Float32Array:
+        """Samples (frame, row, col) float32 in mm, NaN where invalid."""
+        first, last, step = frames.indices(self._stop - self._start)
+        return self._source.read_range(slice(self._start + first, self._start + last, step), rows)

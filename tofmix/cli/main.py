@@ -15,6 +15,7 @@ from tofmix.cli.export import export
 from tofmix.cli.import_ import import_
 from tofmix.cli.info import info
 from tofmix.cli.inspect import inspect
+from tofmix.cli.map import map_
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
@@ -54,7 +55,7 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report, inspect, info, compare, import_, export):
+for _command in (simulate, estimate, report, inspect, info, compare, import_, export, map_):
     main.add_command(_command)
 
 

@@ -1,0 +1,262 @@
+"""``tofmix map``: layers in, occupancy grids out."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tofmix.cli.options import PATH, default_workers, examples, json_option, overwrite_option, progress_bar
+from tofmix.errors import BadInputError, UsageError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from tofmix.io.layers_file import LayersFile
+    from tofmix.io.recording_file import RecordingFile
+    from tofmix.mapping.beams import Beams
+    from tofmix.mapping.occupancy import FloorMap, VoxelMap
+
+LAYERS, AVERAGED, THIN_BEAM = "layers", "averaged", "thin-beam"
+
+
+class _Numbers(click.ParamType):  # type: ignore[type-arg]  # generic in new versions of click alone
+    """Numbers with commas between them."""
+
+    name = "numbers"
+
+    def __init__(self, names: str) -> None:
+        self.names = names
+
+    def convert(
+        self, value: str | tuple[float, ...], param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[float, ...]:
+        if isinstance(value, tuple):
+            return value
+        parts = value.split(",")
+        try:
+            numbers = tuple(float(part) for part in parts)
+        except ValueError:
+            numbers = ()
+        if len(numbers) != len(self.names.split(",")):
+            self.fail(f"{value!r} is not {self.names}", param, ctx)
+        return numbers
+
+
+@examples(
+    """
+tofmix map boards.layers.h5 -o boards.yaml
+tofmix map boards.layers.h5 -o boards.yaml --height -600,300 --pitch 7 --cell 40
+tofmix map boards.layers.h5 --voxels boards.ply
+tofmix map boards.layers.h5 -o averaged.yaml --from averaged --recording boards.h5
+"""
+)
+@click.command("map", short_help="Write an occupancy map of what the layers show.")
+@click.argument("layers", type=PATH)
+@click.option("-o", "--output", type=PATH, help="2-D map to write, .yaml; its image .pgm comes beside it.")
+@click.option("--voxels", type=PATH, help="3-D map to write: occupied voxels as .ply, or the whole grid as .npz.")
+@click.option(
+    "--from", type=click.Choice([LAYERS, AVERAGED, THIN_BEAM]), default=LAYERS, show_default=True,
+    help="What each beam says: its layers; or for comparison its samples' mean, or one surface fitted to them.",
+)  # fmt: skip
+@click.option("--recording", type=PATH, help="The samples, for --from averaged and thin-beam.")
+@click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window that is mapped.")
+@click.option(
+    "--cell", type=click.FloatRange(1.0, 10_000.0), default=50.0, show_default=True, help="Edge of a cell, mm."
+)
+@click.option(
+    "--height", type=_Numbers("A,B"), metavar="A,B", default="-250,250", show_default=True,
+    help="Heights that the 2-D map shows, mm above the camera; rounded outward to whole cells.",
+)  # fmt: skip
+@click.option(
+    "--pose", type=_Numbers("X,Y,YAW"), metavar="X,Y,YAW", default="0,0,0", show_default=True,
+    help="The camera in the map: mm, mm, and degrees anticlockwise from x.",
+)  # fmt: skip
+@click.option(
+    "--pitch", type=click.FloatRange(-89.0, 89.0), default=0.0, show_default=True,
+    help="Degrees by which the camera looks down.",
+)  # fmt: skip
+@click.option(
+    "--min-share", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.05, show_default=True,
+    help="Share of the light through a cell that an obstacle there stops at least.",
+)  # fmt: skip
+@click.option(
+    "--min-probability", type=click.FloatRange(0, 1), default=0.9999, show_default=True,
+    help="Layers less sure than this tell nothing.",
+)  # fmt: skip
+@click.option("--workers", type=click.IntRange(1), help="Threads; results do not depend on it.  [default: all cores]")
+@json_option
+@overwrite_option
+def map_(
+    layers: Path,
+    output: Path | None,
+    voxels: Path | None,
+    recording: Path | None,
+    window: int,
+    cell: float,
+    height: tuple[float, float],
+    pose: tuple[float, float, float],
+    pitch: float,
+    min_share: float,
+    min_probability: float,
+    workers: int | None,
+    as_json: bool,
+    overwrite: bool,
+    **choices: str,
+) -> None:
+    """Write an occupancy map of what LAYERS, a file that tofmix estimate wrote, shows.
+
+    Every layer is a hit with its share of the light; space is free in front of it,
+    and behind it to the share that passes. The 2-D map is for ROS's map_server. Its
+    cells are occupied if anything within the band of heights is. The camera stands
+    at height 0; x is ahead of it and y to its left where its yaw is 0.
+    """
+    from tofmix.io.layers_file import open_layers
+    from tofmix.io.map_file import encode_map
+    from tofmix.io.together import write_together
+    from tofmix.io.voxel_file import encode_voxels
+    from tofmix.mapping.grid import plan_grid
+    from tofmix.mapping.occupancy import map_beams, project
+    from tofmix.mapping.pose import Pose
+
+    source = choices["from"]
+    _check_call(output, voxels, source, recording, overwrite, inputs=tuple(filter(None, (layers, recording))))
+    threads = workers or default_workers()
+    with open_layers(layers) as file:
+        if window >= file.shape[0]:
+            raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
+        beams = _beams(file, window, source, recording, min_probability, threads)
+        comment = _comment(file, source, recording)
+    try:
+        camera = Pose(x_mm=pose[0], y_mm=pose[1], yaw_deg=pose[2], pitch_deg=pitch)
+        grid = plan_grid(beams, camera, cell_mm=cell, height_mm=None if voxels is not None else height)
+        if output is not None:
+            grid = grid.with_levels(height)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    with progress_bar(grid.size, "map", "cell") as bar:
+        space = map_beams(beams, camera, grid, min_share=min_share, workers=threads, progress=bar.update)
+    contents: dict[Path, bytes] = {}
+    if voxels is not None:
+        contents[voxels] = encode_voxels(space, voxels, comment=comment)
+    floor = None if output is None else project(space, height)
+    if output is not None and floor is not None:
+        contents |= encode_map(floor, output, comment=comment)
+    write_together(contents, overwrite=overwrite, inputs=tuple(filter(None, (layers, recording))))
+    _say(output, floor, voxels, space, as_json)
+
+
+def _check_call(
+    output: Path | None, voxels: Path | None, source: str, recording: Path | None, overwrite: bool,
+    inputs: tuple[Path, ...],
+) -> None:  # fmt: skip
+    """Refuse what cannot work before any work is done."""
+    from tofmix.io.map_file import map_paths
+    from tofmix.io.storage import check_output
+    from tofmix.io.voxel_file import check_voxel_path
+
+    if output is None and voxels is None:
+        raise UsageError("nothing to write: pass -o MAP.yaml, --voxels OUT.ply or both")
+    if source != LAYERS and recording is None:
+        raise UsageError(f"--from {source} needs the samples: pass --recording RECORDING")
+    if source == LAYERS and recording is not None:
+        raise UsageError("--recording goes with --from averaged or thin-beam")
+    paths = () if output is None else map_paths(output)
+    if voxels is not None:
+        check_voxel_path(voxels)
+        paths = (*paths, voxels)
+    for path in paths:
+        check_output(path, overwrite=overwrite, inputs=inputs)
+
+
+def _beams(
+    file: "LayersFile", window: int, source: str, recording: Path | None, min_probability: float, workers: int
+) -> "Beams":
+    from tofmix.io.recording_file import open_recording
+    from tofmix.mapping.beams import beams_from_layers
+
+    try:
+        if recording is None:
+            return beams_from_layers(file.read_window(window), file.provenance.sensor, min_probability=min_probability)
+        with open_recording(recording) as samples:
+            frames = _frames(file, window, samples)
+            if source == AVERAGED:
+                return _averaged(file, samples, frames)
+            return _thin_beam(file, samples, frames, min_probability, workers)
+    except ValueError as error:
+        raise BadInputError(f"{file.path}: {error}") from error
+
+
+def _frames(file: "LayersFile", window: int, samples: "RecordingFile") -> tuple[int, int]:
+    """The window's frames, or all frames of a recording that the layers were not made from."""
+    from tofmix.io.recording_file import file_sha256
+
+    if samples.shape[1:] != file.shape[1:]:
+        raise BadInputError(
+            f"{samples.path}: range: {samples.shape[1]} x {samples.shape[2]} pixels do not go with {file.path},"
+            f" which has {file.shape[1]} x {file.shape[2]}"
+        )
+    if file_sha256(samples.path) == file.provenance.source_sha256:
+        return int(file.window_start[window]), int(file.window_stop[window])
+    click.echo(
+        f"tofmix: {samples.path} is not the recording that {file.path} was made from; all its frames are used", err=True
+    )
+    return 0, samples.shape[0]
+
+
+def _averaged(file: "LayersFile", samples: "RecordingFile", frames: tuple[int, int]) -> "Beams":
+    from dataclasses import replace
+
+    from tofmix.mapping.averages import count_samples
+    from tofmix.mapping.beams import beams_from_ranges
+    from tofmix.report.averaging import average_samples
+
+    start, stop = frames
+    mean = average_samples(samples, start=start, stop=stop).range_mm
+    noise = samples.sensor.noise or file.provenance.sensor.noise
+    return beams_from_ranges(
+        mean, count_samples(samples, start=start, stop=stop), replace(file.provenance.sensor, noise=noise)
+    )
+
+
+def _thin_beam(
+    file: "LayersFile", samples: "RecordingFile", frames: tuple[int, int], min_probability: float, workers: int
+) -> "Beams":
+    from tofmix.estimation.sequence import estimate_layers
+    from tofmix.estimation.settings import EstimateOptions, SigmaMode
+    from tofmix.mapping.beams import beams_from_layers
+    from tofmix.recording import FrameSpan
+
+    samples.sensor = file.provenance.sensor
+    options = EstimateOptions(max_layers=1, sigma=SigmaMode.TIED)
+    found = estimate_layers(FrameSpan(samples, *frames), options, workers=workers)
+    return beams_from_layers(found.reshaped(file.shape[1:]), samples.sensor, min_probability=min_probability)
+
+
+def _comment(file: "LayersFile", source: str, recording: Path | None) -> str:
+    from tofmix import __version__
+
+    samples = "" if recording is None else f" of {recording.name}"
+    return f"tofmix {__version__} map --from {source}{samples}, {file.path.name}"
+
+
+def _say(output: Path | None, floor: "FloorMap | None", voxels: Path | None, space: "VoxelMap", as_json: bool) -> None:
+    """Print what was written and how many cells of each state it has."""
+    from tofmix.mapping.occupancy import State
+
+    parts: dict[str, tuple[Path, NDArray[np.uint8]]] = {}
+    if output is not None and floor is not None:
+        parts["map"] = (output, floor.cells)
+    if voxels is not None:
+        parts["voxels"] = (voxels, space.states())
+    said = {}
+    for name, (path, states) in parts.items():
+        counts = {state.name.lower(): int((states == state).sum()) for state in reversed(State)}
+        said[name] = {"path": str(path), "cell_mm": space.grid.cell_mm, "shape": list(states.shape)} | counts
+        if not as_json:
+            size = " x ".join(str(n) for n in states.shape)
+            text = ", ".join(f"{state} {count:,}" for state, count in counts.items())
+            click.echo(f"{path}: {size} cells of {space.grid.cell_mm:g} mm; {text}")
+    if as_json:
+        click.echo(json.dumps(said, indent=2))

@@ -1,0 +1,4 @@
+"""Occupancy maps from what each pixel sees: beams -> kernel (light that stops, light that passes) -> log-odds -> map.
+
+It knows no files: `tofmix.io.map_file` and `tofmix.io.voxel_file` write what comes out of it.
+"""

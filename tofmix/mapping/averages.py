@@ -1,0 +1,42 @@
+"""How many samples stand behind the average of each pixel."""
+
+import numpy as np
+
+from tofmix.arrays import IntArray
+from tofmix.recording import SampleSource
+
+_BLOCK_SAMPLES = 1 << 21
+
+
+def count_samples(recording: SampleSource, *, start: int, stop: int) -> IntArray:
+    """Valid samples of each pixel in frames [start, stop), read a block at a time.
+
+    Parameters
+    ----------
+    recording : SampleSource
+        The recording.
+    start, stop : int
+        Frames, 0 <= start < stop <= its frames.
+
+    Returns
+    -------
+    (row, col) int64
+        Samples.
+
+    Raises
+    ------
+    ValueError
+        If the recording has no such frames.
+    """
+    frames, rows, cols = recording.shape
+    if not 0 <= start < stop <= frames:
+        raise ValueError(f"frames {start} to {stop} asked for, the recording has {frames}")
+    out = np.zeros((rows, cols), dtype=np.int64)
+    band = max(1, recording.row_step)
+    depth = max(1, _BLOCK_SAMPLES // (band * cols))
+    for row in range(0, rows, band):
+        part = slice(row, min(row + band, rows))
+        for first in range(start, stop, depth):
+            block = recording.read_range(slice(first, min(first + depth, stop)), part)
+            out[part] += np.isfinite(block).sum(axis=0)
+    return out

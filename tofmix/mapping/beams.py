@@ -1,0 +1,212 @@
+"""What each pixel's beam says to a map: where light stops, how much of it, and how surely.
+
+`beams_from_layers` takes every surface of a pixel with its share. `beams_from_ranges`
+takes one range a pixel, as a camera's averaging gives it: for comparison.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import erf
+
+from tofmix.arrays import FloatArray
+from tofmix.layers import Layers
+from tofmix.sensor import Sensor
+
+MAX_INCIDENCE_DEG = 60.0
+"""A surface may be inclined by this much: across a beam its range then varies, and it stops light over that depth."""
+
+CLEAR_STDERRS = 2.0
+"""A surface may stand this many standard errors nearer than its range: up to there space is free, not farther."""
+
+NO_RETURN_SIGMAS = 2.0
+"""The estimator takes a surface within this many sigma of `range_max_mm` as no return: space is free up to there."""
+
+MIN_PROBABILITY = 0.9999
+"""Default of the least probability with which a layer counts: of 25,000 pixels' layers, a few false ones remain."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Beams:
+    """The pixels of one image. A beam's samples are those of its surfaces, of no return, and others that tell nothing.
+
+    Parameters
+    ----------
+    near_mm, far_mm : (row, col, layer) float64
+        Where each surface stops light: its range less and plus half its depth, mm. NaN where there is none.
+    clear_to_mm : (row, col, layer) float64
+        Up to where the light of each surface surely passed, mm; from there to `near_mm`, and behind, it says nothing.
+    samples : (row, col, layer) float64
+        Samples that stopped there: the surface's share of the pixel's samples; 0 where there is none.
+    probability : (row, col, layer) float64
+        How surely the surface exists, in [0, 1].
+    samples_no_return : (row, col) float64
+        Samples that met nothing.
+    free_to_mm : float
+        Up to where a sample without a return says that space is free, mm; 0 where the camera knows no such samples.
+    fov_horizontal_rad, fov_vertical_rad : float
+        Full field of view, rad. Pixels are equally spaced in azimuth and in elevation.
+    """
+
+    near_mm: FloatArray
+    far_mm: FloatArray
+    clear_to_mm: FloatArray
+    samples: FloatArray
+    probability: FloatArray
+    samples_no_return: FloatArray
+    free_to_mm: float
+    fov_horizontal_rad: float
+    fov_vertical_rad: float
+
+    @property
+    def pixel_size_rad(self) -> tuple[float, float]:
+        """Extent of a pixel in azimuth and elevation, rad."""
+        rows, cols = self.samples_no_return.shape
+        return self.fov_horizontal_rad / cols, self.fov_vertical_rad / rows
+
+    @property
+    def reach_mm(self) -> float:
+        """The farthest range that the beams can tell of, mm: `free_to_mm`, or a surface behind it."""
+        surfaces = self.far_mm[np.isfinite(self.far_mm)]
+        return max(self.free_to_mm, float(surfaces.max()) if surfaces.size else 0.0)
+
+    def probability_within(self, distance_mm: float) -> FloatArray:
+        """How surely each surface exists and stands no farther than this from where it stops light.
+
+        Parameters
+        ----------
+        distance_mm : float
+            Distance, mm, above 0.
+
+        Returns
+        -------
+        (row, col, layer) float64
+            `probability` times that of a normal error of the range below the distance; 0 where there is no surface.
+        """
+        stderr = (self.near_mm - self.clear_to_mm) / CLEAR_STDERRS
+        with np.errstate(divide="ignore"):
+            placed = erf(distance_mm / (math.sqrt(2.0) * stderr))
+        return np.asarray(np.nan_to_num(self.probability * placed))
+
+
+def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float = MIN_PROBABILITY) -> Beams:
+    """Every layer is a hit with its share of the samples; no return counts as such.
+
+    A hit stands at its range, half as deep as ``r b tan(60 deg) / 2``, b being a pixel's larger extent in rad. In the
+    two standard errors before it the beam says nothing.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col).
+    sensor : Sensor
+        The camera: field of view, `range_max_mm`, noise curve.
+    min_probability : float
+        Layers less sure than this count neither as a hit nor as free space, in [0, 1].
+
+    Returns
+    -------
+    Beams
+        Of the same image.
+
+    Raises
+    ------
+    ValueError
+        If the layers are not an image, the sensor has no field of view, or `min_probability` is outside [0, 1].
+    """
+    if not 0 <= min_probability <= 1:
+        raise ValueError(f"min_probability: {min_probability:g} is not in [0, 1]")
+    range_mm = layers.range.astype(np.float64)
+    # A layer without a probability or an error, as another program may write it, is taken at its word.
+    probability = np.nan_to_num(layers.probability.astype(np.float64), nan=1.0)
+    known = np.isfinite(range_mm) & (range_mm > 0) & (probability >= min_probability)
+    n_samples = layers.n_samples.astype(np.float64)
+    return _beams(
+        np.where(known, range_mm, np.nan),
+        stderr_mm=np.nan_to_num(layers.range_stderr.astype(np.float64)),
+        samples=np.where(known, np.nan_to_num(layers.weight), 0.0) * n_samples[..., np.newaxis],
+        probability=probability,
+        samples_no_return=np.nan_to_num(layers.weight_no_return) * n_samples,
+        sensor=sensor,
+    )
+
+
+def beams_from_ranges(range_mm: ArrayLike, n_samples: ArrayLike, sensor: Sensor) -> Beams:
+    """One range a pixel, the mean of its samples: all samples stopped there, or none did.
+
+    A mean that the estimator would take as no return, within 2 sigma of `range_max_mm`, is no return.
+
+    Parameters
+    ----------
+    range_mm : (row, col) array_like
+        Mean ranges, mm; NaN where a pixel has no sample.
+    n_samples : (row, col) array_like
+        Samples behind each mean.
+    sensor : Sensor
+        The camera: field of view, `range_max_mm`, noise curve of one sample.
+
+    Returns
+    -------
+    Beams
+        Of the same image, one layer.
+
+    Raises
+    ------
+    ValueError
+        If the ranges are not an image of the same size as `n_samples`, or the sensor has no field of view.
+    """
+    mean, count = np.asarray(range_mm, dtype=np.float64), np.asarray(n_samples, dtype=np.float64)
+    if mean.shape != count.shape:
+        raise ValueError(f"n_samples: shape {count.shape} does not go with range {mean.shape}")
+    known = np.isfinite(mean) & (mean > 0) & (count > 0)
+    open_space = known & (mean >= _free_to_mm(sensor))
+    surface = known & ~open_space
+    noise = sensor.noise.sigma(np.nan_to_num(mean)) if sensor.noise is not None else np.zeros(mean.shape)
+    return _beams(
+        np.where(surface, mean, np.nan)[..., np.newaxis],
+        stderr_mm=(noise / np.sqrt(np.maximum(count, 1.0)))[..., np.newaxis],
+        samples=np.where(surface, count, 0.0)[..., np.newaxis],
+        probability=np.ones((*mean.shape, 1)),
+        samples_no_return=np.where(open_space, count, 0.0),
+        sensor=sensor,
+    )
+
+
+def _free_to_mm(sensor: Sensor) -> float:
+    if sensor.range_max_mm is None:
+        return math.inf
+    sigma = 0.0 if sensor.noise is None else float(sensor.noise.sigma(sensor.range_max_mm))
+    return max(sensor.range_max_mm - NO_RETURN_SIGMAS * sigma, 0.0)
+
+
+def _beams(
+    range_mm: FloatArray,
+    *,
+    stderr_mm: FloatArray,
+    samples: FloatArray,
+    probability: FloatArray,
+    samples_no_return: FloatArray,
+    sensor: Sensor,
+) -> Beams:
+    if samples_no_return.ndim != 2 or samples_no_return.size == 0:  # noqa: PLR2004  rows and columns
+        raise ValueError(f"range: expected an image (row, col), got shape {samples_no_return.shape}")
+    if sensor.fov_horizontal_deg is None or sensor.fov_vertical_deg is None:
+        raise ValueError("the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg)")
+    rows, cols = samples_no_return.shape
+    horizontal, vertical = math.radians(sensor.fov_horizontal_deg), math.radians(sensor.fov_vertical_deg)
+    half_width = range_mm * max(horizontal / cols, vertical / rows) / 2
+    half_depth = half_width * math.tan(math.radians(MAX_INCIDENCE_DEG))
+    has_limit = sensor.range_max_mm is not None
+    return Beams(
+        near_mm=range_mm - half_depth,
+        far_mm=range_mm + half_depth,
+        clear_to_mm=range_mm - half_depth - CLEAR_STDERRS * stderr_mm,
+        samples=samples,
+        probability=probability,
+        samples_no_return=samples_no_return if has_limit else np.zeros_like(samples_no_return),
+        free_to_mm=_free_to_mm(sensor) if has_limit else 0.0,
+        fov_horizontal_rad=horizontal,
+        fov_vertical_rad=vertical,
+    )

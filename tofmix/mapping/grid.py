@@ -1,0 +1,160 @@
+"""The cells of a map: cubes on a lattice that does not move with the camera.
+
+Cell k of an axis spans [k cell_mm, (k + 1) cell_mm), so that maps of several poses lie on the same lattice.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.mapping.beams import Beams
+from tofmix.mapping.pose import Pose
+
+MAX_CELLS = 50_000_000
+"""Most cells of a grid: about 2 GB while it is made."""
+
+_BORDER = 33  # directions on each side of the field of view whose ends bound the grid
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Grid:
+    """A box of cubic cells.
+
+    Parameters
+    ----------
+    cell_mm : float
+        Edge of a cell, mm, above 0.
+    first : (int, int, int)
+        Lattice number of the first cell along x, y and z.
+    shape : (int, int, int)
+        Cells along x, y and z, each at least 1.
+
+    Raises
+    ------
+    ValueError
+        If a number is outside its bounds, or there are over 50 million cells.
+    """
+
+    cell_mm: float
+    first: tuple[int, int, int]
+    shape: tuple[int, int, int]
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.cell_mm) and self.cell_mm > 0):
+            raise ValueError(f"cell_mm: {self.cell_mm:g} is not a finite number above 0")
+        if min(self.shape) < 1:
+            raise ValueError(f"shape: {self.shape} holds no cell")
+        if self.size > MAX_CELLS:
+            raise ValueError(
+                f"{self.size:,} cells of {self.cell_mm:g} mm are more than {MAX_CELLS:,}; take larger cells"
+            )
+
+    @property
+    def origin_mm(self) -> FloatArray:
+        """(3,): the grid's corner of least x, y and z, mm."""
+        return np.array(self.first, dtype=np.float64) * self.cell_mm
+
+    def centres_mm(self, axis: int) -> FloatArray:
+        """Centres of the cells along an axis, mm."""
+        number = np.arange(self.shape[axis], dtype=np.float64)
+        return (self.first[axis] + number + 0.5) * self.cell_mm
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return math.prod(self.shape)
+
+    def with_levels(self, height_mm: tuple[float, float]) -> "Grid":
+        """The same grid, higher or lower where a band of heights asks for it.
+
+        Raises
+        ------
+        ValueError
+            If the band is empty, or the cells become too many.
+        """
+        low, high = lattice_span(height_mm, self.cell_mm)
+        low, high = min(low, self.first[2]), max(high, self.first[2] + self.shape[2])
+        return replace(self, first=(*self.first[:2], low), shape=(*self.shape[:2], high - low))
+
+    def levels(self, height_mm: tuple[float, float]) -> slice:
+        """Which levels along z a band of heights meets: the band is rounded outward to whole cells.
+
+        Raises
+        ------
+        ValueError
+            If the band is empty or outside the grid.
+        """
+        low, high = lattice_span(height_mm, self.cell_mm)
+        if low < self.first[2] or high > self.first[2] + self.shape[2]:
+            raise ValueError(f"heights {height_mm[0]:g} to {height_mm[1]:g} mm are not all within the grid")
+        return slice(low - self.first[2], high - self.first[2])
+
+
+def lattice_span(interval_mm: tuple[float, float], cell_mm: float) -> tuple[int, int]:
+    """First cell, and the cell after the last, of the lattice that an interval [low, high] meets.
+
+    Raises
+    ------
+    ValueError
+        If low is not below high, or one is not finite.
+    """
+    low, high = interval_mm
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise ValueError(f"{low:g},{high:g}: the first must be below the second, and both finite")
+    slack = 1e-9  # 300 / 0.1 is 2999.9999999999995: an end on the lattice stays there
+    return math.floor(low / cell_mm + slack), math.ceil(high / cell_mm - slack)
+
+
+def plan_grid(beams: Beams, pose: Pose, *, cell_mm: float, height_mm: tuple[float, float] | None = None) -> Grid:
+    """The smallest grid that holds the camera and all that its beams can tell of.
+
+    Parameters
+    ----------
+    beams : Beams
+        What the camera saw.
+    pose : Pose
+        Where it stood.
+    cell_mm : float
+        Edge of a cell, mm, above 0.
+    height_mm : (float, float), optional
+        Band of heights above the camera, mm, rounded outward to whole cells; all that it sees without it.
+
+    Returns
+    -------
+    Grid
+        The same for all images of a camera from a pose, unless it has no range limit or a surface lies behind it.
+
+    Raises
+    ------
+    ValueError
+        If the cells are too many, or a number is outside its bounds.
+    """
+    if not (math.isfinite(cell_mm) and cell_mm > 0):
+        raise ValueError(f"cell_mm: {cell_mm:g} is not a finite number above 0")
+    reach = max(beams.reach_mm, cell_mm)
+    ends = np.vstack([np.zeros(3), reach * _directions(beams)]) @ pose.rotation().T + pose.position()
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    spans = [lattice_span((low[axis] - cell_mm / 2, high[axis] + cell_mm / 2), cell_mm) for axis in range(3)]
+    if height_mm is not None:
+        spans[2] = lattice_span(height_mm, cell_mm)
+    return Grid(
+        cell_mm=float(cell_mm),
+        first=(spans[0][0], spans[1][0], spans[2][0]),
+        shape=(spans[0][1] - spans[0][0], spans[1][1] - spans[1][0], spans[2][1] - spans[2][0]),
+    )
+
+
+def _directions(beams: Beams) -> FloatArray:
+    """Unit vectors (n, 3) over the field of view, in the sensor's frame; 0 and the right angles among them."""
+    azimuth, elevation = (
+        _with_right_angles(half) for half in (beams.fov_horizontal_rad / 2, beams.fov_vertical_rad / 2)
+    )
+    az, el = np.meshgrid(azimuth, elevation)
+    return np.column_stack([(np.sin(az) * np.cos(el)).ravel(), np.sin(el).ravel(), (np.cos(az) * np.cos(el)).ravel()])
+
+
+def _with_right_angles(half: float) -> FloatArray:
+    right = np.array([-np.pi, -np.pi / 2, 0.0, np.pi / 2, np.pi])
+    return np.concatenate([np.linspace(-half, half, _BORDER), right[np.abs(right) <= half]])

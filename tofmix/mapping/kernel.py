@@ -1,0 +1,183 @@
+"""The kernel of the map: how many samples stop in each cell, and how many pass through it.
+
+It validates nothing; call `tofmix.mapping.occupancy.count_light`.
+
+It goes cell by cell, not beam by beam: a near cell is covered by many pixels, a far one by part of one, and
+each pixel's samples are shared out over the cells of a range by area. So a sample counts once at each range,
+however fine or coarse the cells, and the result does not depend on any order.
+"""
+
+import math
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.jit import jit
+
+MIN_RAYS = 4
+"""Least rays a side with which a cell is sampled: a small one's outline is then met to about a sixteenth."""
+
+
+@jit
+def _meets(direction: FloatArray, low: FloatArray, high: FloatArray, span: FloatArray) -> bool:
+    """Whether a ray from the origin meets the box; `span` receives the ranges where it enters and leaves."""
+    enter = 0.0
+    leave = math.inf
+    for axis in range(3):
+        d = direction[axis]
+        if d == 0.0:
+            if low[axis] > 0.0 or high[axis] <= 0.0:
+                return False
+            continue
+        a = low[axis] / d
+        b = high[axis] / d
+        enter = max(enter, min(a, b))
+        leave = min(leave, max(a, b))
+    span[0] = enter
+    span[1] = leave
+    return leave > enter
+
+
+@jit
+def _look(
+    row: int, col: int, part: float, span: FloatArray, near: FloatArray, far: FloatArray, clear: FloatArray,
+    samples: FloatArray, probability: FloatArray, no_return: FloatArray, free_to: float, light: FloatArray,
+) -> None:  # fmt: skip
+    """Add a part of one pixel's samples to a cell's `light`: stopped, passed, and how sure the surest stop is."""
+    for layer in range(near.shape[2]):
+        if clear[row, col, layer] > span[1]:
+            light[1] += part * samples[row, col, layer]
+        elif near[row, col, layer] <= span[1] and far[row, col, layer] >= span[0]:
+            stopped = part * samples[row, col, layer]
+            light[0] += stopped
+            if stopped > 0.0:
+                light[2] = max(light[2], probability[row, col, layer])
+    if span[1] <= free_to:
+        light[1] += part * no_return[row, col]
+
+
+@jit
+def _outline(low: FloatArray, high: FloatArray, rotation: FloatArray, angles: FloatArray) -> bool:
+    """Least and greatest azimuth, then elevation, of a box, into `angles`; false where the camera is in or at it."""
+    x = y = z = 0.0
+    size = 0.0
+    for axis in range(3):
+        middle = 0.5 * (low[axis] + high[axis])
+        x += rotation[axis, 0] * middle
+        y += rotation[axis, 1] * middle
+        z += rotation[axis, 2] * middle
+        size += (high[axis] - low[axis]) ** 2
+    if x * x + z * z <= 0.25 * size:
+        return False
+    centre = math.atan2(x, z)
+    angles[0] = angles[2] = math.inf
+    angles[1] = angles[3] = -math.inf
+    for corner in range(8):
+        x = y = z = 0.0
+        for axis in range(3):
+            value = high[axis] if (corner >> axis) & 1 else low[axis]
+            x += rotation[axis, 0] * value
+            y += rotation[axis, 1] * value
+            z += rotation[axis, 2] * value
+        turn = math.atan2(x, z) - centre
+        azimuth = centre + turn - 2.0 * math.pi * round(turn / (2.0 * math.pi))
+        elevation = math.atan2(y, math.hypot(x, z))
+        angles[0] = min(angles[0], azimuth)
+        angles[1] = max(angles[1], azimuth)
+        angles[2] = min(angles[2], elevation)
+        angles[3] = max(angles[3], elevation)
+    return True
+
+
+@jit
+def _look_at_cell(
+    angles: FloatArray, low: FloatArray, high: FloatArray, rotation: FloatArray, width: float, height: float,
+    near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray, probability: FloatArray,
+    no_return: FloatArray, free_to: float, work: FloatArray, light: FloatArray,
+) -> None:  # fmt: skip
+    """Add up what the pixels say that see the cell, each by the part of it that the cell covers."""
+    rows, cols = no_return.shape
+    left = angles[0] / width + 0.5 * cols
+    right = angles[1] / width + 0.5 * cols
+    top = angles[2] / height + 0.5 * rows
+    bottom = angles[3] / height + 0.5 * rows
+    first_col = max(math.floor(left), 0)
+    last_col = min(math.ceil(right), cols)
+    first_row = max(math.floor(top), 0)
+    last_row = min(math.ceil(bottom), rows)
+    if first_col >= last_col or first_row >= last_row:
+        return
+    across = max(1, math.ceil(MIN_RAYS / (last_col - first_col)))
+    down = max(1, math.ceil(MIN_RAYS / (last_row - first_row)))
+    direction = work[:3]
+    span = work[3:]
+    for row in range(first_row, last_row):
+        y0 = max(top, float(row))
+        dy = (min(bottom, row + 1.0) - y0) / down
+        for col in range(first_col, last_col):
+            x0 = max(left, float(col))
+            dx = (min(right, col + 1.0) - x0) / across
+            for j in range(down):
+                el = (y0 + (j + 0.5) * dy - 0.5 * rows) * height
+                for i in range(across):
+                    az = (x0 + (i + 0.5) * dx - 0.5 * cols) * width
+                    for axis in range(3):
+                        direction[axis] = (
+                            rotation[axis, 0] * math.sin(az) * math.cos(el)
+                            + rotation[axis, 1] * math.sin(el)
+                            + rotation[axis, 2] * math.cos(az) * math.cos(el)
+                        )
+                    if _meets(direction, low, high, span):
+                        _look(
+                            row, col, dx * dy, span, near, far, clear, samples, probability, no_return, free_to, light
+                        )
+
+
+@jit
+def count_levels(
+    levels: FloatArray, xs: FloatArray, ys: FloatArray, cell: float, reach: float, rotation: FloatArray,
+    width: float, height: float, near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray,
+    probability: FloatArray, no_return: FloatArray, free_to: float, out: FloatArray,
+) -> None:  # fmt: skip
+    """Count the light in some levels of a grid.
+
+    Parameters
+    ----------
+    levels, xs, ys : (z,), (x,), (y,) float64
+        Least z, x and y of the cells relative to the camera, mm, along the map's axes.
+    cell, reach : float
+        Edge of a cell; the farthest range that the beams tell of; mm.
+    rotation : (3, 3) float64
+        Its columns are the sensor's axes in the map's frame.
+    width, height : float
+        A pixel's extent in azimuth and elevation, rad.
+    near, far, clear, samples, probability : (row, col, layer) float64
+        As in `Beams`.
+    no_return : (row, col) float64
+        As `Beams.samples_no_return`.
+    free_to : float
+        As `Beams.free_to_mm`.
+    out : (z, x, y, 3) float64
+        Zeros; receives samples that stopped, samples that passed, and the probability of the surest stop.
+    """
+    low = np.empty(3)
+    high = np.empty(3)
+    angles = np.empty(4)
+    work = np.empty(5)
+    for k in range(levels.shape[0]):
+        low[2] = levels[k]
+        high[2] = low[2] + cell
+        for i in range(xs.shape[0]):
+            low[0] = xs[i]
+            high[0] = low[0] + cell
+            for j in range(ys.shape[0]):
+                low[1] = ys[j]
+                high[1] = low[1] + cell
+                nearest = 0.0
+                for axis in range(3):
+                    nearest += max(low[axis], -high[axis], 0.0) ** 2
+                if nearest <= reach * reach and _outline(low, high, rotation, angles):
+                    _look_at_cell(
+                        angles, low, high, rotation, width, height, near, far, clear, samples, probability,
+                        no_return, free_to, work, out[k, i, j],
+                    )  # fmt: skip

@@ -1,0 +1,229 @@
+"""From light that stops and light that passes to log-odds, and from voxels to a 2-D map.
+
+The paper's forward model says of a sample that it stops at surface i with the unknown share p(c_i). Seen from a cell:
+of the light that reaches it, an unknown share s stops there. A cell is free if s is at most `min_share`, which stray
+layers may reach, and occupied if it is more. With k samples stopped and f passed, s uniform under either hypothesis
+and even odds before,
+
+    log-odds = log (1 - I) / (1 - min_share) - log I / min_share,    I = I_min_share(k + 1, f + 1)
+
+with the regularised incomplete beta function I. Light that stops in front of a cell says nothing about it.
+"""
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import betainc, betaincc
+
+from tofmix.arrays import ByteArray, Float32Array, FloatArray
+from tofmix.mapping.beams import Beams
+from tofmix.mapping.grid import Grid
+from tofmix.mapping.kernel import count_levels
+from tofmix.mapping.pose import Pose
+
+MIN_SHARE = 0.05
+"""Default of the share of the light through a cell that an obstacle there stops at least."""
+
+OCCUPIED_THRESH = 0.65
+"""A cell more probably occupied than this is; the value that ROS's map_server takes."""
+
+FREE_THRESH = 0.196
+"""A cell less probably occupied than this is free; the value that ROS's map_server takes."""
+
+MAX_LOG_ODDS = math.log(0.999 / 0.001)
+"""No cell is surer than 0.999: no model is."""
+
+_TINY = 1e-300  # keeps the logarithm of a vanished tail finite; it is clipped at MAX_LOG_ODDS anyway
+
+
+class State(IntEnum):
+    """What a map says of a cell."""
+
+    FREE = 0
+    UNKNOWN = 1
+    OCCUPIED = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Light:
+    """Light counted in samples, in each cell of a grid.
+
+    stopped, passed (x, y, z) float64: samples that stopped in the cell, and that passed through it; probability
+    (x, y, z) float64: how surely the surest surface that stopped any exists and stands within a cell's width of there,
+    0 where none did.
+    """
+
+    stopped: FloatArray
+    passed: FloatArray
+    probability: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VoxelMap:
+    """A 3-D occupancy grid: log_odds (x, y, z) float32 of being occupied, 0 where nothing is known."""
+
+    grid: Grid
+    log_odds: Float32Array
+
+    def probability(self) -> Float32Array:
+        """Probability (x, y, z) float32 of being occupied, 0.5 where nothing is known."""
+        return np.asarray(1.0 / (1.0 + np.exp(-self.log_odds)), dtype=np.float32)
+
+    def states(self) -> ByteArray:
+        """`State` of each voxel (x, y, z)."""
+        return _states(self.log_odds)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FloorMap:
+    """A 2-D occupancy grid.
+
+    cells (x, y) uint8: a `State` each; cell_mm their edge; origin_mm (x, y), the corner of least x and y.
+    """
+
+    cells: ByteArray
+    cell_mm: float
+    origin_mm: tuple[float, float]
+
+    def centres_mm(self, axis: int) -> FloatArray:
+        """Centres of the cells along x (0) or y (1), mm."""
+        number = np.arange(self.cells.shape[axis], dtype=np.float64)
+        return self.origin_mm[axis] + (number + 0.5) * self.cell_mm
+
+
+def count_light(
+    beams: Beams, pose: Pose, grid: Grid, *, workers: int = 1, progress: Callable[[int], object] | None = None
+) -> Light:
+    """Count the samples that stop in each cell, and those that pass through it.
+
+    Parameters
+    ----------
+    beams : Beams
+        What the camera saw.
+    pose : Pose
+        Where it stood.
+    grid : Grid
+        The cells. One in which the camera stands stays unknown.
+    workers : int
+        Threads, at least 1. It changes no value.
+    progress : callable, optional
+        Called with the number of cells done since the last call.
+
+    Returns
+    -------
+    Light
+        Float64, in samples.
+    """
+    low = [grid.centres_mm(axis) - grid.cell_mm / 2 - pose.position()[axis] for axis in range(3)]
+    width, height = beams.pixel_size_rad
+    surfaces = beams.near_mm, beams.far_mm, beams.clear_to_mm, beams.samples
+    probability = beams.probability_within(grid.cell_mm)
+    out = np.zeros((grid.shape[2], grid.shape[0], grid.shape[1], 3))
+
+    def level(k: int) -> None:
+        count_levels(
+            low[2][k : k + 1], low[0], low[1], grid.cell_mm, beams.reach_mm, pose.rotation(), width, height,
+            *surfaces, probability, beams.samples_no_return, beams.free_to_mm, out[k : k + 1],
+        )  # fmt: skip
+        if progress is not None:
+            progress(grid.shape[0] * grid.shape[1])
+
+    level(0)  # compiles or loads the kernel before there are threads
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(level, range(1, grid.shape[2])))
+    stopped, passed, probability = np.moveaxis(out, 0, 2).transpose(3, 0, 1, 2)
+    return Light(stopped=stopped, passed=passed, probability=probability)
+
+
+def log_odds(
+    stopped: ArrayLike, passed: ArrayLike, probability: ArrayLike, *, min_share: float = MIN_SHARE
+) -> FloatArray:
+    """Log-odds that cells are occupied, given the light counted in them.
+
+    Parameters
+    ----------
+    stopped, passed : array_like
+        Samples, of one shape, at least 0.
+    probability : array_like
+        How surely the surest surface that stopped any exists and is there: no cell is more surely occupied than that.
+    min_share : float
+        Share of the light through a cell that an obstacle stops at least, in (0, 1).
+
+    Returns
+    -------
+    float64 array
+        Within +-6.9; 0 where no light came.
+
+    Raises
+    ------
+    ValueError
+        If `min_share` is not between 0 and 1.
+
+    References
+    ----------
+    Pathak, Birk and Poppinga, IROS 2008, section II: p(c_i | m_i = 1) is not known beforehand. With the share
+    unknown and uniform, the number of stopped samples is beta-binomial.
+    """
+    if not 0 < min_share < 1:
+        raise ValueError(f"min_share: {min_share:g} is not between 0 and 1")
+    k, f = np.asarray(stopped, dtype=np.float64) + 1.0, np.asarray(passed, dtype=np.float64) + 1.0
+    occupied = np.log(np.maximum(betaincc(k, f, min_share), _TINY) / (1.0 - min_share))
+    free = np.log(np.maximum(betainc(k, f, min_share), _TINY) / min_share)
+    sure = np.minimum(np.asarray(probability, dtype=np.float64), 1.0 - 1e-9)
+    with np.errstate(divide="ignore"):
+        most = np.maximum(np.log(sure / (1.0 - sure)), 0.0)
+    odds = np.clip(occupied - free, -MAX_LOG_ODDS, MAX_LOG_ODDS)
+    return np.asarray(np.minimum(odds, np.where(np.asarray(stopped) > 0, most, MAX_LOG_ODDS)))
+
+
+def map_beams(
+    beams: Beams,
+    pose: Pose,
+    grid: Grid,
+    *,
+    min_share: float = MIN_SHARE,
+    workers: int = 1,
+    progress: Callable[[int], object] | None = None,
+) -> VoxelMap:
+    """Make the 3-D map of what one camera saw from one place; parameters as for `count_light` and `log_odds`."""
+    light = count_light(beams, pose, grid, workers=workers, progress=progress)
+    seen = (light.stopped > 0) | (light.passed > 0)
+    odds = np.zeros(grid.shape, dtype=np.float32)
+    odds[seen] = log_odds(light.stopped[seen], light.passed[seen], light.probability[seen], min_share=min_share)
+    return VoxelMap(grid=grid, log_odds=odds)
+
+
+def project(voxels: VoxelMap, height_mm: tuple[float, float]) -> FloorMap:
+    """Make a 2-D map of a band of heights: what a robot of that height meets.
+
+    A cell is occupied if any voxel of the band is; else free if any is; else unknown.
+
+    Parameters
+    ----------
+    voxels : VoxelMap
+        The 3-D map.
+    height_mm : (float, float)
+        Lowest and highest height above the camera, mm, rounded outward to whole cells.
+
+    Raises
+    ------
+    ValueError
+        If the band is empty or not all within the grid.
+    """
+    band = voxels.states()[:, :, voxels.grid.levels(height_mm)]
+    occupied, free = (band == State.OCCUPIED).any(axis=2), (band == State.FREE).any(axis=2)
+    cells = np.where(occupied, State.OCCUPIED, np.where(free, State.FREE, State.UNKNOWN))
+    x, y, _ = voxels.grid.origin_mm
+    return FloorMap(cells=cells.astype(np.uint8), cell_mm=voxels.grid.cell_mm, origin_mm=(float(x), float(y)))
+
+
+def _states(log_odds_: Float32Array) -> ByteArray:
+    states = np.full(log_odds_.shape, State.UNKNOWN, dtype=np.uint8)
+    states[log_odds_ > math.log(OCCUPIED_THRESH / (1.0 - OCCUPIED_THRESH))] = State.OCCUPIED
+    states[log_odds_ < math.log(FREE_THRESH / (1.0 - FREE_THRESH))] = State.FREE
+    return states
