@@ -20,7 +20,6 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.sequence import estimate_layers
 from tofmix.estimation.settings import EstimateOptions, SigmaMode
 from tofmix.io.model_file import load_model
@@ -31,7 +30,6 @@ from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
 from tofmix.report.theme import LIGHT, drawing
-from tofmix.sensor import Sensor
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Surface
 from tofmix.simulation.render import recording_sensor, render_blocks
@@ -50,20 +48,6 @@ _MAP = ListedColormap(["#ffffff", "#d0d5da", "#1f2328"])  # free, unknown, occup
 _WAY, _TRUTH = "#0072b2", "#d55e00"
 _VIEW_X_M, _VIEW_Y_M = (-0.35, 6.3), (2.6, -1.35)
 _FLAT = ("floor", "ceiling")
-
-
-class Recording(ArrayRecording):
-    """Samples with amplitudes, in memory."""
-
-    has_amplitude = True
-
-    def __init__(self, range_mm: FloatArray, amplitude: Float32Array, sensor: Sensor) -> None:
-        super().__init__(range_mm, sensor)
-        self._amplitude = amplitude
-
-    def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
-        """Amplitudes (frame, row, col) float32."""
-        return self._amplitude[frames, rows]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,10 +92,10 @@ def make_scene(*, closed: bool) -> Scene:
 def _beams(place: Corridor, truth: Truth) -> dict[str, Beams]:
     blocks = list(render_blocks(place.model, truth, n_frames=FRAMES, seed=SEED))
     sensor = recording_sensor(place.model)
-    samples = Recording(
+    samples = ArrayRecording(
         np.concatenate([block.range_mm for block in blocks]).astype(np.float64),
-        np.concatenate([block.amplitude for block in blocks]),
         sensor,
+        np.concatenate([block.amplitude for block in blocks]),
     )
     mean = average_samples(samples, start=0, stop=FRAMES).range_mm
     layers = estimate_layers(samples)

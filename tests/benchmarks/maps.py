@@ -24,10 +24,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tofmix.arrays import Float32Array, FloatArray
+from tofmix.arrays import FloatArray
 from tofmix.estimation.sequence import estimate_layers
 from tofmix.estimation.settings import EstimateOptions, SigmaMode
 from tofmix.mapping.beams import Beams, beams_from_layers, beams_from_ranges
@@ -36,7 +35,6 @@ from tofmix.mapping.occupancy import FloorMap, State, map_beams, project
 from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
-from tofmix.sensor import Sensor
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.simulation.truth import Truth
@@ -54,21 +52,7 @@ LEAST_SHARE = 0.3
 _STEP_MM = 20.0
 
 
-class Recording(ArrayRecording):
-    """Samples with amplitudes, in memory."""
-
-    has_amplitude = True
-
-    def __init__(self, range_mm: NDArray[np.uint16], amplitude: Float32Array, sensor: Sensor) -> None:
-        super().__init__(range_mm, sensor)
-        self._amplitude = amplitude
-
-    def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
-        """Amplitudes (frame, row, col) float32."""
-        return self._amplitude[frames, rows]
-
-
-def record(corridor: Corridor, truth: Truth, seed: int, *, averaged: bool) -> Recording:
+def record(corridor: Corridor, truth: Truth, seed: int, *, averaged: bool) -> ArrayRecording:
     """Record a corridor by single samples or on-board averages."""
     blocks = list(
         render_blocks(
@@ -76,14 +60,14 @@ def record(corridor: Corridor, truth: Truth, seed: int, *, averaged: bool) -> Re
             averaged=averaged, threads=2,
         )
     )  # fmt: skip
-    return Recording(
+    return ArrayRecording(
         np.concatenate([block.range_mm for block in blocks]),
-        np.concatenate([block.amplitude for block in blocks]),
         recording_sensor(corridor.model, averaged=averaged),
+        np.concatenate([block.amplitude for block in blocks]),
     )
 
 
-def averaged_beams(recording: Recording) -> Beams:
+def averaged_beams(recording: ArrayRecording) -> Beams:
     """The mean of each pixel."""
     frames = recording.shape[0]
     mean = average_samples(recording, start=0, stop=frames).range_mm
