@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-FIRST_CELLS = 8  # cells along a pixel's side before any is divided
+FIRST_CELLS = 4  # cells along a pixel's side before any is divided
 LAST_CELLS = 128  # and after; each of these is then sampled at four points
 MIN_SHARE = 1.0e-4
 _LEAF = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))  # four points, no two in line
