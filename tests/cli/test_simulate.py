@@ -83,7 +83,7 @@ def test_averaged_frames_have_the_default_integration_time(tofmix: Tofmix, model
         (SMALL.replace("rows = 6", "rows = -1"), "rows"),
         (SMALL.replace("2000.0]", "inf]"), "center_mm"),
         (SMALL + "[sensor.noise]\nrange_mm = [1.0, 2.0]\nsigma_mm = [1.0, -2.0]\n", "sigma"),
-        (SMALL + '[[effect]]\nkind = "wiggling"\n', "wiggling"),
+        (SMALL + '[[effect]]\nkind = "wigling"\n', 'did you mean "wiggling"'),
     ],
 )
 def test_a_bad_model_is_bad_input(tofmix: Tofmix, tmp_path: Path, text: str, reason: str) -> None:

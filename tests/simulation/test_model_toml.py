@@ -158,11 +158,7 @@ def test_no_surface_is_legal() -> None:
         (SHORT + BOARD + "yaw_deg = '9'", 'm: [[surface]] 1: yaw_deg: expected a number, got a string, "9"'),
         (SHORT + BOARD + "name = ''", "m: [[surface]] 1: name: it is empty"),
         (SHORT + BOARD + "name = 'a'\n" + BOARD + "name = 'a'", 'm: [[surface]]: surfaces 1 and 2 are both named "a"'),
-        (
-            SHORT + "[[effect]]\nkind = 'wiggling'",
-            'm: [[effect]] 1: kind "wiggling": this version simulates equation (1)',
-        ),
-        (SHORT + "[[effect]]\n", "m: [[effect]] 1: kind"),
+        (SHORT + "[[effect]]\n", "m: [[effect]] 1: kind: missing"),
         (SHORT + "[effect]\n", "m: effect: expected tables [[effect]], got a table"),
     ],
 )

@@ -28,7 +28,9 @@ def _list_models(context: click.Context, _: click.Parameter, wanted: bool) -> No
 tofmix simulate three-boards -o boards.h5
 tofmix simulate three-boards --averaged -o averaged.h5
 tofmix simulate corridor --print-model > my_scene.toml
+tofmix simulate my_scene.toml --explain
 tofmix simulate my_scene.toml -o my_scene.h5 --frames 500 --seed 7
+tofmix simulate my_scene.toml -o my_scene.h5 --repeat 3
 """
 )
 @click.command(short_help="Write a synthetic recording of a model scene.")
@@ -46,6 +48,14 @@ tofmix simulate my_scene.toml -o my_scene.h5 --frames 500 --seed 7
     "--print-model", is_flag=True, allow_from_autoenv=False, help="Print the model as TOML, to start your own from."
 )
 @click.option(
+    "--explain", is_flag=True, allow_from_autoenv=False,
+    help="Say in words what would be simulated, effect by effect, and write nothing.",
+)  # fmt: skip
+@click.option(
+    "--repeat", type=click.IntRange(1, 999), metavar="N",
+    help="Write N recordings, OUTPUT_001.h5 and so on; each has the seed after that of the one before.",
+)  # fmt: skip
+@click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_list_models, allow_from_autoenv=False,
     help="List the built-in models.",
 )  # fmt: skip
@@ -57,39 +67,61 @@ def simulate(
     seed: int | None,
     averaged: bool,
     print_model: bool,
+    explain: bool,
+    repeat: int | None,
     overwrite: bool,
 ) -> None:
     """Write a synthetic recording of MODEL, a TOML file or a built-in model.
 
     A model describes a camera and the boards that it looks at. Each sample is one
     event: a surface with its share of the pixel's beam, no return, or a random
-    value; with the camera's noise at that range. The recording carries the truth.
+    value; with the camera's noise at that range. A model may list effects of real
+    cameras; they are on the page docs/effects.md. The recording carries the truth.
     """
     if print_model:
         from tofmix.io.model_file import load_model_text
 
         click.echo(load_model_text(model), nl=False)
         return
-    if output is None:
-        raise click.UsageError("Missing option '-o' / '--output'.")
-
     from tofmix.io.model_file import load_model
-    from tofmix.io.storage import check_output
 
+    if output is None and not explain:
+        raise click.UsageError("Missing option '-o' / '--output'.")
     scene = load_model(model)
-    check_output(output, overwrite=overwrite, inputs=(Path(model),))
     recording = scene.recording
     chosen = replace(
         recording,
         frames=recording.frames if frames is None else frames,
         seed=recording.seed if seed is None else seed,
     )
-    _write(replace(scene, recording=chosen), model, output, averaged, overwrite)
+    scene = replace(scene, recording=chosen)
+    if output is None or explain:
+        _explain(scene)
+        return
+
+    from tofmix.io.storage import check_output
+
+    outputs = [output] if repeat is None else [_numbered(output, k) for k in range(1, repeat + 1)]
+    for path in outputs:
+        check_output(path, overwrite=overwrite, inputs=(Path(model),))
+    for k, path in enumerate(outputs):
+        _write(replace(scene, recording=replace(chosen, seed=chosen.seed + k)), model, path, averaged, overwrite)
+
+
+def _numbered(output: Path, number: int) -> Path:
+    return output.with_name(f"{output.stem}_{number:03d}{output.suffix}")
+
+
+def _explain(scene: "Model") -> None:
+    from tofmix.simulation.explain import explain
+
+    click.echo(explain(scene))
 
 
 def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: bool) -> None:
     from tofmix.io.recording_file import CHUNK_FRAMES, RecordingWriter
     from tofmix.simulation.cast import cast_scene
+    from tofmix.simulation.exposure import drawn_truth
     from tofmix.simulation.render import recording_sensor, render_blocks
 
     n_frames, seed = model.recording.frames, model.recording.seed
@@ -97,6 +129,7 @@ def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: b
     try:
         sensor = recording_sensor(model, averaged=averaged)
         truth = cast_scene(model)
+        model.placed((n_frames - 1) / model.recording.frame_rate_hz)
     except BadInputError as error:
         raise BadInputError(f"{name}: {error}") from error
     writer = RecordingWriter(
@@ -105,6 +138,8 @@ def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: b
         sensor=sensor,
         truth=truth,
         model_text=model.text,
+        effect_truth=drawn_truth(model, seed=seed, n_frames=n_frames),
+        moving=model.moves,
         title=f"synthetic recording of {Path(name).name}",
         attributes={"seed": seed, "averaged": int(averaged)},
         overwrite=overwrite,
@@ -119,7 +154,13 @@ def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: b
             block_frames=CHUNK_FRAMES,
             threads=default_workers(),
         ):
-            writer.write(block.start, block.range_mm, time_s=block.time_s, amplitude=block.amplitude)
+            writer.write(
+                block.start,
+                block.range_mm,
+                time_s=block.time_s,
+                amplitude=block.amplitude,
+                range_true=block.range_true,
+            )
             bar.update(len(block.range_mm))
     kind = f"{'averaged ' * averaged}frame{'s' * (n_frames > 1)}"
     click.echo(f"{output}: {n_frames} {kind} of {shape[1]} x {shape[2]} pixels, seed {seed}")

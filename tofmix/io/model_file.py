@@ -1,7 +1,10 @@
 """Models (`*.toml`), from a file or built in."""
 
-from pathlib import Path
+from pathlib import Path, PurePath
 
+import numpy as np
+
+from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
 from tofmix.io.storage import read_text
 from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_text
@@ -33,4 +36,41 @@ def load_model(name: str) -> Model:
     BadInputError
         If there is none, or it is not TOML or no model; the text names the line or the key.
     """
-    return parse_model(load_model_text(name), source=name)
+    text = load_model_text(name)
+    if not Path(name).is_file():
+        return parse_model(text, source=name)
+
+    def read_map(path: str, shape: tuple[int, int]) -> Float32Array:
+        return _read_map(Path(name).parent, path, shape)
+
+    return parse_model(text, source=name, read_map=read_map)
+
+
+def _read_map(folder: Path, path: str, shape: tuple[int, int]) -> Float32Array:
+    """Read a map (row, col) that a model names.
+
+    Its path is relative to the model's folder and does not leave it: a model and its maps are moved, and sent, as one
+    folder.
+
+    Raises
+    ------
+    ValueError
+        If the path is absolute or leaves the folder, or there is no such array.
+    """
+    relative = PurePath(path)
+    if not path or relative.is_absolute() or ".." in relative.parts:
+        raise ValueError(f'"{path}": expected a path within the model\'s folder, such as "pattern.npy"')
+    try:
+        # Mapped, so that a header that promises terabytes costs nothing
+        array = np.load(folder / relative, mmap_mode="r", allow_pickle=False)
+    except OSError as error:
+        raise ValueError(f'"{path}": {error.strerror or error}') from None
+    except (ValueError, EOFError) as error:
+        raise ValueError(f'"{path}": not an .npy file of numbers: {error}') from None
+    if not isinstance(array, np.ndarray):
+        raise ValueError(f'"{path}": expected one array in an .npy file')  # noqa: TRY004  a file's fault
+    if array.dtype.kind != "f":
+        raise ValueError(f'"{path}": expected float32, got {array.dtype}')
+    if array.shape != shape:
+        raise ValueError(f'"{path}": shape {array.shape} differs from the image {shape}')
+    return array.astype(np.float32)

@@ -20,7 +20,9 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.errors import BadInputError, os_error_text
 from tofmix.io import hdf5
 from tofmix.io.storage import AtomicFile
+from tofmix.io.truth_effects import add_effect_truth, add_range_true_frames, write_range_true_frames
 from tofmix.sensor import Sensor
+from tofmix.simulation.effects import EffectTruth
 from tofmix.simulation.truth import Truth
 
 FORMAT = "tofmix-recording"
@@ -165,6 +167,10 @@ class RecordingWriter:
         Ground truth of a synthetic recording.
     model_text : str
         Text of the model file that a synthetic recording is made from; goes with `truth`.
+    effect_truth : tuple of EffectTruth
+        What effects drew for this recording; goes with `truth`.
+    moving : bool
+        Whether true ranges will be written frame by frame; goes with `truth`.
     title : str
         The file's title.
     has_amplitude, has_temperature : bool
@@ -188,6 +194,8 @@ class RecordingWriter:
         sensor: Sensor,
         truth: Truth | None = None,
         model_text: str = "",
+        effect_truth: tuple[EffectTruth, ...] = (),
+        moving: bool = False,
         title: str = "time-of-flight recording",
         has_amplitude: bool = True,
         has_temperature: bool = False,
@@ -199,6 +207,8 @@ class RecordingWriter:
         self._sensor = sensor
         self._truth = truth
         self._model_text = model_text
+        self._effect_truth = effect_truth
+        self._moving = moving
         self._title = title
         self._has_amplitude = has_amplitude
         self._has_temperature = has_temperature
@@ -216,9 +226,19 @@ class RecordingWriter:
             hdf5.write_sensor(root, self._sensor)
             if self._truth is not None:
                 _write_truth(root, self._truth, self._model_text)
+                self._add_more_truth(root["truth"], self._truth)
             hdf5.add_nexus_view(root, name="recording", signal="range", axes=_DIMS)
             self._stack = stack.pop_all()
         return self
+
+    def _add_more_truth(self, group: h5py.Group, truth: Truth) -> None:
+        if self._effect_truth:
+            add_effect_truth(group, self._effect_truth, CHUNK_FRAMES)
+        if self._moving:
+            frames, rows, cols = self._shape
+            layers = truth.range_true.shape[2]
+            chunks = (min(frames, CHUNK_FRAMES), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS), layers)
+            add_range_true_frames(group, (*self._shape, layers), chunks)
 
     def _add_frames(self, root: h5py.File) -> None:
         frames, rows, cols = self._shape
@@ -244,10 +264,12 @@ class RecordingWriter:
         time_s: FloatArray,
         amplitude: Float32Array | None = None,
         temperature_c: Float32Array | None = None,
+        range_true: Float32Array | None = None,
     ) -> None:
         """Write frames [start, start + n).
 
-        range_mm (n, row, col) uint16, 0 where invalid; amplitude (n, row, col); time_s and temperature_c (n,).
+        range_mm (n, row, col) uint16, 0 where invalid; amplitude (n, row, col); time_s and temperature_c (n,);
+        range_true (n, row, col, layer), where surfaces move.
 
         Raises
         ------
@@ -261,6 +283,8 @@ class RecordingWriter:
             self._root["amplitude"][start:stop] = amplitude
         if temperature_c is not None:
             self._root["temperature"][start:stop] = temperature_c
+        if range_true is not None:
+            write_range_true_frames(self._root["truth"], start, range_true)
         self._file.check()
 
     def __exit__(

@@ -6,6 +6,7 @@ samples themselves are those of `tofmix.simulation.events`.
 """
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,21 +112,44 @@ def average_frame(
     amplitude : (pixel,) float32
         ``|z|``.
     """
-    turn_mm = unambiguous_range_mm(modulation_frequency_hz)
-    pixels = table.range_mm.shape[1]
-    phasor = np.zeros(pixels, dtype=np.complex128)
-    light = np.zeros(pixels)  # sum of amplitudes
-    lit_range = np.zeros(pixels)  # the same, times range
-    plain_range = np.zeros(pixels)  # sum of times, times range
-    for part in parts:
-        samples = draw(table, sigma_mm=part.sigma_mm, rng=rng)
-        amplitude = samples.amplitude * part.fraction
-        phasor += amplitude * _unit_phasor(samples.range_mm, turn_mm)
-        light += amplitude
-        lit_range += amplitude * samples.range_mm
-        plain_range += part.fraction * samples.range_mm
+
+    def samples() -> Iterator[tuple[float, FloatArray, Float32Array]]:
+        for part in parts:
+            drawn = draw(table, sigma_mm=part.sigma_mm, rng=rng)
+            yield part.fraction, drawn.range_mm, drawn.amplitude
+
+    return phasor_mean(samples(), turn_mm=unambiguous_range_mm(modulation_frequency_hz))
+
+
+def phasor_mean(
+    samples: Iterable[tuple[float, FloatArray, Float32Array]], *, turn_mm: float
+) -> tuple[FloatArray, Float32Array]:
+    """The mean of samples as on-board integration forms it.
+
+    Parameters
+    ----------
+    samples : iterable of (float, (pixel,) float64, (pixel,) float32)
+        Of each its time over that of a whole sample, its ranges in mm and its amplitudes at the whole time.
+    turn_mm : float
+        d_u, mm.
+
+    Returns
+    -------
+    range_mm, amplitude
+        As for `average_frame`.
+    """
+    phasor: NDArray[np.complex128] = np.zeros(1, dtype=np.complex128)
+    light = lit_range = plain_range = np.zeros(1)  # sums of amplitudes; of these times range; of times times range
+    time = 0.0
+    for fraction, range_mm, whole in samples:
+        amplitude = whole * fraction
+        phasor = phasor + amplitude * _unit_phasor(range_mm, turn_mm)
+        light = light + amplitude
+        lit_range = lit_range + amplitude * range_mm
+        plain_range = plain_range + fraction * range_mm
+        time += fraction
     dark = light == 0
-    mean = np.where(dark, plain_range / sum(part.fraction for part in parts), lit_range / np.where(dark, 1.0, light))
+    mean = np.where(dark, plain_range / time, lit_range / np.where(dark, 1.0, light))
     folded = np.angle(phasor) * (turn_mm / (2 * math.pi))
     range_mm = np.where(dark, mean, folded + turn_mm * np.rint((mean - folded) / turn_mm))
     return range_mm, np.abs(phasor).astype(np.float32)

@@ -5,16 +5,17 @@ here is random, and no noise, bias or effect enters.
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import FloatArray, IntArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.errors import BadInputError
 from tofmix.sensors.profile import SensorProfile
-from tofmix.simulation.cast_kernel import cast_row
-from tofmix.simulation.model import Model
+from tofmix.simulation.cast_kernel import cast_row, reached_row
+from tofmix.simulation.model import MAX_LENGTH_MM, Model
 from tofmix.simulation.scene import scene_arrays
 from tofmix.simulation.truth import Truth
 
@@ -28,7 +29,7 @@ _MAX_LAYERS = 255  # n_modes is uint8
 _T = TypeVar("_T", bound=np.generic)
 
 
-def cast_scene(model: Model) -> Truth:
+def cast_scene(model: Model, *, time_s: float = 0.0) -> Truth:
     """Work out what each pixel of the model's camera sees.
 
     A surface is seen from both sides, at ranges above 0 up to `range_max_mm`; the nearest hides the others, and of
@@ -38,17 +39,20 @@ def cast_scene(model: Model) -> Truth:
     Parameters
     ----------
     model : Model
-        The scene and the camera.
+        The scene and the camera, with its geometry effects.
+    time_s : float
+        Time since the first frame, s: surfaces may move.
 
     Returns
     -------
     Truth
-        Arrays (rows, cols, layer); layer is the largest number of surfaces in any pixel, at least 1.
+        Arrays (rows, cols, layer); layer is the largest number of surfaces in any pixel, at least 1; where surfaces
+        move, the largest number at any time.
 
     Raises
     ------
     BadInputError
-        If the model has over 4096 surfaces, or a pixel sees more than 255.
+        If the model has over 4096 surfaces, a pixel sees more than 255, or a surface has moved out of bounds.
 
     References
     ----------
@@ -56,15 +60,67 @@ def cast_scene(model: Model) -> Truth:
     """
     if len(model.surfaces) > MAX_SURFACES:
         raise BadInputError(f"[[surface]]: {len(model.surfaces)} surfaces; this version casts up to {MAX_SURFACES}")
-    seen = _cast(model)
-    sensor = model.sensor
-    counts = np.bincount(seen.pixel, minlength=sensor.rows * sensor.cols)
-    if counts.max() > _MAX_LAYERS:
-        row, col = divmod(int(counts.argmax()), sensor.cols)
-        raise BadInputError(
-            f"[[surface]]: pixel ({row}, {col}) sees {counts.max()} surfaces; a recording holds up to {_MAX_LAYERS}"
+    if model.moves:
+        return MovingCaster(model).cast(time_s)
+    placed = _placed(model, time_s)
+    return _truth(placed, _cast(placed))
+
+
+class MovingCaster:
+    """Casts a scene in which some surfaces move, time after time.
+
+    Only the pixels in which a moving surface may be seen are cast anew; the others are as they are without them. The
+    values are those of a still scene with the surfaces at their places, bit by bit, with room for `layers` surfaces.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+
+    Attributes
+    ----------
+    layers : int
+        Most surfaces that a pixel may see at any time.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._model = model
+        self._moving = np.array([model.moves_surface(surface.name) for surface in model.surfaces], dtype=np.bool_)
+        away = tuple(
+            replace(surface, reflectivity=0.0, center_mm=(0.0, 0.0, MAX_LENGTH_MM), yaw_deg=0.0, pitch_deg=0.0)
+            if moves
+            else surface
+            for surface, moves in zip(_placed(model, 0.0).surfaces, self._moving, strict=True)
         )
-    return _truth(model, seen, counts)
+        self._background = _cast(replace(model, surfaces=away, effects=()))
+        most = np.bincount(self._background.pixel, minlength=1).max() + self._moving.sum()
+        self.layers = max(1, min(int(most), len(model.surfaces), _MAX_LAYERS))
+
+    def cast(self, time_s: float) -> Truth:
+        """What each pixel sees at a time; see `cast_scene`."""
+        model, still = _placed(self._model, time_s), self._background
+        reached = _reached(model, self._moving)
+        fresh = _cast(model, reached)
+        kept = ~reached.ravel()[still.pixel]
+        truth = _truth(
+            model,
+            _Seen(
+                pixel=np.concatenate([fresh.pixel, still.pixel[kept]]),
+                surface=np.concatenate([fresh.surface, still.surface[kept]]),
+                share=np.concatenate([fresh.share, still.share[kept]]),
+                range_mm=np.concatenate([fresh.range_mm, still.range_mm[kept]]),
+                cosine=np.concatenate([fresh.cosine, still.cosine[kept]]),
+                nothing=np.where(reached.ravel(), fresh.nothing, still.nothing),
+            ),
+        )
+        return truth.padded(self.layers)
+
+
+def _placed(model: Model, time_s: float) -> Model:
+    """The model with its surfaces where they are at a time."""
+    if len(model.surfaces) > MAX_SURFACES:
+        raise BadInputError(f"[[surface]]: {len(model.surfaces)} surfaces; this version casts up to {MAX_SURFACES}")
+    return replace(model, surfaces=model.placed(time_s)) if model.effects else model
 
 
 class _Seen(NamedTuple):
@@ -78,17 +134,38 @@ class _Seen(NamedTuple):
     nothing: FloatArray
 
 
-def _cast(model: Model) -> _Seen:
-    """Cast row by row, so that memory does not grow with pixels times surfaces."""
+def _cast(model: Model, wanted: BoolArray | None = None) -> _Seen:
+    """Cast row by row, so that memory does not grow with pixels times surfaces; only the pixels (row, col) wanted."""
     sensor, scene = model.sensor, scene_arrays(model)
-    width, height = _pixel_size(sensor)
-    azimuths = (np.arange(sensor.cols, dtype=np.float64) - (sensor.cols - 1) / 2) * width
+    if wanted is None:
+        wanted = np.ones((sensor.rows, sensor.cols), dtype=np.bool_)
+    azimuths, size = _azimuths(sensor), _pixel_size(sensor)
     rows = []
-    for row in range(sensor.rows):
+    for row, elevation in enumerate(_elevations(sensor)):
         sums = np.zeros((sensor.cols, len(model.surfaces), 3))
-        cast_row((row - (sensor.rows - 1) / 2) * height, azimuths, width, height, scene, sums)
+        cast_row(elevation, azimuths, *size, scene, wanted[row], sums)
         rows.append(_sift(sums, row * sensor.cols))
     return _Seen(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+
+
+def _reached(model: Model, moving: BoolArray) -> BoolArray:
+    """Pixels (row, col) in which a moving surface may be seen."""
+    sensor, scene = model.sensor, scene_arrays(model)
+    reached = np.empty((sensor.rows, sensor.cols), dtype=np.bool_)
+    azimuths, size = _azimuths(sensor), _pixel_size(sensor)
+    for row, elevation in enumerate(_elevations(sensor)):
+        reached_row(elevation, azimuths, *size, scene, moving, reached[row])
+    return reached
+
+
+def _elevations(sensor: SensorProfile) -> FloatArray:
+    """Elevation (row,) of each image row's centre, rad."""
+    return (np.arange(sensor.rows, dtype=np.float64) - (sensor.rows - 1) / 2) * _pixel_size(sensor)[1]
+
+
+def _azimuths(sensor: SensorProfile) -> FloatArray:
+    """Azimuth (col,) of each image column's centre, rad."""
+    return (np.arange(sensor.cols, dtype=np.float64) - (sensor.cols - 1) / 2) * _pixel_size(sensor)[0]
 
 
 def _pixel_size(sensor: SensorProfile) -> tuple[float, float]:
@@ -115,9 +192,15 @@ def _sift(sums: FloatArray, first_pixel: int) -> _Seen:
     )
 
 
-def _truth(model: Model, seen: _Seen, counts: IntArray) -> Truth:
+def _truth(model: Model, seen: _Seen) -> Truth:
     """Sort what each pixel sees from near to far."""
     sensor = model.sensor
+    counts = np.bincount(seen.pixel, minlength=sensor.rows * sensor.cols)
+    if counts.max() > _MAX_LAYERS:
+        where = divmod(int(counts.argmax()), sensor.cols)
+        raise BadInputError(
+            f"[[surface]]: pixel {where} sees {counts.max()} surfaces; a recording holds up to {_MAX_LAYERS}"
+        )
     order = np.lexsort((seen.surface, seen.range_mm, seen.pixel))
     pixel = seen.pixel[order]
     layer = np.arange(pixel.size) - (np.cumsum(counts) - counts)[pixel]
@@ -129,7 +212,7 @@ def _truth(model: Model, seen: _Seen, counts: IntArray) -> Truth:
         out[row, col, layer] = values[order]
         return out
 
-    returned = 1.0 - sensor.outlier_probability
+    returned = 1.0 - model.outlier_share
     return Truth(
         n_modes=counts.reshape(image).astype(np.uint8),
         range_true=spread(seen.range_mm, np.nan, np.float32),

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from tofmix.arrays import FloatArray, IntArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.jit import jit
 from tofmix.simulation.scene import SceneArrays
 
@@ -117,13 +117,17 @@ def _cast_smooth(
     azimuth: float, elevation: float, width: float, height: float, scene: SceneArrays, surface: int, sums: FloatArray
 ) -> None:
     """A pixel that one surface fills: 8 x 8 beams for its mean range."""
+    across = np.empty((SMOOTH_BEAMS, 2))
+    for i in range(SMOOTH_BEAMS):
+        az = azimuth + ((i + 0.5) / SMOOTH_BEAMS - 0.5) * width
+        across[i, 0] = math.sin(az)
+        across[i, 1] = math.cos(az)
     for j in range(SMOOTH_BEAMS):
         el = elevation + ((j + 0.5) / SMOOTH_BEAMS - 0.5) * height
+        y = math.sin(el)
+        level = math.cos(el)
         for i in range(SMOOTH_BEAMS):
-            az = azimuth + ((i + 0.5) / SMOOTH_BEAMS - 0.5) * width
-            x = math.sin(az) * math.cos(el)
-            z = math.cos(az) * math.cos(el)
-            _add(x, math.sin(el), z, 1.0 / SMOOTH_BEAMS**2, scene, surface, sums)
+            _add(across[i, 0] * level, y, across[i, 1] * level, 1.0 / SMOOTH_BEAMS**2, scene, surface, sums)
 
 
 @jit
@@ -154,15 +158,20 @@ def _cast_mixed(
     cell_width = width / SUBCELLS
     cell_height = height / SUBCELLS
     radius = 0.5 * math.hypot(cell_width, cell_height)
+    across = np.empty((SUBCELLS, 2))
+    for i in range(SUBCELLS):
+        az = azimuth - width / 2 + i * cell_width + cell_width / 2
+        across[i, 0] = math.sin(az)
+        across[i, 1] = math.cos(az)
     for j in range(SUBCELLS):
         top = elevation - height / 2 + j * cell_height
         el = top + cell_height / 2
+        y = math.sin(el)
+        level = math.cos(el)
         for i in range(SUBCELLS):
             left = azimuth - width / 2 + i * cell_width
-            az = left + cell_width / 2
-            x = math.sin(az) * math.cos(el)
-            y = math.sin(el)
-            z = math.cos(az) * math.cos(el)
+            x = across[i, 0] * level
+            z = across[i, 1] * level
             found, n_kept = _judge(x, y, z, radius, scene, candidates, count, kept)
             if found >= 0:
                 _add(x, y, z, 1.0 / SUBCELLS**2, scene, found, sums)
@@ -172,9 +181,41 @@ def _cast_mixed(
 
 
 @jit
+def reached_row(
+    elevation: float, azimuths: FloatArray, width: float, height: float, scene: SceneArrays, moving: BoolArray,
+    reached: BoolArray,
+) -> None:  # fmt: skip
+    """Find the pixels of one image row in which a moving surface may be seen.
+
+    Parameters
+    ----------
+    elevation, azimuths, width, height, scene
+        As for `cast_row`.
+    moving : (S,) bool
+        Which surfaces move.
+    reached : (col,) bool
+        Receives whether one of them may be seen.
+    """
+    count = scene.distance.shape[0]
+    everything = np.arange(count)
+    seen = np.empty(count, dtype=np.int64)
+    radius = 0.5 * math.hypot(width, height)
+    y = math.sin(elevation)
+    level = math.cos(elevation)
+    for col in range(azimuths.shape[0]):
+        x = math.sin(azimuths[col]) * level
+        z = math.cos(azimuths[col]) * level
+        _, n_seen = _judge(x, y, z, radius, scene, everything, count, seen)
+        reached[col] = False
+        for k in range(n_seen):
+            reached[col] |= moving[seen[k]]
+
+
+@jit
 def cast_row(
-    elevation: float, azimuths: FloatArray, width: float, height: float, scene: SceneArrays, sums: FloatArray
-) -> None:
+    elevation: float, azimuths: FloatArray, width: float, height: float, scene: SceneArrays, wanted: BoolArray,
+    sums: FloatArray,
+) -> None:  # fmt: skip
     """Cast one image row.
 
     Parameters
@@ -187,6 +228,8 @@ def cast_row(
         A pixel's extent in azimuth and elevation, rad.
     scene : SceneArrays
         S surfaces.
+    wanted : (col,) bool
+        Pixels to cast.
     sums : (col, S, 3) float64
         Zeros; receives the share of each surface, and the sums of share times range (mm) and times cosine of
         incidence.
@@ -200,6 +243,8 @@ def cast_row(
     el_sin = math.sin(elevation)
     el_cos = math.cos(elevation)
     for col in range(azimuths.shape[0]):
+        if not wanted[col]:
+            continue
         az = azimuths[col]
         x = math.sin(az) * el_cos
         z = math.cos(az) * el_cos

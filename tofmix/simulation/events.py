@@ -67,7 +67,7 @@ class Samples:
     event: IntArray
 
 
-def event_table(truth: Truth, sensor: SensorProfile) -> EventTable:
+def event_table(truth: Truth, sensor: SensorProfile, *, outlier_share: float | None = None) -> EventTable:
     """Prepare the events of a scene for drawing.
 
     Parameters
@@ -76,6 +76,9 @@ def event_table(truth: Truth, sensor: SensorProfile) -> EventTable:
         What `tofmix.simulation.cast.cast_scene` returned.
     sensor : SensorProfile
         The camera it was cast for.
+    outlier_share : float, optional
+        What the truth's shares and 1 differ by, where effects add random values to p(c_r); the table is of equation
+        (1) all the same.
 
     Raises
     ------
@@ -90,22 +93,23 @@ def event_table(truth: Truth, sensor: SensorProfile) -> EventTable:
         raise ValueError(f"truth: expected an image of {(sensor.rows, sensor.cols)}, got {truth.n_modes.shape}")
     pixels, layers = truth.n_modes.size, truth.range_true.shape[2]
     surfaces = truth.range_true.reshape(pixels, layers).T
+    scale = 1.0 if outlier_share is None else (1.0 - sensor.outlier_probability) / (1.0 - outlier_share)
     return EventTable(
-        threshold=_thresholds(truth, 1.0 - sensor.outlier_probability),
+        threshold=_thresholds(truth, 1.0 - sensor.outlier_probability, scale),
         range_mm=np.vstack([np.nan_to_num(surfaces), np.full((1, pixels), sensor.range_max_mm), np.zeros((1, pixels))]),
         amplitude=np.vstack([truth.amplitude.reshape(pixels, layers).T, np.zeros((2, pixels), dtype=np.float32)]),
         range_limits_mm=(sensor.range_min_mm, sensor.range_max_mm),
     )
 
 
-def _thresholds(truth: Truth, returned: float) -> FloatArray:
+def _thresholds(truth: Truth, returned: float, scale: float) -> FloatArray:
     """Cumulative p(c_1) .. p(c_L), then 1 - p(c_r).
 
     The truth is in float32: where a pixel has no gap, its last surface gets what rounding left, so that it never
     draws a no-return. Padded layers have a share of 0, thus the threshold of the layer before: u skips them.
     """
     pixels, layers = truth.n_modes.size, truth.range_true.shape[2]
-    share = np.nan_to_num(truth.weight_true.reshape(pixels, layers).T.astype(np.float64))
+    share = np.nan_to_num(truth.weight_true.reshape(pixels, layers).T.astype(np.float64)) * scale
     threshold = np.vstack([np.cumsum(share, axis=0), np.full((1, pixels), returned)])
     number = np.arange(layers + 1)[:, np.newaxis]
     last = (truth.weight_no_return.ravel() == 0) & (number >= truth.n_modes.ravel().astype(np.int64) - 1)
@@ -147,18 +151,77 @@ def draw(table: EventTable, *, sigma_mm: FloatArray, rng: np.random.Generator) -
     Samples
         Ranges, amplitudes and events.
     """
-    pixels = table.threshold.shape[1]
-    u = rng.random(pixels)
-    event = np.zeros(pixels, dtype=np.int64)
-    for threshold in table.threshold:
-        event += u >= threshold
-    index = event * pixels + np.arange(pixels)
-    range_mm = rng.standard_normal(pixels)
+    drawn = draw_events(table, rng=rng)
+    index = drawn.event * drawn.event.size + np.arange(drawn.event.size)
+    range_mm = drawn.noise
     range_mm *= sigma_mm.take(index)
     range_mm += table.range_mm.take(index)
-    random_value = np.flatnonzero(event == table.random_value)
-    range_mm[random_value] = rng.uniform(*table.range_limits_mm, size=random_value.size)
-    return Samples(range_mm=range_mm, amplitude=table.amplitude.take(index), event=event)
+    range_mm[drawn.random] = drawn.random_mm
+    return Samples(range_mm=range_mm, amplitude=table.amplitude.take(index), event=drawn.event)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drawn:
+    """What chance decides in one frame of equation (1).
+
+    Parameters
+    ----------
+    u : (pixel,) float64
+        The uniform that decided the event.
+    event : (pixel,) int64
+        Which event of the `EventTable`.
+    noise : (pixel,) float64
+        Standardised noise.
+    random : (n,) int64
+        Pixels whose event is a random value.
+    random_mm : (n,) float64
+        Those values, mm.
+    """
+
+    u: FloatArray
+    event: IntArray
+    noise: FloatArray
+    random: IntArray
+    random_mm: FloatArray
+
+
+def draw_events(table: EventTable, *, rng: np.random.Generator) -> Drawn:
+    """Draw events, noise and random values of one frame.
+
+    Parameters
+    ----------
+    table : EventTable
+        The events.
+    rng : numpy.random.Generator
+        The frame's random stream; advanced.
+    """
+    pixels: int = table.threshold.shape[1]
+    u: FloatArray = rng.random(pixels)
+    event = _event(table.threshold, u)
+    noise: FloatArray = rng.standard_normal(pixels)
+    random = np.flatnonzero(event == table.random_value)
+    random_mm = rng.uniform(*table.range_limits_mm, size=random.size)
+    return Drawn(u=u, event=event, noise=noise, random=random, random_mm=random_mm)
+
+
+def _event(threshold: FloatArray, u: FloatArray) -> IntArray:
+    event = np.zeros(u.size, dtype=np.int64)
+    for one in threshold:
+        event += u >= one
+    return event
+
+
+def events_behind(table: EventTable, drawn: Drawn) -> IntArray:
+    """Events (pixel,) in which a random value has something behind it: what its pixel would have returned.
+
+    Given a random value, its u is uniform above the last threshold, and serves once more.
+    """
+    event = drawn.event.copy()
+    at = drawn.random
+    last = table.threshold[-1, at]
+    u = (drawn.u[at] - last) / (1.0 - last) * last
+    event[at] = np.minimum(_event(table.threshold[:, at], u), table.random_value - 1)
+    return event
 
 
 def stored_range(range_mm: FloatArray) -> NDArray[np.uint16]:

@@ -7,11 +7,16 @@ Use these types to build a scene in code. A model file is read by
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.errors import BadInputError
 from tofmix.sensors.profile import SensorProfile
+
+if TYPE_CHECKING:
+    from tofmix.simulation.effects.base import Effect
 
 MAX_LENGTH_MM = 1.0e6  # a kilometre: far beyond any range, and no product of lengths overflows
 
@@ -118,20 +123,75 @@ class Model:
         Frames, frame rate, seed.
     text : str
         The model file's text; empty if there is none.
+    effects : tuple of Effect
+        What the camera does beyond equation (1), in file order.
 
     Raises
     ------
     ValueError
-        If two surfaces have one name.
+        If two surfaces have one name, an effect does not fit camera or scene, or a kind is there twice without
+        another surface.
     """
 
     sensor: SensorProfile
     surfaces: tuple[Surface, ...] = ()
     recording: RecordingSettings = RecordingSettings()
     text: str = ""
+    effects: "tuple[Effect, ...]" = ()
 
     def __post_init__(self) -> None:
         names = [surface.name for surface in self.surfaces]
         for k, name in enumerate(names):
             if name in names[:k]:
                 raise ValueError(f'surfaces {names.index(name) + 1} and {k + 1} are both named "{name}"')
+        self._check_effects(tuple(names))
+
+    def _check_effects(self, names: tuple[str, ...]) -> None:
+        seen: dict[tuple[str, str], int] = {}
+        for number, effect in enumerate(self.effects, 1):
+            try:
+                effect.check(self.sensor, names)
+            except ValueError as error:
+                raise ValueError(f"[[effect]] {number}: {error}") from None
+            surface = getattr(effect, "surface", "")
+            if first := seen.get((effect.kind, surface)):
+                where = f' of "{surface}"' if surface else ""
+                raise ValueError(
+                    f"[[effect]] {number}: kind: {effect.kind}{where} is [[effect]] {first} already; "
+                    "a kind may be there twice only with another surface"
+                )
+            seen[effect.kind, surface] = number
+
+    def acting(self) -> "tuple[Effect, ...]":
+        """The effects in the order in which they act: by level, then as in the file."""
+        return tuple(sorted(self.effects, key=lambda effect: effect.level))
+
+    @property
+    def outlier_share(self) -> float:
+        """Probability of a random value: the sensor's, and what effects add."""
+        return self.sensor.outlier_probability + sum(effect.outlier_share for effect in self.effects)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the scene changes from frame to frame."""
+        return any(effect.moves for effect in self.effects)
+
+    def moves_surface(self, name: str) -> bool:
+        """Whether a surface may stand elsewhere from frame to frame."""
+        return any(effect.moves and getattr(effect, "surface", name) == name for effect in self.effects)
+
+    def placed(self, time_s: float) -> "tuple[Surface, ...]":
+        """The surfaces where the geometry effects put them at a time.
+
+        Raises
+        ------
+        BadInputError
+            If one leaves the bounds of a model.
+        """
+        surfaces = self.surfaces
+        for effect in self.acting():
+            try:
+                surfaces = tuple(effect.place(surface, time_s) for surface in surfaces)
+            except ValueError as error:
+                raise BadInputError(f"[[effect]] {effect.kind}: at {time_s:g} s: {error}") from None
+        return surfaces

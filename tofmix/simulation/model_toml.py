@@ -5,17 +5,24 @@ Reading the file itself is left to the caller, and the built-in models to
 """
 
 import json
+from collections.abc import Callable
 from typing import Any
 
+from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.profile_toml import read_sensor
 from tofmix.sensors.registry import load_profile
+from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
+from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.model import Model, RecordingSettings, Surface
-from tofmix.toml_table import TomlTable, parse_toml
+from tofmix.toml_table import TomlTable, nearest, parse_toml
+
+MapReader = Callable[[str, tuple[int, int]], Float32Array]
+"""Reads the map at a relative path for an image of (rows, cols). Raises ValueError, with the reason, if it cannot."""
 
 
-def parse_model(text: str, *, source: str) -> Model:
+def parse_model(text: str, *, source: str, read_map: MapReader | None = None) -> Model:
     """Read a model.
 
     Parameters
@@ -24,6 +31,8 @@ def parse_model(text: str, *, source: str) -> Model:
         The TOML text.
     source : str
         The file's name, for messages.
+    read_map : callable, optional
+        Reads the .npy files that effects name. Without it a model that names one is refused.
 
     Returns
     -------
@@ -33,31 +42,56 @@ def parse_model(text: str, *, source: str) -> Model:
     Raises
     ------
     BadInputError
-        If it is not TOML, has an unknown key, lacks one, has one of a wrong type or outside its bounds, or
-        lists an effect.
+        If it is not TOML, has an unknown key, lacks one, or has one of a wrong type or outside its bounds.
     """
     root = parse_toml(text, source=source)
     root.refuse_unknown({"sensor", "recording", "surface", "effect"})
-    _refuse_effects(root)
     sensor = _read_sensor(root)
     surfaces = tuple(_read_surface(table, number) for number, table in enumerate(root.tables("surface"), 1))
     recording = _read_recording(root.table("recording"))
+    effects = tuple(_read_effect(table, sensor, read_map) for table in root.tables("effect"))
     try:
-        return Model(sensor=sensor, surfaces=surfaces, recording=recording, text=text)
+        return Model(sensor=sensor, surfaces=surfaces, recording=recording, text=text, effects=effects)
     except ValueError as error:
-        raise root.error(_one_line(str(error)), "[[surface]]") from None
+        message = _one_line(str(error))
+        raise root.error(message, "" if message.startswith("[[effect]]") else "[[surface]]") from None
 
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _refuse_effects(root: TomlTable) -> None:
-    for table in root.tables("effect"):
-        kind = json.dumps(table.values.get("kind", "?"), default=str)
-        raise table.error(
-            f"kind {kind}: this version simulates equation (1) alone, without effects; take the [[effect]] tables out"
-        )
+def _read_effect(table: TomlTable, sensor: SensorProfile, read_map: MapReader | None) -> Effect:
+    kind = table.text("kind")
+    if kind not in EFFECTS:
+        raise table.error(f"{json.dumps(kind)} is not an effect{nearest(kind, EFFECTS)}", "kind")
+    parameters = EFFECTS[kind].parameters()
+    table.refuse_unknown({"kind", *parameters})
+    settings = {
+        name: _read_parameter(table, parameter, sensor, read_map)
+        for name, parameter in parameters.items()
+        if name in table or parameter.required
+    }
+    try:
+        return EFFECTS[kind](**settings)
+    except ValueError as error:
+        raise table.error(str(error)) from None
+
+
+def _read_parameter(
+    table: TomlTable, parameter: Parameter, sensor: SensorProfile, read_map: MapReader | None
+) -> float | str | PixelMap:
+    if parameter.holds is Holds.NUMBER:
+        return table.number(parameter.name)
+    path = table.text(parameter.name)
+    if parameter.holds is Holds.SURFACE:
+        return path
+    if read_map is None:
+        raise table.error("a model without a file of its own has no maps beside it", parameter.name)
+    try:
+        return PixelMap(path, read_map(path, (sensor.rows, sensor.cols)))
+    except ValueError as error:
+        raise table.error(_one_line(str(error)), parameter.name) from None
 
 
 def _read_sensor(root: TomlTable) -> SensorProfile:

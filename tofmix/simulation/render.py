@@ -4,9 +4,11 @@ Use `render_blocks` to write a recording of any length in bounded memory. It is
 the end of the path scene -> sensor -> recording.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +16,26 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.sensor import Sensor
 from tofmix.simulation.averaging import average_frame, exposure_times, exposures
-from tofmix.simulation.events import draw, event_table, frame_generator, stored_range
+from tofmix.simulation.events import Drawn, draw, event_table, frame_generator, stored_range
+from tofmix.simulation.exposure import Exposer, StillScene, check_averages, recorded_amplitude
 from tofmix.simulation.model import Model
 from tofmix.simulation.truth import Truth
 
-_DrawFrame = Callable[[np.random.Generator], tuple[FloatArray, Float32Array]]
+_FRAMES_AT_ONCE = 16  # held in memory with all that their samples carry
+
+
+class _Frame(NamedTuple):
+    """One frame's samples, (pixel,), and what it saw."""
+
+    number: int
+    range_mm: NDArray[np.uint16]
+    amplitude: Float32Array
+    range_true: Float32Array | None = None
+
+
+_Map = Callable[..., Iterable[Any]]
+_DrawFrame = Callable[[int], _Frame]
+_Frames = Callable[[range, _Map], Iterator[_Frame]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,17 +47,20 @@ class FrameBlock:
     start : int
         Number of the first frame.
     range_mm : (frame, row, col) uint16
-        Samples, mm, 1 to 65,534.
+        Samples, mm, 1 to 65,534; 0 where invalid, which only effects cause.
     amplitude : (frame, row, col) float32
         Amplitudes.
     time_s : (frame,) float64
         Start of each frame, s; frame 0 at 0.
+    range_true : (frame, row, col, layer) float32 or None
+        True ranges, mm, where surfaces move; None where they do not.
     """
 
     start: int
     range_mm: NDArray[np.uint16]
     amplitude: Float32Array
     time_s: FloatArray
+    range_true: Float32Array | None = None
 
     @property
     def stop(self) -> int:
@@ -65,6 +85,7 @@ def recording_sensor(model: Model, *, averaged: bool = False) -> Sensor:
     """
     if not averaged:
         return model.sensor.sensor()
+    check_averages(model)
     exposure_times(model.sensor)
     return replace(model.sensor, integration_time_ms=model.sensor.default_integration_time_ms).sensor()
 
@@ -121,53 +142,115 @@ def render_blocks(
     ):
         if value < least:
             raise ValueError(f"{name}: {value} is not at least {least}")
-    draw_frame = _averaged(model, truth) if averaged else _single(model, truth)
+    if averaged:
+        check_averages(model)
+        exposure_times(model.sensor)
+    layers = 0
+    if not model.effects:
+        render = _independent(_averaged(model, truth, seed) if averaged else _single(model, truth, seed))
+    else:
+        exposer = Exposer(model, truth, seed=seed, n_frames=n_frames)
+        layers = truth.range_true.shape[2] if model.moves else 0
+        render = _independent(_averaged_with_effects(exposer)) if averaged else _with_effects(exposer)
     starts = range(0, n_frames, block_frames)
     blocks = (range(start, min(start + block_frames, n_frames)) for start in starts)
-    return (_render(model, draw_frame, seed, frames, threads) for frames in blocks)
+    return (_render(model, render, frames, layers, threads) for frames in blocks)
 
 
-def _single(model: Model, truth: Truth) -> _DrawFrame:
+def _single(model: Model, truth: Truth, seed: int) -> _DrawFrame:
     table = event_table(truth, model.sensor)
     sigma_mm = table.sigma(model.sensor.noise_at(model.sensor.integration_time_ms))
 
-    def frame(rng: np.random.Generator) -> tuple[FloatArray, Float32Array]:
-        samples = draw(table, sigma_mm=sigma_mm, rng=rng)
-        return samples.range_mm, samples.amplitude
+    def frame(number: int) -> _Frame:
+        samples = draw(table, sigma_mm=sigma_mm, rng=frame_generator(seed, number))
+        return _Frame(number, stored_range(samples.range_mm), samples.amplitude)
 
     return frame
 
 
-def _averaged(model: Model, truth: Truth) -> _DrawFrame:
+def _averaged(model: Model, truth: Truth, seed: int) -> _DrawFrame:
     table = event_table(truth, model.sensor)
     parts = exposures(table, model.sensor)
     frequency = model.sensor.modulation_frequency_hz
 
-    def frame(rng: np.random.Generator) -> tuple[FloatArray, Float32Array]:
-        return average_frame(table, parts, modulation_frequency_hz=frequency, rng=rng)
+    def frame(number: int) -> _Frame:
+        rng = frame_generator(seed, number)
+        range_mm, amplitude = average_frame(table, parts, modulation_frequency_hz=frequency, rng=rng)
+        return _Frame(number, stored_range(range_mm), amplitude)
 
     return frame
 
 
-def _render(model: Model, draw_frame: _DrawFrame, seed: int, frames: range, threads: int) -> FrameBlock:
-    """One block; each thread writes its own frames of it."""
+def _independent(draw_frame: _DrawFrame) -> _Frames:
+    """Frames that know nothing of each other."""
+
+    def render(frames: range, pool: _Map) -> Iterator[_Frame]:
+        return iter(pool(draw_frame, frames))
+
+    return render
+
+
+def _averaged_with_effects(exposer: Exposer) -> _DrawFrame:
+    def frame(number: int) -> _Frame:
+        scene = exposer.scene(number)
+        samples = exposer.average(number, scene)
+        return _Frame(number, samples.stored(), recorded_amplitude(samples), scene.range_true)
+
+    return frame
+
+
+def _with_effects(exposer: Exposer) -> _Frames:
+    """Frames of which each may remember the noise of the one before: that is done in order, all else side by side."""
+    before: FloatArray | None = None
+
+    def begin(frame: int) -> tuple[int, StillScene, Drawn]:
+        scene = exposer.scene(frame)
+        return frame, scene, exposer.draw(frame, scene)
+
+    def end(begun: tuple[int, StillScene, Drawn, FloatArray]) -> _Frame:
+        frame, scene, _, _ = begun
+        samples = exposer.expose(*begun)
+        return _Frame(frame, samples.stored(), recorded_amplitude(samples), scene.range_true)
+
+    def coloured(begun: Iterable[tuple[int, StillScene, Drawn]]) -> Iterator[tuple[int, StillScene, Drawn, FloatArray]]:
+        nonlocal before
+        for frame, scene, drawn in begun:
+            before = exposer.colour(drawn.noise, before)
+            yield frame, scene, drawn, before
+
+    def render(frames: range, pool: _Map) -> Iterator[_Frame]:
+        for first in range(0, len(frames), _FRAMES_AT_ONCE):
+            some = frames[first : first + _FRAMES_AT_ONCE]
+            yield from pool(end, list(coloured(pool(begin, some))))
+
+    return render
+
+
+@contextmanager
+def _side_by_side(threads: int) -> Iterator[_Map]:
+    """A `map` that works in threads."""
+    if threads == 1:
+        yield map
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        yield pool.map
+
+
+def _render(model: Model, render: _Frames, frames: range, layers: int, threads: int) -> FrameBlock:
+    """One block; with `layers` true ranges a pixel and frame, or none."""
     shape = (len(frames), model.sensor.rows, model.sensor.cols)
     block = FrameBlock(
         start=frames.start,
         range_mm=np.empty(shape, dtype=np.uint16),
         amplitude=np.empty(shape, dtype=np.float32),
         time_s=np.array(frames, dtype=np.float64) / model.recording.frame_rate_hz,
+        range_true=np.empty((*shape, layers), dtype=np.float32) if layers else None,
     )
-
-    def render(frame: int) -> None:
-        range_mm, amplitude = draw_frame(frame_generator(seed, frame))
-        block.range_mm[frame - frames.start] = stored_range(range_mm).reshape(shape[1:])
-        block.amplitude[frame - frames.start] = amplitude.reshape(shape[1:])
-
-    if threads == 1:
-        for frame in frames:
-            render(frame)
-        return block
-    with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(render, frames))  # a list, so that a thread's exception is raised here
+    with _side_by_side(threads) as pool:
+        for frame in render(frames, pool):
+            at = frame.number - frames.start
+            block.range_mm[at] = frame.range_mm.reshape(shape[1:])
+            block.amplitude[at] = frame.amplitude.reshape(shape[1:])
+            if block.range_true is not None and frame.range_true is not None:
+                block.range_true[at] = frame.range_true
     return block

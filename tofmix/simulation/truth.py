@@ -1,11 +1,14 @@
 """What every pixel of a scene sees: the truth that a recording carries and that samples are drawn from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import ByteArray, Float32Array
+
+_T = TypeVar("_T", bound=np.generic)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -19,7 +22,7 @@ class Truth:
     range_true : (row, col, layer) float32
         Mean range of each surface's sub-beams, mm; NaN past `n_modes`.
     weight_true : (row, col, layer) float32
-        p(c_i): area share times 1 - p(c_r); NaN past `n_modes`.
+        p(c_i): area share times 1 - p(c_r), effects' outliers included; NaN past `n_modes`.
     weight_no_return : (row, col) float32
         p(c_0): share of the sub-beams that meet nothing, times 1 - p(c_r).
     surface : (row, col, layer) int16
@@ -34,3 +37,18 @@ class Truth:
     weight_no_return: Float32Array
     surface: NDArray[np.int16]
     amplitude: Float32Array
+
+    def padded(self, layers: int) -> Self:
+        """The same with room for `layers` surfaces a pixel, at least as many as it has."""
+        more = layers - self.range_true.shape[2]
+
+        def pad(values: NDArray[_T], padding: float) -> NDArray[_T]:
+            return np.pad(values, ((0, 0), (0, 0), (0, more)), constant_values=padding)
+
+        return replace(
+            self,
+            range_true=pad(self.range_true, np.nan),
+            weight_true=pad(self.weight_true, np.nan),
+            surface=pad(self.surface, -1),
+            amplitude=pad(self.amplitude, 0.0),
+        )

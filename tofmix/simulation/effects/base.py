@@ -1,0 +1,248 @@
+"""What an effect is: parameters, a level, and how it acts on samples and on predictions.
+
+Write a new effect as a frozen dataclass over `Effect`, one file, and add its line
+to `tofmix.simulation.effects.registry`. Most effects need `act` alone: it changes
+mean range, amplitude and sigma of `Echoes`, whether these are the samples of a
+frame or the components of a prediction. Where chance decides sample by sample,
+override `sample` and `predict` as well.
+"""
+
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import FloatArray
+from tofmix.ranging import unambiguous_range_mm
+from tofmix.sensors.profile import SensorProfile
+from tofmix.simulation.effects.parameter import Parameter, declared_parameters
+from tofmix.toml_table import nearest
+
+if TYPE_CHECKING:
+    from tofmix.simulation.echoes import Echoes, FrameSamples
+    from tofmix.simulation.model import Surface
+    from tofmix.simulation.prediction import Prediction
+
+_RECORDING, _FRAME = 0, 1  # branches of an effect's random streams
+
+
+class Level(IntEnum):
+    """Where in the camera an effect acts; levels act in this order."""
+
+    GEOMETRY = 0
+    LIGHT = 1
+    CORRELATION = 2
+    RANGE = 3
+    READ_OUT = 4
+
+
+LEVEL_NAMES = {
+    Level.GEOMETRY: "geometry",
+    Level.LIGHT: "light",
+    Level.CORRELATION: "correlation",
+    Level.RANGE: "range",
+    Level.READ_OUT: "read-out",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Context:
+    """What an effect may know beside the echoes.
+
+    Parameters
+    ----------
+    sensor : SensorProfile
+        The camera.
+    surfaces : tuple of str
+        Names of the model's surfaces, in its order.
+    seed : int
+        The recording's seed.
+    frame : int
+        The frame's number.
+    time_s : float
+        Start of the frame, s.
+    prepared : object
+        What the effect's `Effect.prepare` returned for this recording.
+    expected : object
+        What the effect's `Effect.expect` returned for this scene.
+    part : int
+        Number of the exposure within an averaged frame; 0 for a single sample.
+    """
+
+    sensor: SensorProfile
+    surfaces: tuple[str, ...]
+    seed: int
+    frame: int = 0
+    time_s: float = 0.0
+    prepared: Any = None
+    expected: Any = None
+    part: int = 0
+
+    @property
+    def turn_mm(self) -> float:
+        """d_u, the unambiguous range of the modulation, mm."""
+        return unambiguous_range_mm(self.sensor.modulation_frequency_hz)
+
+    def number_of(self, surface: str) -> int:
+        """Number of a surface in the model."""
+        return self.surfaces.index(surface)
+
+    def cosine(self) -> FloatArray:
+        """``cos az cos el`` (pixel,) of each pixel's centre."""
+        s = self.sensor
+        azimuth = np.radians((np.arange(s.cols) - (s.cols - 1) / 2) * s.fov_horizontal_deg / s.cols)
+        elevation = np.radians((np.arange(s.rows) - (s.rows - 1) / 2) * s.fov_vertical_deg / s.rows)
+        cosine: FloatArray = np.outer(np.cos(elevation), np.cos(azimuth)).ravel()
+        return cosine
+
+    def recording_rng(self, effect: "Effect") -> np.random.Generator:
+        """The effect's own random stream of a recording, for what does not change from frame to frame."""
+        return _stream(self.seed, effect, _RECORDING)
+
+    def frame_rng(self, effect: "Effect") -> np.random.Generator:
+        """The effect's own random stream of this frame."""
+        return _stream(self.seed, effect, _FRAME, self.frame, self.part)
+
+
+def _stream(seed: int, effect: "Effect", *key: int) -> np.random.Generator:
+    """A stream of its own for each kind and surface: one effect more changes no draw of the others."""
+    name = zlib.crc32(f"{effect.kind} {getattr(effect, 'surface', '')}".encode())
+    return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(name, *key))))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EffectTruth:
+    """What was drawn for an effect, as a recording's ``truth/effects`` holds it.
+
+    Parameters
+    ----------
+    name : str
+        Name of the dataset.
+    dims : tuple of str
+        ``("row", "col")`` or ``("frame",)``.
+    values : array
+        Of these dimensions.
+    unit : str
+        Unit; ``1`` for none.
+    long_name : str
+        What it is.
+    """
+
+    name: str
+    dims: tuple[str, ...]
+    values: NDArray[np.generic]
+    unit: str
+    long_name: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Effect:
+    """An effect of a real camera. Its fields are its parameters.
+
+    Raises
+    ------
+    ValueError
+        If a parameter is out of its bounds. The message begins with the key, and has value and bound.
+
+    Attributes
+    ----------
+    kind : str
+        Its name in a model.
+    level : Level
+        Where it acts.
+    signature : str
+        How it shows: against what axis, in which statistic.
+    predicts : str
+        Which part of its action on a pixel's distribution has a closed form, and what stands for the rest.
+    averages : bool
+        Whether it can be simulated in a camera that averages on board.
+    """
+
+    kind: ClassVar[str]
+    level: ClassVar[Level]
+    signature: ClassVar[str]
+    predicts: ClassVar[str] = "exact"
+    averages: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        for parameter in self.parameters().values():
+            if refusal := parameter.refusal(getattr(self, parameter.name)):
+                raise ValueError(refusal)
+
+    @classmethod
+    def parameters(cls) -> Mapping[str, Parameter]:
+        """The declared parameters by name."""
+        return {parameter.name: parameter for parameter in declared_parameters(cls)}
+
+    @property
+    def outlier_share(self) -> float:
+        """Share of the samples that the effect replaces by random values."""
+        return 0.0
+
+    @property
+    def moves(self) -> bool:
+        """Whether the scene changes with time."""
+        return False
+
+    def explain(self) -> str:
+        """What it will do, with its values, in one plain sentence."""
+        raise NotImplementedError
+
+    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
+        """Refuse what does not fit the camera or the scene.
+
+        Raises
+        ------
+        ValueError
+            The message begins with the key.
+        """
+        name = getattr(self, "surface", None)
+        if name is not None and name not in surfaces:
+            raise ValueError(f'surface: "{name}" is not a surface of this model{nearest(name, surfaces)}')
+        plane = getattr(self, "map", None)
+        if plane is not None and plane.values.shape != (sensor.rows, sensor.cols):
+            raise ValueError(f"map: shape {plane.values.shape} differs from the image {(sensor.rows, sensor.cols)}")
+
+    def place(self, surface: "Surface", time_s: float) -> "Surface":  # noqa: ARG002  for those that move one
+        """Where a surface stands at a time. Geometry effects only."""
+        return surface
+
+    def prepare(self, context: Context, n_frames: int) -> Any:  # noqa: ANN401, ARG002  the effect's own
+        """Draw what holds for a whole recording of `n_frames`; it comes back as ``context.prepared``."""
+        return None
+
+    def truth(self, prepared: Any) -> tuple[EffectTruth, ...]:  # noqa: ANN401, ARG002  the effect's own
+        """What `prepare` drew, for the recording's truth."""
+        return ()
+
+    def expect(self, prediction: "Prediction", context: Context) -> Any:  # noqa: ANN401, ARG002  the effect's own
+        """Work out what a light effect needs to know of the whole scene; it comes back as ``context.expected``.
+
+        `prediction` has the light effects before this one applied.
+        """
+        return None
+
+    def act(self, echoes: "Echoes", context: Context) -> None:
+        """Change echoes in place: samples of a frame, or components of a prediction alike."""
+        raise NotImplementedError
+
+    def colour(self, noise: FloatArray, before: FloatArray) -> FloatArray:  # noqa: ARG002  for those that remember
+        """A frame's standardised noise (pixel,), given that of the frame before."""
+        return noise
+
+    def sample(self, samples: "FrameSamples", context: Context) -> None:
+        """Change one frame's samples in place."""
+        self.act(samples, context)
+
+    def predict(self, prediction: "Prediction", context: Context) -> None:
+        """Change a prediction in place."""
+        self.act(prediction, context)
+
+
+def neutral_values(kind: type[Effect]) -> dict[str, float]:
+    """Each parameter at which an effect vanishes, with that value."""
+    return {name: p.zero for name, p in kind.parameters().items() if p.zero is not None}

@@ -1,0 +1,61 @@
+"""Samples that are lost, by chance or because they are dark."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from scipy.special import ndtr
+
+from tofmix.simulation.echoes import FrameSamples
+from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.parameter import number
+
+if TYPE_CHECKING:
+    from tofmix.simulation.prediction import Prediction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dropout(Effect):
+    """Samples are invalid with `probability`, and where amplitude plus Gaussian noise falls below `threshold`.
+
+    Cameras mark samples of too little amplitude as invalid: at their default threshold, far or dark surfaces lose
+    some or all of their samples, and what has no return loses all. Lost packets and conflicting read-outs take
+    samples by chance. The amplitude is that of the light, after all light effects. A threshold of 0 is none.
+    """
+
+    kind: ClassVar[str] = "dropout"
+    level: ClassVar[Level] = Level.READ_OUT
+    signature: ClassVar[str] = "invalid share, the same everywhere or against amplitude"
+
+    probability: float = number(
+        "Share that is lost by chance.", unit="1", low=0, high=1, default=0, zero=0, typical=(0.001, 0.2)
+    )
+    threshold: float = number(
+        "Least amplitude that is valid; 0 for none.", unit="1", low=0, high=1e9, default=0, zero=0, typical=(1, 200)
+    )
+    threshold_noise: float = number(
+        "Standard deviation of the amplitude that is compared.", unit="1", low=0, high=1e9, default=0
+    )
+
+    def explain(self) -> str:
+        """One sentence."""
+        dark = f"those of amplitude below {self.threshold:g} (+-{self.threshold_noise:g})" if self.threshold else ""
+        chance = f"{100 * self.probability:g} % of the samples" if self.probability or not dark else ""
+        return f"{' and '.join(part for part in (chance, dark) if part)} are lost"
+
+    def sample(self, samples: FrameSamples, context: Context) -> None:
+        """Lose what chance and threshold take."""
+        rng = context.frame_rng(self)
+        lost = rng.random(samples.shape) < self.probability
+        if self.threshold > 0:
+            noise = rng.standard_normal(samples.shape) * self.threshold_noise
+            lost |= samples.amplitude + noise < self.threshold
+        samples.lose(lost)
+
+    def predict(self, prediction: "Prediction", context: Context) -> None:  # noqa: ARG002
+        """Move weight to the invalid samples."""
+        prediction.lose(self.probability)
+        if self.threshold > 0:
+            short = self.threshold - prediction.amplitude
+            lost = ndtr(short / self.threshold_noise) if self.threshold_noise > 0 else (short > 0).astype(np.float64)
+            prediction.lose(lost)

@@ -1,0 +1,35 @@
+"""More noise than the sensor's curve says."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tofmix.simulation.echoes import Echoes
+from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.parameter import number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExcessNoise(Effect):
+    """Sigma times `factor`.
+
+    Phase noise is sqrt(B) / A: more ambient light, or a weaker emitter, makes every sigma larger by the same factor
+    where the background dominates. Four times the background electrons double it (physics).
+
+    References
+    ----------
+    Lange and Seitz, IEEE J. Quantum Electronics 37(3), 2001, doi:10.1109/3.910448.
+    """
+
+    kind: ClassVar[str] = "excess_noise"
+    level: ClassVar[Level] = Level.RANGE
+    signature: ClassVar[str] = "spread, by the same factor everywhere"
+
+    factor: float = number("Sigma is that many times larger.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3))
+
+    def explain(self) -> str:
+        """One sentence."""
+        return f"the noise is {self.factor:g} times the sensor's"
+
+    def act(self, echoes: Echoes, context: Context) -> None:  # noqa: ARG002
+        """Scale sigma."""
+        echoes.scale_sigma(self.factor)

@@ -1,0 +1,84 @@
+"""A constant bias of each pixel, column and row."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.sensors.profile import SensorProfile
+from tofmix.simulation.echoes import Echoes
+from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level
+from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FixedPattern(Effect):
+    """Each pixel has its own bias: a sum of a pixel's, its column's and its row's, drawn once a recording, or a map.
+
+    Clock lines reach pixels after different delays, column by column, and capacitances differ from pixel to pixel.
+    Some mm are reported after the factory's calibration, some cm without. The pattern is drawn from the recording's
+    seed; a map stays the same whatever the seed, as a camera's own pattern does.
+
+    References
+    ----------
+    Kahlmann, Remondino and Ingensand, ISPRS Archives XXXVI-5, 2006: "fixed pattern noise".
+    """
+
+    kind: ClassVar[str] = "fixed_pattern"
+    level: ClassVar[Level] = Level.RANGE
+    signature: ClassVar[str] = "bias pixel by pixel, the same in every frame; stripes for columns and rows"
+    predicts: ClassVar[str] = (
+        "exact for the map, or for what the seed draws; over all patterns it is a random effect that pixels of one "
+        "column or row share"
+    )
+
+    pixel_sigma_mm: float = number(
+        "Spread from pixel to pixel.", unit="mm", low=0, high=1000, default=0, zero=0, typical=(1, 20)
+    )
+    column_sigma_mm: float = number(
+        "Spread from column to column.", unit="mm", low=0, high=1000, default=0, zero=0, typical=(0.5, 10)
+    )
+    row_sigma_mm: float = number(
+        "Spread from row to row.", unit="mm", low=0, high=1000, default=0, zero=0, typical=(0.5, 10)
+    )
+    map: PixelMap | None = pixel_map(  # noqa: RUF009
+        "Bias of each pixel; takes the place of the drawn ones."
+    )
+
+    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
+        """Refuse a map that has no value somewhere."""
+        Effect.check(self, sensor, surfaces)
+        if self.map is not None and not np.isfinite(self.map.values).all():
+            raise ValueError("map: a value is not finite; every pixel needs one")
+
+    def explain(self) -> str:
+        """One sentence."""
+        if self.map is not None:
+            return f"each pixel has a constant bias of its own, from {self.map.path or 'a map'}"
+        return (
+            "each pixel has a constant bias of its own, with standard deviations of "
+            f"{self.pixel_sigma_mm:g} mm by pixel, {self.column_sigma_mm:g} mm by column and {self.row_sigma_mm:g} mm "
+            "by row"
+        )
+
+    def prepare(self, context: Context, n_frames: int) -> FloatArray:  # noqa: ARG002
+        """The biases (pixel,), mm."""
+        if self.map is not None:
+            return self.map.values.ravel().astype(np.float64)
+        rng, rows, cols = context.recording_rng(self), context.sensor.rows, context.sensor.cols
+        bias = rng.standard_normal((rows, cols)) * self.pixel_sigma_mm
+        bias += rng.standard_normal(cols) * self.column_sigma_mm
+        bias += rng.standard_normal((rows, 1)) * self.row_sigma_mm
+        return bias.ravel()
+
+    def truth(self, prepared: Any) -> tuple[EffectTruth, ...]:  # noqa: ANN401
+        """The map."""
+        values = prepared.astype(np.float32)
+        return (
+            EffectTruth(name=self.kind, dims=("row", "col"), values=values, unit="mm", long_name="bias of each pixel"),
+        )
+
+    def act(self, echoes: Echoes, context: Context) -> None:
+        """Add each pixel's bias."""
+        echoes.add_bias(context.prepared)

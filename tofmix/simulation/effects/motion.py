@@ -1,0 +1,44 @@
+"""A surface that moves while it is recorded."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from tofmix.simulation.effects.base import Effect, Level
+from tofmix.simulation.effects.parameter import number, surface
+from tofmix.simulation.effects.surface_pose import shifted
+
+if TYPE_CHECKING:
+    from tofmix.simulation.model import Surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion(Effect):
+    """The surface moves along its normal, from where the model puts it at time 0.
+
+    Each frame is cast anew: ranges, shares and edges follow. Within a frame the surface stands still, and the four
+    correlation samples see one scene; a camera that takes them one after the other errs at moving edges, which is
+    not simulated. A person walks at about 1400 mm/s; a settling tripod creeps by micrometres a second.
+    """
+
+    kind: ClassVar[str] = "motion"
+    level: ClassVar[Level] = Level.GEOMETRY
+    signature: ClassVar[str] = "bias on one surface in proportion to time, shares at its edges"
+
+    surface: str = surface("The surface that moves.")
+    velocity_mm_s: float = number(
+        "Velocity along the surface's normal R (0, 0, 1): away from the sensor for a board that faces it.",
+        unit="mm/s", low=-100_000, high=100_000, zero=0, typical=(0.1, 1000),
+    )  # fmt: skip
+
+    def explain(self) -> str:
+        """One sentence."""
+        return f'"{self.surface}" moves along its normal at {self.velocity_mm_s:+g} mm/s'
+
+    @property
+    def moves(self) -> bool:
+        """Unless it stands still."""
+        return self.velocity_mm_s != 0
+
+    def place(self, surface: "Surface", time_s: float) -> "Surface":
+        """Where the surface is by then."""
+        return shifted(surface, self.velocity_mm_s * time_s) if surface.name == self.surface else surface

@@ -1,0 +1,55 @@
+"""Light that reaches a surface twice: directly, and by way of another one."""
+
+import cmath
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tofmix.simulation.echoes import Echoes
+from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.parameter import number, surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Multipath(Effect):
+    """z of one surface becomes z (1 + share exp(i pi extra_path / d_u)).
+
+    Light that bounces off a wall, a floor or a neighbouring board on its way arrives later and makes the surface
+    seem farther. In corners, some cm to some ten cm are reported. One constant share and path for the whole surface:
+    near a real corner both change from pixel to pixel.
+
+    References
+    ----------
+    Fuchs, Multipath interference compensation in time-of-flight camera images, ICPR 2010.
+    """
+
+    kind: ClassVar[str] = "multipath"
+    level: ClassVar[Level] = Level.LIGHT
+    signature: ClassVar[str] = "bias and amplitude of one surface; its noise with its amplitude"
+
+    surface: str = surface("The surface that the second path leads to.")
+    share: float = number(
+        "Amplitude of the second path over that of the first.", unit="1", low=0, high=1, zero=0, typical=(0.02, 0.5)
+    )
+    extra_path_mm: float = number(
+        "How much longer the second path is in all, there and back.",
+        unit="mm",
+        low=0,
+        high=200_000,
+        typical=(100, 4000),
+    )
+
+    def explain(self) -> str:
+        """One sentence."""
+        return (
+            f'"{self.surface}" is also lit by way of another surface: {100 * self.share:g} % more light on a path '
+            f"that is {self.extra_path_mm:g} mm longer"
+        )
+
+    def act(self, echoes: Echoes, context: Context) -> None:
+        """Multiply the surface's phasors."""
+        factor = 1 + self.share * cmath.exp(1j * math.pi * self.extra_path_mm / context.turn_mm)
+        z = echoes.phasor()
+        echoes.replace_phasor(z, z * np.where(echoes.surface == context.number_of(self.surface), factor, 1.0))

@@ -1,0 +1,62 @@
+"""Random values beyond those that the sensor has anyway."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from tofmix.sensors.profile import SensorProfile
+from tofmix.simulation.echoes import FrameSamples
+from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.parameter import number
+
+if TYPE_CHECKING:
+    from tofmix.simulation.prediction import Prediction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outliers(Effect):
+    """Samples uniform over the working range, with this probability on top of `outlier_probability`.
+
+    Bit errors, cosmic and switching disturbances, samples taken while the exposure changed. The paper supplies 1e-4
+    for the SR-3000; 1e-3 to 1e-2 is what a worn or disturbed camera shows (experience, no source). A random value
+    replaces whatever its pixel would have returned, after all but stuck pixels and quantisation, and is never lost.
+    """
+
+    kind: ClassVar[str] = "outliers"
+    level: ClassVar[Level] = Level.RANGE
+    signature: ClassVar[str] = "tails: samples anywhere in the working range"
+    averages: ClassVar[bool] = False
+
+    probability: float = number(
+        "Share of the samples.", unit="1", low=0, high=1, high_open=True, zero=0, typical=(0.001, 0.05)
+    )
+
+    @property
+    def outlier_share(self) -> float:
+        """Probability."""
+        return self.probability
+
+    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:  # noqa: ARG002
+        """Refuse to leave no sample to the surfaces."""
+        rest = 1 - sensor.outlier_probability
+        if self.probability >= rest:
+            raise ValueError(
+                f"probability: {self.probability:g} is not below {rest:g}, 1 less the sensor's outlier_probability"
+            )
+
+    def explain(self) -> str:
+        """One sentence."""
+        return f"{100 * self.probability:g} % more samples are random values anywhere in the working range"
+
+    def sample(self, samples: FrameSamples, context: Context) -> None:
+        """Put random values in the place of what is no random value yet."""
+        rng, sensor = context.frame_rng(self), context.sensor
+        hit = rng.random(samples.shape) * (1 - sensor.outlier_probability) < self.probability
+        value = rng.uniform(sensor.range_min_mm, sensor.range_max_mm, samples.shape)
+        replaced = hit & ~samples.outlier
+        samples.outlier_mm = np.where(replaced, value, samples.outlier_mm)
+
+    def predict(self, prediction: "Prediction", context: Context) -> None:  # noqa: ARG002
+        """Move weight from all else to the random values."""
+        prediction.replace_by_outliers(self.probability)

@@ -1,0 +1,151 @@
+"""A parameter of an effect, declared once: unit, bounds, default and a sentence.
+
+The parser, the refusals, the tables of docs/effects.md, ``--explain`` and a fit
+read this one declaration.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import MISSING, Field, dataclass, field, fields
+from enum import Enum
+from typing import Any
+
+import numpy as np
+
+from tofmix.arrays import Float32Array
+
+_METADATA = "tofmix"
+
+
+class Holds(Enum):
+    """What a parameter holds."""
+
+    NUMBER = "number"
+    SURFACE = "name of a surface"
+    MAP = "map"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One parameter of an effect.
+
+    Parameters
+    ----------
+    name : str
+        Its key in the model file, with the unit at its end.
+    unit : str
+        Unit in words of the contract: ``mm``, ``rad``, ``s``, ``1``; empty for a name.
+    sentence : str
+        What it is.
+    low, high : float
+        Bounds of a number; infinite where there is none.
+    low_open, high_open : bool
+        Whether the bound itself is refused.
+    default : float or None
+        What stands where the key is left out; None if there is none.
+    required : bool
+        Whether the key must be given.
+    zero : float or None
+        The value at which the effect vanishes, whatever its other parameters; None if it has none.
+    typical : (float, float)
+        Magnitudes that real cameras show: where a search may start. NaN for none.
+    holds : Holds
+        A number, a surface's name, or a map.
+    """
+
+    name: str
+    unit: str
+    sentence: str
+    low: float = -math.inf
+    high: float = math.inf
+    low_open: bool = False
+    high_open: bool = False
+    default: float | None = None
+    required: bool = True
+    zero: float | None = None
+    typical: tuple[float, float] = (math.nan, math.nan)
+    holds: Holds = Holds.NUMBER
+
+    @property
+    def bounds(self) -> str:
+        """The interval in which it must lie, such as ``(0, 1000]``; empty for what is no number."""
+        if self.holds is not Holds.NUMBER:
+            return ""
+        left = "(" if self.low_open or math.isinf(self.low) else "["
+        right = ")" if self.high_open or math.isinf(self.high) else "]"
+        return f"{left}{_shown(self.low)}, {_shown(self.high)}{right}"
+
+    def refusal(self, value: object) -> str:
+        """Why `value` is refused, beginning with the key; empty if it is not."""
+        if self.holds is not Holds.NUMBER or (value is None and not self.required):
+            return ""
+        if not isinstance(value, int | float) or not math.isfinite(value):
+            return f"{self.name}: {value} is not a finite number"
+        below = value <= self.low if self.low_open else value < self.low
+        above = value >= self.high if self.high_open else value > self.high
+        return f"{self.name}: {value:g} is not in {self.bounds}" if below or above else ""
+
+
+def _shown(value: float) -> str:
+    return f"{value:g}" if math.isfinite(value) else ("-inf" if value < 0 else "inf")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelMap:
+    """A value of each pixel, measured or drawn before.
+
+    Parameters
+    ----------
+    path : str
+        Its file's path as the model has it; empty for a map that has none.
+    values : (row, col) float32
+        mm; what NaN means is the effect's to say.
+    """
+
+    path: str
+    values: Float32Array
+
+    def __post_init__(self) -> None:
+        values = np.array(self.values, dtype=np.float32, copy=True)
+        values.setflags(write=False)
+        object.__setattr__(self, "values", values)
+
+
+def number(
+    sentence: str,
+    *,
+    unit: str,
+    low: float = -math.inf,
+    high: float = math.inf,
+    low_open: bool = False,
+    high_open: bool = False,
+    default: float | None = None,
+    required: bool = True,
+    zero: float | None = None,
+    typical: tuple[float, float] = (math.nan, math.nan),
+) -> Any:  # noqa: ANN401  as dataclasses.field
+    """A dataclass field that holds a number; see `Parameter`. One with a default is not required."""
+    required = required and default is None
+    declared = {
+        "sentence": sentence, "unit": unit, "low": low, "high": high, "low_open": low_open, "high_open": high_open,
+        "default": default, "required": required, "zero": zero, "typical": typical,
+    }  # fmt: skip
+    return field(default=MISSING if required else default, metadata={_METADATA: declared})
+
+
+def surface(sentence: str) -> Any:  # noqa: ANN401  as dataclasses.field
+    """A dataclass field that holds the name of one of the model's surfaces."""
+    return field(metadata={_METADATA: {"sentence": sentence, "unit": "", "holds": Holds.SURFACE}})
+
+
+def pixel_map(sentence: str, *, unit: str = "mm") -> Any:  # noqa: ANN401  as dataclasses.field
+    """A dataclass field that holds a `PixelMap` or None."""
+    declared = {"sentence": sentence, "unit": unit, "holds": Holds.MAP, "required": False}
+    return field(default=None, compare=False, metadata={_METADATA: declared})
+
+
+def declared_parameters(kind: type) -> Iterator[Parameter]:
+    """The parameters of an effect's class, in the order of their declaration."""
+    item: Field[Any]
+    for item in fields(kind):
+        yield Parameter(name=item.name, **item.metadata[_METADATA])

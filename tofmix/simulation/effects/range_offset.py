@@ -1,0 +1,36 @@
+"""A constant bias of every range."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tofmix.simulation.echoes import Echoes
+from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.parameter import number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeOffset(Effect):
+    """Every range is longer by `offset_mm`.
+
+    Signals take time in the camera: through the driver of the light source, the cables and the pixel. A
+    calibration removes most of that delay; what it leaves is a constant. 1 cm is 67 ps of delay, so some mm to some
+    cm remain where the camera was never calibrated at its own temperature and settings (physics).
+
+    References
+    ----------
+    Kahlmann, Remondino and Ingensand, ISPRS Archives XXXVI-5, 2006: offset of a fixed pattern and of the device.
+    """
+
+    kind: ClassVar[str] = "range_offset"
+    level: ClassVar[Level] = Level.RANGE
+    signature: ClassVar[str] = "bias, the same at every range, amplitude, place and time"
+
+    offset_mm: float = number("Added to every range.", unit="mm", low=-10_000, high=10_000, zero=0, typical=(2, 50))
+
+    def explain(self) -> str:
+        """One sentence."""
+        return f"every range is {abs(self.offset_mm):g} mm {'longer' if self.offset_mm >= 0 else 'shorter'}"
+
+    def act(self, echoes: Echoes, context: Context) -> None:  # noqa: ARG002
+        """Add the offset."""
+        echoes.add_bias(self.offset_mm)

@@ -1,0 +1,45 @@
+"""Samples that fill the pixel's well."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from tofmix.simulation.echoes import FrameSamples
+from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.parameter import number
+
+if TYPE_CHECKING:
+    from tofmix.simulation.prediction import Prediction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Saturation(Effect):
+    """Samples of an amplitude over `full_well_amplitude` are invalid.
+
+    A pixel holds so many electrons; bright or near surfaces fill it, the taps lose their difference, and the camera
+    marks the sample as invalid. Where it happens follows from exposure and reflectivity (physics): in the units of a
+    model, a white board at 1 m and 1.2 ms has an amplitude of about 1000. The amplitude is that of the light, after
+    all light effects; ambient light, which fills the well as well, is not simulated.
+    """
+
+    kind: ClassVar[str] = "saturation"
+    level: ClassVar[Level] = Level.CORRELATION
+    signature: ClassVar[str] = "invalid share of bright samples"
+    averages: ClassVar[bool] = False
+
+    full_well_amplitude: float = number(
+        "Largest amplitude that is valid.", unit="1", low=0, high=1e9, low_open=True, zero=1e9, typical=(100, 5000)
+    )
+
+    def explain(self) -> str:
+        """One sentence."""
+        return f"samples of amplitude over {self.full_well_amplitude:g} are invalid"
+
+    def sample(self, samples: FrameSamples, context: Context) -> None:  # noqa: ARG002
+        """Lose what is too bright."""
+        samples.lose(samples.amplitude > self.full_well_amplitude)
+
+    def predict(self, prediction: "Prediction", context: Context) -> None:  # noqa: ARG002
+        """Move the weight of what is too bright to the invalid samples."""
+        prediction.lose((prediction.amplitude > self.full_well_amplitude).astype(np.float64))

@@ -1,0 +1,52 @@
+"""A surface that stands elsewhere than the model says."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from tofmix.simulation.effects.base import Effect, Level
+from tofmix.simulation.effects.parameter import number, surface
+
+if TYPE_CHECKING:
+    from tofmix.simulation.model import Surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurfacePose(Effect):
+    """The surface is shifted along its normal, and its shares and edges with it.
+
+    Not an error of the camera: the scene was measured wrongly, or moved since. Its rival is `range_offset`; a second
+    surface tells them apart, and on a surface seen at an angle the ranges change by shift / cos(incidence).
+    Boards placed by hand stand right to some mm or some cm (experience, no source).
+    """
+
+    kind: ClassVar[str] = "surface_pose"
+    level: ClassVar[Level] = Level.GEOMETRY
+    signature: ClassVar[str] = "bias on one surface, shares at its edges"
+
+    surface: str = surface("The surface that is shifted.")
+    shift_mm: float = number(
+        "Shift along the surface's normal R (0, 0, 1): away from the sensor for a board that faces it.",
+        unit="mm", low=-100_000, high=100_000, zero=0, typical=(2, 100),
+    )  # fmt: skip
+
+    def explain(self) -> str:
+        """One sentence."""
+        return f'"{self.surface}" stands {self.shift_mm:+g} mm along its normal from where the model puts it'
+
+    def place(self, surface: "Surface", time_s: float) -> "Surface":  # noqa: ARG002
+        """Shift the surface."""
+        return shifted(surface, self.shift_mm) if surface.name == self.surface else surface
+
+
+def shifted(surface: "Surface", shift_mm: float) -> "Surface":
+    """The surface, moved along its normal.
+
+    Raises
+    ------
+    ValueError
+        If it would leave the bounds of a model.
+    """
+    x, y, z = np.array(surface.center_mm) + shift_mm * surface.rotation()[:, 2]
+    return replace(surface, center_mm=(float(x), float(y), float(z)))

@@ -1,0 +1,47 @@
+"""Warm-up: a bias that grows and settles after power-on."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tofmix.simulation.echoes import Echoes
+from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.parameter import number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TemperatureDrift(Effect):
+    """Bias ``amplitude_mm * (1 - exp(-t / time_constant_s))``, t the time since the first frame.
+
+    The delay of the light source's driver and of the pixel changes with temperature, and both warm up after
+    power-on. Some mm to some ten mm over 20 to 40 minutes are reported; the time constant is that of the housing.
+
+    References
+    ----------
+    Kahlmann, Remondino and Ingensand, ISPRS Archives XXXVI-5, 2006: warm-up of the SwissRanger.
+    """
+
+    kind: ClassVar[str] = "temperature_drift"
+    level: ClassVar[Level] = Level.RANGE
+    signature: ClassVar[str] = "bias of the whole image against time, settling"
+
+    amplitude_mm: float = number(
+        "Bias in the end; negative where ranges become shorter.",
+        unit="mm",
+        low=-1000,
+        high=1000,
+        zero=0,
+        typical=(2, 50),
+    )
+    time_constant_s: float = number(
+        "Time after which 63 % of it is there.", unit="s", low=0, high=1e6, low_open=True, typical=(60, 1800)
+    )
+
+    def explain(self) -> str:
+        """One sentence."""
+        return f"ranges drift by {self.amplitude_mm:+g} mm in all, 63 % of it within {self.time_constant_s:g} s"
+
+    def act(self, echoes: Echoes, context: Context) -> None:
+        """Add the bias of this time."""
+        echoes.add_bias(self.amplitude_mm * -np.expm1(-context.time_s / self.time_constant_s))

@@ -1,0 +1,61 @@
+"""Illumination and lens that are weaker towards the image's corners."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.sensors.profile import SensorProfile
+from tofmix.simulation.echoes import Echoes
+from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.parameter import number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vignetting(Effect):
+    """Amplitude times (cos az cos el)^n, sigma divided by it.
+
+    A lens images with cos^4 of the angle off its axis, and the emitter's lobe adds its own fall: for cos^4 alone, the
+    corner of 47 x 39 degrees has 1.33 times the sigma of the centre (physics). n is such that the pixel in the
+    image's corner has `corner_factor` times the sigma.
+    """
+
+    kind: ClassVar[str] = "vignetting"
+    level: ClassVar[Level] = Level.LIGHT
+    signature: ClassVar[str] = "spread against the distance from the image's centre, and amplitude"
+
+    corner_factor: float = number(
+        "Sigma of the pixel in the image's corner, in that of the axis.",
+        unit="1",
+        low=1,
+        high=100,
+        zero=1,
+        typical=(1.1, 4),
+    )
+
+    def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:  # noqa: ARG002
+        """An image of one pixel has no corner."""
+        if sensor.rows == sensor.cols == 1:
+            raise ValueError("corner_factor: an image of one pixel has no corner")
+
+    def explain(self) -> str:
+        """One sentence."""
+        return f"light falls off towards the corners, where the noise is {self.corner_factor:g} times that on the axis"
+
+    def prepare(self, context: Context, n_frames: int) -> FloatArray:  # noqa: ARG002
+        """The illumination (pixel,) over that on the axis."""
+        cosine = context.cosine()
+        power = -math.log(self.corner_factor) / math.log(cosine[0])
+        illumination: FloatArray = np.maximum(cosine, 0.0) ** power
+        return illumination
+
+    def act(self, echoes: Echoes, context: Context) -> None:
+        """Scale amplitude and sigma."""
+        _scale(echoes, context.prepared)
+
+
+def _scale(echoes: Echoes, illumination: Any) -> None:  # noqa: ANN401
+    echoes.amplitude = echoes.amplitude * illumination
+    echoes.scale_sigma(1.0 / illumination)

@@ -1,0 +1,54 @@
+"""What a model will simulate, in plain words, effect by effect: for ``simulate --explain``."""
+
+import math
+from collections.abc import Iterator
+
+from tofmix.ranging import unambiguous_range_mm
+from tofmix.simulation.effects.base import LEVEL_NAMES, Level
+from tofmix.simulation.model import Model
+
+
+def explain(model: Model) -> str:
+    """The model in words, one fact a line, without a newline at the end."""
+    return "\n".join([*_camera(model), *_scene(model), *_samples(model), *_effects(model)])
+
+
+def _camera(model: Model) -> Iterator[str]:
+    sensor, recording = model.sensor, model.recording
+    turn_mm = unambiguous_range_mm(sensor.modulation_frequency_hz)
+    yield (
+        f"camera: {sensor.name}, {sensor.rows} x {sensor.cols} pixels over {sensor.fov_horizontal_deg:g} x "
+        f"{sensor.fov_vertical_deg:g} degrees, {sensor.range_min_mm:g} to {sensor.range_max_mm:g} mm"
+    )
+    yield (
+        f"light: {sensor.modulation_frequency_hz / 1e6:g} MHz, the phase turns once in {turn_mm:.0f} mm; "
+        f"{sensor.integration_time_ms:g} ms a sample"
+    )
+    middle = math.sqrt(max(sensor.range_min_mm, 1.0) * sensor.range_max_mm)
+    sigma = float(sensor.noise_at(sensor.integration_time_ms).sigma(middle))
+    yield f"noise: Gaussian, sigma(r) of the camera, such as {sigma:.3g} mm at {middle:.0f} mm"
+    yield (
+        f"recording: {recording.frames} frames at {recording.frame_rate_hz:g} Hz, "
+        f"{recording.frames / recording.frame_rate_hz:g} s in all, seed {recording.seed}"
+    )
+
+
+def _scene(model: Model) -> Iterator[str]:
+    names = ", ".join(f'"{surface.name}"' for surface in model.surfaces)
+    yield f"scene: {len(model.surfaces)} surfaces: {names}" if names else "scene: no surface, no return anywhere"
+
+
+def _samples(model: Model) -> Iterator[str]:
+    yield (
+        "samples: each is one event: a surface with its share of the pixel's beam, no return around "
+        f"{model.sensor.range_max_mm:g} mm, or, with probability {model.sensor.outlier_probability:g}, a random value"
+    )
+
+
+def _effects(model: Model) -> Iterator[str]:
+    if not model.effects:
+        yield "effects: none; samples are drawn from equation (1)"
+        return
+    yield "effects, in the order in which they act:"
+    for effect in model.acting():
+        yield f"  {LEVEL_NAMES[Level(effect.level)]}: {effect.kind}: {effect.explain()}"

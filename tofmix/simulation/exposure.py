@@ -1,0 +1,246 @@
+"""One frame through the camera, effect by effect: geometry, light, correlation, range, read-out.
+
+Use `Exposer` where a model has effects; `tofmix.simulation.render` draws models
+without any from equation (1) directly. Both draw events and noise from the same
+stream, and each effect from one of its own: an effect more, or one of zero
+magnitude, changes no other draw.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.errors import BadInputError
+from tofmix.simulation.averaging import exposures, phasor_mean
+from tofmix.simulation.cast import MovingCaster
+from tofmix.simulation.echoes import FrameSamples
+from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level
+from tofmix.simulation.events import Drawn, EventTable, draw_events, event_table, events_behind, frame_generator
+from tofmix.simulation.model import Model
+from tofmix.simulation.prediction import equation_1
+from tofmix.simulation.truth import Truth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StillScene:
+    """What one cast of the scene gives to every frame that sees it.
+
+    Parameters
+    ----------
+    table : EventTable
+        The events.
+    sigma_mm : (event, pixel) float64
+        Their noise, mm.
+    surface : (event, pixel) int64
+        Their surfaces; -1 without one.
+    expected : tuple
+        What each acting effect expects of the scene.
+    range_true : (row, col, layer) float32
+        Its true ranges, mm.
+    """
+
+    table: EventTable
+    sigma_mm: FloatArray
+    surface: IntArray
+    expected: tuple[Any, ...]
+    range_true: Float32Array
+
+
+class Exposer:
+    """Makes the frames of a model with effects, in any order, in any thread.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    truth : Truth
+        The scene as cast for time 0.
+    seed : int
+        The recording's seed.
+    n_frames : int
+        Frames of the recording.
+
+    Raises
+    ------
+    BadInputError
+        If a surface moves out of bounds within the recording.
+    """
+
+    def __init__(self, model: Model, truth: Truth, *, seed: int, n_frames: int) -> None:
+        self._model = model
+        self._seed = seed
+        self._effects = tuple(effect for effect in model.acting() if effect.level is not Level.GEOMETRY)
+        names = tuple(surface.name for surface in model.surfaces)
+        start = Context(sensor=model.sensor, surfaces=names, seed=seed)
+        self._contexts = tuple(replace(start, prepared=effect.prepare(start, n_frames)) for effect in self._effects)
+        self._turn_mm = start.turn_mm
+        self._still = self._scene(truth, 0.0)
+        self._caster = MovingCaster(model) if model.moves else None
+        if self._caster is not None:
+            model.placed(self._time(n_frames - 1))  # refused now, not after thousands of frames
+
+    def scene(self, frame: int) -> StillScene:
+        """What a frame sees."""
+        if self._caster is None:
+            return self._still
+        return self._scene(self._caster.cast(self._time(frame)), self._time(frame))
+
+    def _time(self, frame: int) -> float:
+        return frame / self._model.recording.frame_rate_hz
+
+    def _scene(self, truth: Truth, time_s: float) -> StillScene:
+        model = self._model
+        table = event_table(truth, model.sensor, outlier_share=model.outlier_share)
+        pixels, layers = truth.n_modes.size, truth.range_true.shape[2]
+        surface = np.full((layers + 2, pixels), -1, dtype=np.int64)
+        surface[:layers] = truth.surface.reshape(pixels, layers).T
+        return StillScene(
+            table=table,
+            sigma_mm=table.sigma(model.sensor.noise_at(model.sensor.integration_time_ms)),
+            surface=surface,
+            expected=self._expect(truth, time_s),
+            range_true=truth.range_true,
+        )
+
+    def _expect(self, truth: Truth, time_s: float) -> tuple[Any, ...]:
+        """What light effects expect of the scene: each after those before it."""
+        expected: list[Any] = [None] * len(self._effects)
+        if any(type(effect).expect is not Effect.expect for effect in self._effects):
+            prediction = equation_1(truth, self._model)
+            for k, effect in enumerate(self._effects):
+                if effect.level is not Level.LIGHT:
+                    break
+                context = replace(self._contexts[k], time_s=time_s)
+                expected[k] = effect.expect(prediction, context)
+                effect.predict(prediction, replace(context, expected=expected[k]))
+        return tuple(expected)
+
+    def draw(self, frame: int, scene: StillScene) -> Drawn:
+        """What chance decides in a frame, before any effect."""
+        return draw_events(scene.table, rng=frame_generator(self._seed, frame))
+
+    def colour(self, noise: FloatArray, before: FloatArray | None) -> FloatArray:
+        """A frame's noise with the memory that effects give it; `before` is what this returned for the frame before."""
+        if before is None:
+            return noise
+        for effect in self._effects:
+            noise = effect.colour(noise, before)
+        return noise
+
+    def expose(self, frame: int, scene: StillScene, drawn: Drawn, noise: FloatArray) -> FrameSamples:
+        """One frame, read out.
+
+        Parameters
+        ----------
+        frame : int
+            Its number.
+        scene : StillScene
+            What `scene` returned for it.
+        drawn : Drawn
+            What `draw` returned for it.
+        noise : (pixel,) float64
+            Standardised noise, with its memory.
+        """
+        samples = _samples(scene, drawn, noise, scene.sigma_mm, self._turn_mm)
+        self._act(samples, frame, scene, read_out=False)
+        samples.measure()
+        self._act(samples, frame, scene, read_out=True)
+        return samples
+
+    def average(self, frame: int, scene: StillScene) -> FrameSamples:
+        """One frame as on-board integration returns it: the phasor mean of exposures, read out once.
+
+        `scene` is what `scene` returned for the frame. What acts on the mean is read-out alone: a threshold, say, is
+        held against the amplitude of the whole time.
+        """
+        rng = frame_generator(self._seed, frame)
+
+        def exposed() -> Iterator[tuple[float, FloatArray, Float32Array]]:
+            for number, part in enumerate(exposures(scene.table, self._model.sensor)):
+                drawn = draw_events(scene.table, rng=rng)
+                samples = _samples(scene, drawn, drawn.noise, part.sigma_mm, self._turn_mm)
+                self._act(samples, frame, scene, read_out=False, part=number)
+                samples.measure()
+                yield part.fraction, samples.measured_mm, recorded_amplitude(samples)
+
+        range_mm, amplitude = phasor_mean(exposed(), turn_mm=self._turn_mm)
+        mean = _read(range_mm, amplitude, self._turn_mm)
+        self._act(mean, frame, scene, read_out=True)
+        return mean
+
+    def _act(self, samples: FrameSamples, frame: int, scene: StillScene, *, read_out: bool, part: int = 0) -> None:
+        time_s = self._time(frame)
+        for effect, context, expected in zip(self._effects, self._contexts, scene.expected, strict=True):
+            if (effect.level is Level.READ_OUT) == read_out:
+                effect.sample(samples, replace(context, frame=frame, time_s=time_s, expected=expected, part=part))
+
+
+def _samples(scene: StillScene, drawn: Drawn, noise: FloatArray, sigma_mm: FloatArray, turn_mm: float) -> FrameSamples:
+    table, pixels = scene.table, drawn.event.size
+    index = events_behind(table, drawn) * pixels + np.arange(pixels)
+    range_mm = table.range_mm.take(index)
+    outlier_mm = np.full(pixels, np.nan)
+    outlier_mm[drawn.random] = drawn.random_mm
+    return FrameSamples(
+        turn_mm=turn_mm,
+        surface=scene.surface.take(index),
+        true_range_mm=range_mm,
+        range_mm=range_mm,
+        amplitude=table.amplitude.take(index).astype(np.float64),
+        sigma_mm=sigma_mm.take(index),
+        noise=noise,
+        outlier_mm=outlier_mm,
+        lost=np.zeros(pixels, dtype=np.bool_),
+        stuck=np.zeros(pixels, dtype=np.bool_),
+    )
+
+
+def _read(range_mm: FloatArray, amplitude: Float32Array, turn_mm: float) -> FrameSamples:
+    """Samples that only read-out effects are still to act on."""
+    pixels = range_mm.size
+    return FrameSamples(
+        turn_mm=turn_mm,
+        surface=np.full(pixels, -1, dtype=np.int64),
+        true_range_mm=range_mm,
+        range_mm=range_mm,
+        amplitude=amplitude.astype(np.float64),
+        sigma_mm=np.zeros(pixels),
+        noise=np.zeros(pixels),
+        outlier_mm=np.full(pixels, np.nan),
+        lost=np.zeros(pixels, dtype=np.bool_),
+        stuck=np.zeros(pixels, dtype=np.bool_),
+        measured_mm=range_mm,
+    )
+
+
+def drawn_truth(model: Model, *, seed: int, n_frames: int) -> tuple[EffectTruth, ...]:
+    """What effects draw once for a recording of this seed and length: patterns, defects, bursts."""
+    start = Context(sensor=model.sensor, surfaces=tuple(surface.name for surface in model.surfaces), seed=seed)
+    shape = {"row": model.sensor.rows, "col": model.sensor.cols, "frame": n_frames}
+    drawn = (truth for effect in model.acting() for truth in effect.truth(effect.prepare(start, n_frames)))
+    return tuple(replace(truth, values=truth.values.reshape([shape[dim] for dim in truth.dims])) for truth in drawn)
+
+
+def check_averages(model: Model) -> None:
+    """Refuse effects that on-board averaging is not simulated with.
+
+    Raises
+    ------
+    BadInputError
+        If there is one.
+    """
+    for number, effect in enumerate(model.effects, 1):
+        if not effect.averages:
+            raise BadInputError(
+                f"[[effect]] {number}: kind: {effect.kind} is not simulated in a camera that averages on board; take "
+                "it out, or leave out --averaged"
+            )
+
+
+def recorded_amplitude(samples: FrameSamples) -> Float32Array:
+    """Amplitudes as a recording has them: 0 for random values."""
+    amplitude: Float32Array = np.where(samples.outlier, 0.0, samples.amplitude).astype(np.float32)
+    return amplitude

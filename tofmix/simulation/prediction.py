@@ -1,0 +1,265 @@
+"""What a model says of each pixel's next sample: a mixture, as a distribution of stored values.
+
+Use `predict` to hold a recording against a model: `Prediction.cdf`,
+`Prediction.log_probability` and `Prediction.pit` (probability integral transform)
+speak of the values that a recording stores, whole millimetres and invalid
+samples. It is the marginal distribution of one sample: what links samples (memory,
+bursts of frames, neighbours) is named by each effect and not here.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from tofmix.arrays import FloatArray
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.echoes import Echoes
+from tofmix.simulation.effects.base import Context, Level
+from tofmix.simulation.model import Model
+from tofmix.simulation.truth import Truth
+
+_LOWEST, _HIGHEST = 1.0, 65_534.0  # what a recording can store
+_SIGMAS = 8.5  # a Gaussian's tail beyond holds less than the rounding of a float
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Prediction(Echoes):
+    """The mixture of each pixel. Arrays are (component, pixel); a component is a surface, or no return.
+
+    Weights, invalid share and outlier share of a pixel sum to 1.
+
+    Parameters
+    ----------
+    weight : (component, pixel) float64
+        Probability that a sample is valid and of this component; 0 for padding.
+    invalid : (pixel,) float64
+        Probability that a sample is invalid.
+    outlier : float
+        Probability of a random value.
+    limits_mm : (float, float)
+        A random value is uniform between these.
+    steps_mm : tuple of float
+        Ranges are rounded to multiples of each, in this order, before they are stored.
+    stuck_mm : (pixel,) float64
+        The one value that a stuck pixel returns; NaN where the pixel works.
+    """
+
+    weight: FloatArray
+    invalid: FloatArray
+    outlier: float
+    limits_mm: tuple[float, float]
+    steps_mm: tuple[float, ...] = ()
+    stuck_mm: FloatArray
+
+    def area(self) -> FloatArray:
+        """Area shares (component, pixel) of the surfaces, as light effects need them; 0 for no return."""
+        share: FloatArray = np.where(self.returned, self.weight, 0.0) / (1.0 - self.outlier)
+        return share
+
+    def lose(self, probability: FloatArray | float) -> None:
+        """Move that part of each component to the invalid samples."""
+        lost = self.weight * probability
+        self.weight = self.weight - lost
+        self.invalid = self.invalid + lost.sum(axis=0)
+
+    def replace_by_outliers(self, share: float) -> None:
+        """Make `share` of all samples random values, at the cost of everything but the random values there are."""
+        kept = (1.0 - self.outlier - share) / (1.0 - self.outlier)
+        self.weight, self.invalid = self.weight * kept, self.invalid * kept
+        self.outlier += share
+
+    def split(self, probability: FloatArray | float) -> tuple["Prediction", "Prediction"]:
+        """Two copies that share the weights: 1 - probability and probability; `join` puts them together."""
+        one, other = (_copy(self) for _ in range(2))
+        other.weight = self.weight * probability
+        one.weight = self.weight - other.weight
+        return one, other
+
+    def join(self, one: "Prediction", other: "Prediction") -> None:
+        """Take over the components of both."""
+        for name in ("surface", "true_range_mm", "range_mm", "amplitude", "sigma_mm", "weight"):
+            setattr(self, name, np.concatenate([getattr(one, name), getattr(other, name)]))
+
+    def cdf(self, range_mm: FloatArray) -> FloatArray:
+        """P(range <= r | the sample is valid), before any rounding.
+
+        Parameters
+        ----------
+        range_mm : (n, pixel) float64
+            Ranges, mm; infinities are allowed.
+
+        Returns
+        -------
+        (n, pixel) float64
+            NaN where a pixel never returns a valid sample.
+        """
+        low, high = self.limits_mm
+        total = self.outlier * np.clip((range_mm - low) / (high - low), 0.0, 1.0)
+        for k in range(len(self.weight)):
+            if self.weight[k].any():
+                total += self.weight[k] * self._component_cdf(k, range_mm)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            total /= 1.0 - self.invalid
+        working = np.isnan(self.stuck_mm)
+        return np.where(working, total, np.asarray(range_mm >= self.stuck_mm, dtype=np.float64))
+
+    def _component_cdf(self, k: int, range_mm: FloatArray) -> FloatArray:
+        mean, sigma = self.range_mm[k], np.maximum(self.sigma_mm[k], 1.0e-6)
+        plain: FloatArray = ndtr((range_mm - mean) / sigma)
+        folds = (self.weight[k] > 0) & self.returned[k]
+        if self.period_mm is None or not folds.any():
+            return plain
+        span = (mean - _SIGMAS * sigma)[folds].min(), (mean + _SIGMAS * sigma)[folds].max()
+        return np.where(folds, _folded_cdf(range_mm, mean, sigma, self.period_mm, span), plain)
+
+    def cell(self, stored_mm: NDArray[np.generic]) -> tuple[FloatArray, FloatArray]:
+        """The ranges that are stored as a value: ``[lower, upper)`` in mm before any rounding.
+
+        Parameters
+        ----------
+        stored_mm : (n, pixel)
+            Whole mm, 1 to 65,534.
+
+        Returns
+        -------
+        lower, upper : (n, pixel) float64
+            Lower is above upper where no range is stored as this value.
+        """
+        value = np.asarray(stored_mm, dtype=np.float64)
+        lower = np.where(value <= _LOWEST, -np.inf, value - 0.5)
+        upper = np.where(value >= _HIGHEST, np.inf, value + 0.5)
+        for step in reversed(self.steps_mm):
+            lower = (np.ceil(lower / step) - 0.5) * step
+            upper = (np.floor(upper / step) + 0.5) * step
+        return lower, upper
+
+    def probability(self, stored_mm: NDArray[np.generic]) -> FloatArray:
+        """Probability (n, pixel) of stored values (n, pixel); 0 mm stands for an invalid sample."""
+        lower, upper = self.cell(stored_mm)
+        valid = np.asarray(stored_mm) > 0
+        inside = np.maximum(self.cdf(upper) - self._below(lower), 0.0)
+        invalid = np.where(np.isnan(self.stuck_mm), self.invalid, 0.0)
+        return np.where(valid, np.nan_to_num(inside) * (1.0 - invalid), invalid)
+
+    def log_probability(self, stored_mm: NDArray[np.generic]) -> FloatArray:
+        """Natural logarithm of `probability`; -inf for what the model rules out."""
+        with np.errstate(divide="ignore"):
+            logarithm: FloatArray = np.log(self.probability(stored_mm))
+        return logarithm
+
+    def pit(self, stored_mm: NDArray[np.generic], rng: np.random.Generator) -> FloatArray:
+        """Probability integral transform of stored values, uniform in [0, 1] if the model is right.
+
+        A stored value stands for a cell of ranges: the transform is drawn uniformly between those of its ends.
+
+        Parameters
+        ----------
+        stored_mm : (n, pixel)
+            Whole mm; 0 stands for an invalid sample.
+        rng : numpy.random.Generator
+            Advanced by one uniform a value.
+
+        Returns
+        -------
+        (n, pixel) float64
+            NaN for invalid samples, and for values that the model cannot store.
+        """
+        stored = np.asarray(stored_mm)
+        lower, upper = self.cell(stored)
+        low, high = self._below(lower), self.cdf(upper)
+        transform = low + rng.random(stored.shape) * (high - low)
+        return np.where((stored > 0) & (high >= low), transform, np.nan)
+
+    def _below(self, range_mm: FloatArray) -> FloatArray:
+        """P(range < r): a stuck pixel's value counts from its own on."""
+        return np.where(
+            np.isnan(self.stuck_mm), self.cdf(range_mm), np.asarray(range_mm > self.stuck_mm, dtype=np.float64)
+        )
+
+
+def _folded_cdf(
+    range_mm: FloatArray, mean: FloatArray, sigma: FloatArray, period_mm: float, span_mm: tuple[float, float]
+) -> FloatArray:
+    """Sum of the normal's pieces of one period each, over the turns that `span_mm` touches."""
+    inside = np.clip(range_mm, 0.0, period_mm)
+    total = np.zeros(np.broadcast_shapes(range_mm.shape, mean.shape))
+    for turn in range(math.floor(span_mm[0] / period_mm), math.floor(span_mm[1] / period_mm) + 1):
+        start = turn * period_mm - mean
+        total += ndtr((inside + start) / sigma) - ndtr(start / sigma)
+    return total
+
+
+def _copy(prediction: Prediction) -> Prediction:
+    names = Prediction.__dataclass_fields__
+    return Prediction(**{name: getattr(prediction, name) for name in names})
+
+
+def equation_1(truth: Truth, model: Model) -> Prediction:
+    """The prediction without any effect.
+
+    Parameters
+    ----------
+    truth : Truth
+        What `tofmix.simulation.cast.cast_scene` returned for the model.
+    model : Model
+        The model.
+
+    References
+    ----------
+    Equation (1).
+    """
+    sensor = model.sensor
+    pixels, layers = truth.n_modes.size, truth.range_true.shape[2]
+    nothing, far = np.full((1, pixels), -1), np.full((1, pixels), sensor.range_max_mm)
+    ranges = np.vstack([np.nan_to_num(truth.range_true.reshape(pixels, layers).T.astype(np.float64)), far])
+    seen = np.nan_to_num(truth.weight_true.reshape(pixels, layers).T)
+    weight = np.vstack([seen, truth.weight_no_return.reshape(1, pixels)]).astype(np.float64)
+    weight *= (1.0 - sensor.outlier_probability) / weight.sum(axis=0)
+    return Prediction(
+        turn_mm=Context(sensor=sensor, surfaces=(), seed=0).turn_mm,
+        surface=np.vstack([truth.surface.reshape(pixels, layers).T.astype(np.int64), nothing]),
+        true_range_mm=ranges,
+        range_mm=ranges,
+        amplitude=np.vstack([truth.amplitude.reshape(pixels, layers).T.astype(np.float64), np.zeros((1, pixels))]),
+        sigma_mm=sensor.noise_at(sensor.integration_time_ms).sigma(ranges),
+        weight=weight,
+        invalid=np.zeros(pixels),
+        outlier=sensor.outlier_probability,
+        limits_mm=(sensor.range_min_mm, sensor.range_max_mm),
+        stuck_mm=np.full(pixels, np.nan),
+    )
+
+
+def predict(model: Model, truth: Truth | None = None, *, time_s: float = 0.0, seed: int | None = None) -> Prediction:
+    """The marginal distribution of each pixel's sample at a time.
+
+    Parameters
+    ----------
+    model : Model
+        The model, effects included.
+    truth : Truth, optional
+        The scene as cast for this time; cast here if it is left out.
+    time_s : float
+        Time since the first frame, s.
+    seed : int, optional
+        Seed of the recording, which decides what is drawn once (patterns); the model's own if it is left out.
+
+    Returns
+    -------
+    Prediction
+        The mixture. Each effect's `predicts` says whether its part is exact.
+    """
+    truth = cast_scene(model, time_s=time_s) if truth is None else truth
+    prediction = equation_1(truth, model)
+    names = tuple(surface.name for surface in model.surfaces)
+    start = Context(
+        sensor=model.sensor, surfaces=names, seed=model.recording.seed if seed is None else seed, time_s=time_s
+    )
+    for effect in model.acting():
+        if effect.level is not Level.GEOMETRY:
+            context = replace(start, prepared=effect.prepare(start, 1))
+            effect.predict(prediction, replace(context, expected=effect.expect(prediction, context)))
+    return prediction
