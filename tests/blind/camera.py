@@ -104,9 +104,8 @@ class Exposure:
     z : phasor of the modulated light, electrons.
     charge : mean electrons of a tap, signal included.
     harmonics : {order: (share, phase)} of the modulation.
-    second : phasor of a second emitter's light, electrons.
     lost : samples that the camera does not deliver.
-    answer_mm : what the firmware reports where nothing came back, before noise.
+    seed : the recording's.
     """
 
     device: Device
@@ -121,6 +120,7 @@ class Exposure:
     z: Array
     charge: Array
     lost: Array
+    seed: int = 0
     harmonics: dict[int, tuple[float, float]] = field(default_factory=dict)
     ambient_gain: float = 1.0  # of the noise where nothing came back
     temperature_c: Array | None = None
@@ -244,6 +244,7 @@ def expose(device: Device, surfaces: list[Surface], mechanisms: Sequence[Mechani
     return Exposure(
         device=device, surfaces=surfaces, time_s=time_s, rng=np.random.default_rng([seed, 2]), key_beams=key_beams,
         key=key, layer=layer, surface=surface, true_mm=true_mm, z=z, charge=charge, lost=np.zeros(shape, dtype=bool),
+        seed=seed,
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from blind.calibrate import calibrated
 from blind.camera import Device, Mechanism, Recording, record
-from blind.effects import Effect, Place
+from blind.effects import Effect, Place, SecondCamera
 from blind.eligible import CLOSED, EVERY, FAMILIES
 from blind.geometry import Array, Surface, cast
 from blind.reference import NoiseTable
@@ -60,11 +60,14 @@ class Built:
     models: tuple[list[Surface], list[Surface]]  # as the model files have them
     families: tuple[str, str]
     mechanisms: tuple[Mechanism, ...]
-    seeds: tuple[int, ...]  # measured, second scene, third, fourth
+    seeds: tuple[int, ...]  # of the recordings, below
 
     def record(self, which: int = 0, *, ideal: bool = False) -> Recording:
-        """Record: 0 what reconcile gets, 1 the second scene, 2 and 3 the first scene again; `ideal`: without effects."""
-        scene = self.scenes[1 if which == 1 else 0]
+        """Record: 0 what reconcile gets, 1 the second scene; 2 and 3 the first scene again, 4 and 5 the second.
+
+        `ideal`: without effects.
+        """
+        scene = self.scenes[1 if which in (1, 4, 5) else 0]
         return record(self.device, scene, () if ideal else self.mechanisms, seed=self.seeds[which])
 
     def place(self, which: int = 0) -> Place:
@@ -84,6 +87,9 @@ class Built:
             "case": self.case.name, "sort": self.case.sort, "level": self.case.level, "half": self.case.half,
             "kinds": list(self.case.kinds), "effects": effects, "scenes": list(self.families),
         }  # fmt: skip
+        for effect, mechanism in zip(effects, self.mechanisms, strict=False):
+            if isinstance(mechanism, SecondCamera):  # few bursts: what came, not what was to be expected
+                effect["parameters"]["probability"] = float(mechanism.bursts(self.device.frames, self.seeds[0]).mean())
         if self.case.sort == "stranger":
             (stranger,) = self.mechanisms
             out["stranger"] = {"name": self.case.kinds[0], "axes": list(getattr(stranger, "axes", ())),
@@ -177,11 +183,11 @@ def build(case: Case, master: int) -> Built:
     mechanisms = tuple(_mechanisms(case, rng, device, scenes[0]))
     models = (scenes[0], scenes[1])
     if case.sort == "nearly":
-        models = (_nearly(scenes[0], device, rng), _nearly(scenes[1], device, rng))
+        models = (nearly(scenes[0], device, rng), nearly(scenes[1], device, rng))
         noise = NoiseTable(range_mm=noise.range_mm, sigma_mm=noise.sigma_mm * (1 + 0.01 * float(rng.choice([-1, 1]))))
     return Built(
         case=case, device=device, noise=noise, scenes=(scenes[0], scenes[1]), models=models, families=families,
-        mechanisms=mechanisms, seeds=tuple(int(s) for s in rng.integers(2**31, size=4)),
+        mechanisms=mechanisms, seeds=tuple(int(s) for s in rng.integers(2**31, size=6)),
     )  # fmt: skip
 
 
@@ -196,15 +202,17 @@ def _mechanisms(case: Case, rng: np.random.Generator, device: Device, surfaces: 
     return out
 
 
-def _nearly(surfaces: list[Surface], device: Device, rng: np.random.Generator) -> list[Surface]:
+def nearly(surfaces: list[Surface], device: Device, rng: np.random.Generator) -> list[Surface]:
     """A model that is off as models are: each pose by a tenth of sigma, each reflectivity by 5 %."""
     out = []
     for s in surfaces:
-        sigma = float(device.design_sigma(np.linalg.norm(s.center_mm) if s.name == TARGET else abs(_plane(s))))
-        moved = s.shifted(0.1 * sigma * float(rng.choice([-1, 1])))
+        moved = s.shifted(0.1 * pose_sigma(s, device) * float(rng.choice([-1, 1])))
         out.append(replace(moved, reflectivity=s.reflectivity * (1 + 0.05 * float(rng.choice([-1, 1])))))
     return out
 
 
-def _plane(surface: Surface) -> float:
-    return float(surface.axes()[:, 2] @ np.array(surface.center_mm))
+def pose_sigma(surface: Surface, device: Device) -> float:
+    """The sigma in whose units a surface's pose is uncertain: that of its centre, or of its plane if that is nearer."""
+    if surface.name == TARGET:
+        return float(device.design_sigma(np.linalg.norm(surface.center_mm)))
+    return float(device.design_sigma(abs(surface.axes()[:, 2] @ np.array(surface.center_mm))))

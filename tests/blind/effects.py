@@ -389,8 +389,9 @@ class SecondCamera(Effect):
     burst_frames: int
     kind = "interference"
 
-    def bursts(self, frames: int, rng: np.random.Generator) -> Array:
-        """Which frames (frame,) it lights: bursts of the length, two at either side, gaps at random."""
+    def bursts(self, frames: int, seed: int) -> Array:
+        """Which frames (frame,) of a recording it lights: bursts of the length, two at either side, gaps at random."""
+        rng = np.random.default_rng([seed, 53])
         on = np.zeros(frames, dtype=bool)
         gap = self.burst_frames * (1 - self.share_of_frames) / self.share_of_frames
         frame = int(rng.uniform(0, gap)) - int(rng.integers(0, self.burst_frames))
@@ -401,7 +402,7 @@ class SecondCamera(Effect):
         return on
 
     def light(self, x: Exposure) -> None:
-        on = np.flatnonzero(self.bursts(len(x.time_s), x.rng))
+        on = np.flatnonzero(self.bursts(len(x.time_s), x.seed))
         shape = (on.size, x.z.shape[1])
         other = x.rng.standard_normal(shape, np.float32) + 1j * x.rng.standard_normal(shape, np.float32)
         x.z[on] += np.float32(self.strength / math.sqrt(2)) * np.abs(x.z[on]) * other
