@@ -26,7 +26,7 @@ from blind.reference import NoiseTable, scores
 from blind.scenes import draw_scene
 from blind.strength import make
 
-NULLS, RESPONSES, CHECKS = 16, 10, 20
+NULLS, RESPONSES, CHECKS = 12, 6, 12
 TEMPLATES = ("range_offset", "surface_pose", "wiggling", "amplitude_walk", "temperature_drift", "scattering", "multipath",
              "motion", "pixel_crosstalk")  # fmt: skip
 SQUARES = ("fixed_pattern", "interference", "quantisation")  # the statistic grows with the strength's square
@@ -168,7 +168,7 @@ def statistic(kind: str, seed: int, strength: float, *, present: bool) -> float:
     trial = draw_trial(kind, seed)
     place = Place(device=trial.device, surfaces=trial.scene, beams=cast(trial.scene, trial.device.view))
     effect = make(kind, strength, np.random.default_rng([seed, 83]), place)
-    recording = record(trial.device, trial.scene, (effect,) if present else (), seed=1000 + seed)
+    recording = record(trial.device, trial.scene, (effect,) if present else (), seed=1000 * (1 + present) + seed)
     score = trial.scores(recording.range_mm, np.random.default_rng([seed, 84]))
     if kind in TEMPLATES:
         return projection(trial, score, template(trial, effect))
@@ -183,8 +183,8 @@ def measure(kind: str) -> tuple[float, float]:
     limit = nulls.mean() + 2.33 * nulls.std(ddof=1)
     if kind in ("dropout", "saturation", "stuck_pixels"):
         limit = 0.5  # none is ever lost or stuck without the effect
-    for _ in range(3):  # the statistic may bend: again from where the guess led
-        seen = np.array([statistic(kind, 100 + s, strength, present=True) for s in range(RESPONSES)])
+    for _ in range(2):  # the statistic may bend: again from where the guess led
+        seen = np.array([statistic(kind, s, strength, present=True) for s in range(RESPONSES)])
         before, strength = strength, _enough(nulls, limit, seen, strength, power)
         if 0.7 < strength / before < 1.4:
             break
@@ -197,9 +197,9 @@ def _enough(nulls: Array, limit: float, seen: Array, strength: float, power: int
     trial = strength * np.geomspace(1 / 6, 6, 200)
     if limit == 0.5:  # lost samples are counts: Poisson with mean 3 is not 0 in 95 %
         return float(strength * 3.0 / max(seen.mean(), 0.5))
-    response = (seen - nulls.mean()) / strength**power
+    response = (seen - nulls[: seen.size]) / strength**power  # scene by scene
     noise = nulls.std(ddof=1)
-    varies = max(response.var(ddof=1) - (noise / strength**power) ** 2, 0.0)
+    varies = response.var(ddof=1)
     lower = response.mean() * trial**power - 1.645 * np.sqrt(noise**2 + varies * trial ** (2 * power))
     enough = lower >= limit - nulls.mean()
     return float(trial[enough][0]) if enough.any() else float(trial[-1])

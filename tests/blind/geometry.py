@@ -6,6 +6,7 @@ shares are right to 0.001; a cell whose corners and centre all meet one surface 
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -142,8 +143,13 @@ class _Sums:
 
 
 def cast(surfaces: list[Surface], view: View) -> Beams:
-    """Cast all beams of a scene."""
-    sums = _Sums(surfaces, view)
+    """Cast all beams of a scene; the last scenes are kept, so change nothing in what it returns."""
+    return _cast(tuple(surfaces), view)
+
+
+@lru_cache(maxsize=64)
+def _cast(surfaces: tuple[Surface, ...], view: View) -> Beams:
+    sums = _Sums(list(surfaces), view)
     wide, high = view.cell_rad
     pixel, x, y = _first_cells(sums)
     cells = 2 * FIRST_CELLS
