@@ -2,8 +2,8 @@
 
     PYTHONPATH=tests python -m blind.bench --output FOLDER [--select NAME ...] [--sealed-seed N] [--processes 2]
 
-Each case is built, scored and removed; its result is a line of FOLDER/results.jsonl. Cases that have a line are not done
-again, so that the command may be stopped and started at will. `--no-reconcile` measures gaps and ceilings alone;
+Each case is built, scored and removed; its result is a line of FOLDER/results.jsonl. Cases that have a line are not
+done again, so that the command may be stopped and started at will. `--no-reconcile` measures gaps and ceilings alone;
 `--summary` prints what is there and does nothing. The sealed half is left out until its master seed is given.
 """
 
@@ -45,7 +45,9 @@ def _line(result: dict[str, Any]) -> str:
     if "broken" in result or "failed" in result:
         return str(result.get("broken") or result.get("failed"))
     said = f"{result['verdict']} {'+'.join(result['named']) or '-'}" if "verdict" in result else ""
-    numbers = [f"{key} {result[key]:.3f}" for key in ("before", "floor", "ceiling", "closed") if result.get(key) is not None]
+    numbers = [
+        f"{key} {result[key]:.3f}" for key in ("before", "floor", "ceiling", "closed") if result.get(key) is not None
+    ]
     return " ".join([said, *numbers])
 
 
@@ -65,7 +67,9 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="every n-th of them only")
     parser.add_argument("--sealed-seed", type=int, help="master seed of the sealed half")
     parser.add_argument("--processes", type=int, default=2)
-    parser.add_argument("--reconcile", default=shlex.join(RECONCILE), help="the command that gets MODEL MEASURED -o FOLDER")
+    parser.add_argument(
+        "--reconcile", default=shlex.join(RECONCILE), help="the command that gets MODEL MEASURED -o FOLDER"
+    )
     parser.add_argument("--no-reconcile", action="store_true")
     parser.add_argument("--no-ceiling", action="store_true")
     parser.add_argument("--summary", action="store_true")

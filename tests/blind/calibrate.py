@@ -1,8 +1,8 @@
 """The camera's own sigma(r), measured on flat fields: what a user of the blind camera would put into a model file.
 
 Use `calibrated` for the noise table of a device. Boards of one reflectivity are recorded at many ranges; the standard
-deviations are smoothed by a curve that is quadratic in r^2 (constant, shot noise, ambient), because an error of 0.2 % at
-each point would already show in a million samples.
+deviations are smoothed by a curve in r^2 (constant, shot noise, ambient), because an error of 0.2 % at each point would
+already show in a million samples.
 """
 
 from functools import lru_cache

@@ -67,7 +67,7 @@ class Device:
         """Amplitude that the camera reports for one electron."""
         return 1000.0 * self.integration_time_ms / 1.2 / self.electrons
 
-    def design_sigma(self, range_mm: Array) -> Array:
+    def design_sigma(self, range_mm: Array | float) -> Array:
         """The noise it is built for, mm."""
         r = np.asarray(range_mm) / 1000.0
         sigma: Array = np.hypot(self.noise_linear * r, self.noise_square * r**2)
@@ -84,7 +84,7 @@ class Device:
         charge: Array = 2 * (phase_noise * self.amplitude(range_mm, gloss)) ** 2 - READ_OUT**2
         return charge
 
-    def phasor(self, range_mm: Array) -> Array:
+    def phasor(self, range_mm: Array | float) -> Array:
         """Unit phasors of ranges."""
         phasor: Array = np.exp(2j * np.pi / self.unambiguous_mm * np.asarray(range_mm))
         return phasor

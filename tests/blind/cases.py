@@ -78,7 +78,7 @@ class Built:
     def truth(self) -> dict[str, Any]:
         """What is hidden, physically and in the model files' terms."""
         place = self.place()
-        effects = [
+        effects: list[dict[str, Any]] = [
             {"kind": m.kind, "mechanism": type(m).__name__, "physical": m.physical(),
              "parameters": m.equivalent(place)}
             for m in self.mechanisms if isinstance(m, Effect)
@@ -120,13 +120,16 @@ def all_cases() -> list[Case]:
                                     half=half))  # fmt: skip
     for k, pair in enumerate(PAIRS):
         out.append(Case(name=f"pair-{k}", sort="pair", kinds=pair, level="clear", slot=k, seed=k, half=_half(k)))
-    for sort in ("none", "nearly"):
-        for k in range(30):
-            out.append(Case(name=f"{sort}-{k}", sort=sort, kinds=(), level="", slot=k, seed=k, half=_half(k)))
-    for name in STRANGERS:
-        for k in range(4):
-            out.append(Case(name=f"{name}-{k}", sort="stranger", kinds=(name,), level="clear", slot=k, seed=k,
-                            half=_half(k)))  # fmt: skip
+    out += [
+        Case(name=f"{sort}-{k}", sort=sort, kinds=(), level="", slot=k, seed=k, half=_half(k))
+        for sort in ("none", "nearly")
+        for k in range(30)
+    ]
+    out += [
+        Case(name=f"{name}-{k}", sort="stranger", kinds=(name,), level="clear", slot=k, seed=k, half=_half(k))
+        for name in STRANGERS
+        for k in range(4)
+    ]
     return out
 
 
@@ -144,7 +147,8 @@ def draw_device(master: int, number: int, *, far: bool = False) -> Device:
     return Device(
         name=f"camera {number + 1}", rows=rows, cols=cols,
         fov_horizontal_deg=round(float(rng.uniform(56, 62)), 2), fov_vertical_deg=round(float(rng.uniform(44, 50)), 2),
-        frequency_hz=float(rng.choice([19.0e6, 20.0e6, 21.0e6])), integration_time_ms=float(rng.choice([0.8, 1.2, 2.0])),
+        frequency_hz=float(rng.choice([19.0e6, 20.0e6, 21.0e6])),
+        integration_time_ms=float(rng.choice([0.8, 1.2, 2.0])),
         frame_rate_hz=float(rng.choice([15.0, 25.0, 30.0])), frames=int(rng.choice([200, 250, 300])),
         range_min_mm=300.0, range_max_mm=11200.0 if far else 7200.0,
         noise_linear=round(float(rng.uniform(1.5, 2.5)), 3),
@@ -154,18 +158,15 @@ def draw_device(master: int, number: int, *, far: bool = False) -> Device:
 
 def _families(case: Case, rng: np.random.Generator) -> tuple[str, str]:
     """First and second scene: families on which all kinds can be told apart."""
-    kinds = [k for k in case.kinds if k in FAMILIES]
-    if case.sort == "stranger":
-        fit = CLOSED if case.kinds[0] in ("other_period", "kink", "dark_noise") else EVERY
-    else:
-        fit = EVERY
-    for kind in kinds:
-        common = tuple(f for f in FAMILIES[kind] if f in fit)
-        fit = FAMILIES[kind] if kind == "phase_wrapping" else common
-    if "phase_wrapping" in kinds:
-        first = "far_gate" if case.level == "faint" else "far_hall"
-        return first, "far_hall"
-    start = int(rng.integers(len(fit))) if case.sort != "single" else case.slot * max(1, len(fit) // 3) + case.seed // 3
+    if "phase_wrapping" in case.kinds:
+        return "far_gate" if case.level == "faint" else "far_hall", "far_hall"
+    static = case.kinds[:1] in (("other_period",), ("kink",), ("dark_noise",))
+    fit: tuple[str, ...] = CLOSED if static else EVERY
+    for kind in case.kinds:
+        fit = tuple(f for f in fit if f in FAMILIES.get(kind, fit))
+    start = int(rng.integers(len(fit)))
+    if case.sort == "single":  # three scenes a kind, as far apart in the list as can be
+        start = case.slot * max(1, len(fit) // 3) + case.seed // 3
     return fit[start % len(fit)], fit[(start + 1) % len(fit)]
 
 
@@ -214,5 +215,5 @@ def nearly(surfaces: list[Surface], device: Device, rng: np.random.Generator) ->
 def pose_sigma(surface: Surface, device: Device) -> float:
     """The sigma in whose units a surface's pose is uncertain: that of its centre, or of its plane if that is nearer."""
     if surface.name == TARGET:
-        return float(device.design_sigma(np.linalg.norm(surface.center_mm)))
+        return float(device.design_sigma(float(np.linalg.norm(surface.center_mm))))
     return float(device.design_sigma(abs(surface.axes()[:, 2] @ np.array(surface.center_mm))))

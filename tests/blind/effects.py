@@ -490,5 +490,3 @@ class LeakyPixels(Effect):
 
     def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
         return self.physical()
-
-

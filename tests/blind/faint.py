@@ -2,12 +2,12 @@
 
     PYTHONPATH=tests python -m blind.faint [KIND ...]    prints, for each kind, lines of strengths.toml
 
-The detector knows kind and shape (phase, knee, surface, step) and asks only whether the effect is there. It must forgive
-what the contract forgives, so its null are nearly right models: sigma off by 1 %, poses by a tenth of sigma, reflectivities
-by 5 %. Its statistic is the projection of the samples' normal scores under the model on the effect's own template (biases),
-or a count, a lag, a spread, a line in the spectrum (others). `found` is the strength at which it exceeds the null's 99 %
-quantile in 95 % of the recordings, for the smallest image and the fewest frames of the bench; a second set of recordings
-says in which share it really does.
+The detector knows kind and shape (phase, knee, surface, step) and asks only whether the effect is there. It must
+forgive what the contract forgives, so its null are nearly right models: sigma off by 1 %, poses by a tenth of sigma,
+reflectivities by 5 %. Its statistic is the projection of the samples' normal scores under the model on the effect's own
+template (biases), or a count, a lag, a spread, a line in the spectrum (others). `found` is the strength at which it
+exceeds the null's 99 % quantile in 95 % of the recordings, for the smallest image and the fewest frames of the bench; a
+second set of recordings says in which share it really does.
 """
 
 import sys
@@ -27,8 +27,10 @@ from blind.scenes import draw_scene
 from blind.strength import make
 
 NULLS, RESPONSES, CHECKS = 12, 6, 12
-TEMPLATES = ("range_offset", "surface_pose", "wiggling", "amplitude_walk", "temperature_drift", "scattering", "multipath",
-             "motion", "pixel_crosstalk")  # fmt: skip
+TEMPLATES = (
+    "range_offset", "surface_pose", "wiggling", "amplitude_walk", "temperature_drift", "scattering", "multipath",
+    "motion", "pixel_crosstalk",
+)  # fmt: skip
 SQUARES = ("fixed_pattern", "interference", "quantisation")  # the statistic grows with the strength's square
 
 
@@ -102,65 +104,90 @@ def projection(trial: Trial, score: Array, shape: Array) -> float:
     return float(want @ whiten(mean) / np.sqrt(want @ whiten(want)))
 
 
-def _shape_free(kind: str) -> Callable[[Trial, Array, Array, Effect], float]:
-    """Statistics of the kinds that are no bias."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Seen:
+    """A recording (frame, pixel) as a detector sees it."""
 
-    def count_lost(trial: Trial, score: Array, range_mm: Array, effect: Effect) -> float:  # noqa: ARG001
-        return float(np.isnan(range_mm).sum())
+    trial: Trial
+    score: Array
+    range_mm: Array
+    effect: Effect
 
-    def stuck(trial: Trial, score: Array, range_mm: Array, effect: Effect) -> float:  # noqa: ARG001
-        return float((np.ptp(range_mm, axis=0) < 0.5).sum())
 
-    def wild(trial: Trial, score: Array, range_mm: Array, effect: Effect) -> float:  # noqa: ARG001
-        return float((np.abs(score[:, trial.main()]) > 3.8).sum())
+def _count_lost(m: _Seen) -> float:
+    return float(np.isnan(m.range_mm).sum())
 
-    def lag(trial: Trial, score: Array, range_mm: Array, effect: Effect) -> float:  # noqa: ARG001
-        s = score - np.nanmean(score, axis=0)
-        return float((s[1:] * s[:-1]).mean() * np.sqrt(s.size))
 
-    def spread(trial: Trial, score: Array, range_mm: Array, effect: Effect) -> float:  # noqa: ARG001
-        s = np.clip(score, -3.5, 3.5)
-        return float((s**2).mean())
+def _stuck(m: _Seen) -> float:
+    return float((np.ptp(m.range_mm, axis=0) < 0.5).sum())
 
-    def fall(trial: Trial, score: Array, range_mm: Array, effect: Effect) -> float:  # noqa: ARG001
-        azimuth, elevation = trial.device.view.angles()
-        want = -np.log(np.cos(azimuth) * np.cos(elevation))
-        want = np.where(trial.main(), want - want[trial.main()].mean(), 0.0)
-        s = np.clip(score, -3.5, 3.5)
-        return float((s**2).mean(axis=0) @ want / np.linalg.norm(want) * np.sqrt(len(s)))
 
-    def squares(trial: Trial, score: Array, range_mm: Array, effect: Effect) -> float:  # noqa: ARG001
-        mean = score[:, trial.main()].mean(axis=0)
-        surface = trial.beams.surface[0][trial.main()]
-        for k in np.unique(surface):
-            mean[surface == k] -= mean[surface == k].mean()
-        return float((mean**2).mean() * len(score))
+def _wild(m: _Seen) -> float:
+    return float((np.abs(m.score[:, m.trial.main()]) > 3.8).sum())
 
-    def bursts(trial: Trial, score: Array, range_mm: Array, effect: Effect) -> float:  # noqa: ARG001
-        level = (np.clip(score, -3.5, 3.5) ** 2).mean(axis=1)
-        level -= np.median(level)
-        return float(((np.convolve(level, np.ones(5) / 5, "valid")) ** 2).mean() * score.size)
 
-    def between(trial: Trial, score: Array, range_mm: Array, effect: Effect) -> float:  # noqa: ARG001
-        share, mean = trial.beams.share, trial.beams.range_mm
-        mixed = np.flatnonzero(((share > 0).sum(axis=0) > 1) & (trial.beams.nothing == 0))
-        near = np.full((len(range_mm), mixed.size), np.inf)
-        for k in range(len(share)):
-            there = share[k][mixed] > 0
-            off = np.abs(range_mm[:, mixed] - mean[k][mixed]) / trial.noise.sigma(mean[k][mixed])
-            near = np.where(there, np.minimum(near, off), near)
-        return float((near > 4.5).sum())
+def _lag(m: _Seen) -> float:
+    s = m.score - np.nanmean(m.score, axis=0)
+    return float((s[1:] * s[:-1]).mean() * np.sqrt(s.size))
 
-    def line(trial: Trial, score: Array, range_mm: Array, effect: Effect) -> float:  # noqa: ARG001
-        assert isinstance(effect, CoarsePhase)
-        turn = np.exp(2j * np.pi / effect.step(trial.device) * range_mm[:, trial.main()])
-        return float(np.abs(turn.sum()) ** 2 / turn.size)
 
-    return {
-        "dropout": count_lost, "saturation": count_lost, "stuck_pixels": stuck, "outliers": wild,
-        "temporal_correlation": lag, "excess_noise": spread, "vignetting": fall, "fixed_pattern": squares,
-        "interference": bursts, "flying_pixels": between, "quantisation": line,
-    }[kind]  # fmt: skip
+def _spread(m: _Seen) -> float:
+    s = np.clip(m.score, -3.5, 3.5)
+    return float((s**2).mean())
+
+
+def _fall(m: _Seen) -> float:
+    azimuth, elevation = m.trial.device.view.angles()
+    want = -np.log(np.cos(azimuth) * np.cos(elevation))
+    want = np.where(m.trial.main(), want - want[m.trial.main()].mean(), 0.0)
+    s = np.clip(m.score, -3.5, 3.5)
+    return float((s**2).mean(axis=0) @ want / np.linalg.norm(want) * np.sqrt(len(s)))
+
+
+def _squares(m: _Seen) -> float:
+    mean = m.score[:, m.trial.main()].mean(axis=0)
+    surface = m.trial.beams.surface[0][m.trial.main()]
+    for k in np.unique(surface):
+        mean[surface == k] -= mean[surface == k].mean()
+    return float((mean**2).mean() * len(m.score))
+
+
+def _bursts(m: _Seen) -> float:
+    level = (np.clip(m.score, -3.5, 3.5) ** 2).mean(axis=1)
+    level -= np.median(level)
+    return float(((np.convolve(level, np.ones(5) / 5, "valid")) ** 2).mean() * m.score.size)
+
+
+def _between(m: _Seen) -> float:
+    share, mean = m.trial.beams.share, m.trial.beams.range_mm
+    mixed = np.flatnonzero(((share > 0).sum(axis=0) > 1) & (m.trial.beams.nothing == 0))
+    near = np.full((len(m.range_mm), mixed.size), np.inf)
+    for k in range(len(share)):
+        there = share[k][mixed] > 0
+        off = np.abs(m.range_mm[:, mixed] - mean[k][mixed]) / m.trial.noise.sigma(mean[k][mixed])
+        near = np.where(there, np.minimum(near, off), near)
+    return float((near > 4.5).sum())
+
+
+def _line(m: _Seen) -> float:
+    assert isinstance(m.effect, CoarsePhase)
+    turn = np.exp(2j * np.pi / m.effect.step(m.trial.device) * m.range_mm[:, m.trial.main()])
+    return float(np.abs(turn.sum()) ** 2 / turn.size)
+
+
+_COUNTS: dict[str, Callable[[_Seen], float]] = {
+    "dropout": _count_lost,
+    "saturation": _count_lost,
+    "stuck_pixels": _stuck,
+    "outliers": _wild,
+    "temporal_correlation": _lag,
+    "excess_noise": _spread,
+    "vignetting": _fall,
+    "fixed_pattern": _squares,
+    "interference": _bursts,
+    "flying_pixels": _between,
+    "quantisation": _line,
+}
 
 
 def statistic(kind: str, seed: int, strength: float, *, present: bool) -> float:
@@ -172,7 +199,8 @@ def statistic(kind: str, seed: int, strength: float, *, present: bool) -> float:
     score = trial.scores(recording.range_mm, np.random.default_rng([seed, 84]))
     if kind in TEMPLATES:
         return projection(trial, score, template(trial, effect))
-    return _shape_free(kind)(trial, score, recording.range_mm.reshape(len(recording.range_mm), -1), effect)
+    flat = recording.range_mm.reshape(len(recording.range_mm), -1)
+    return _COUNTS[kind](_Seen(trial=trial, score=score, range_mm=flat, effect=effect))
 
 
 def measure(kind: str) -> tuple[float, float]:
@@ -193,16 +221,13 @@ def measure(kind: str) -> tuple[float, float]:
 
 
 def _enough(nulls: Array, limit: float, seen: Array, strength: float, power: int) -> float:
-    """The strength at which 95 % lie beyond the limit, if the response grows as strength^power and varies as seen."""
-    trial = strength * np.geomspace(1 / 6, 6, 200)
+    """The strength at which 95 % lie beyond the limit in nine of ten scenes, if the response grows as strength^power."""
     if limit == 0.5:  # lost samples are counts: Poisson with mean 3 is not 0 in 95 %
-        return float(strength * 3.0 / max(seen.mean(), 0.5))
-    response = (seen - nulls[: seen.size]) / strength**power  # scene by scene
-    noise = nulls.std(ddof=1)
-    varies = response.var(ddof=1)
-    lower = response.mean() * trial**power - 1.645 * np.sqrt(noise**2 + varies * trial ** (2 * power))
-    enough = lower >= limit - nulls.mean()
-    return float(trial[enough][0]) if enough.any() else float(trial[-1])
+        return float(strength * 3.0 / max(float(np.quantile(seen, 0.25)), 0.5))
+    response = np.maximum(seen - nulls[: seen.size], 1e-9) / strength**power  # scene by scene
+    wanted = limit - nulls.mean() + 1.645 * nulls.std(ddof=1)
+    needed = np.minimum((wanted / response) ** (1 / power), 6 * strength)
+    return float(np.quantile(needed, 0.9))
 
 
 def main() -> None:

@@ -100,9 +100,7 @@ class Beams:
 
 def direction(azimuth: Array, elevation: Array) -> Array:
     """Unit directions (3, ...) of beams."""
-    return np.stack(
-        [np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)]
-    )
+    return np.stack([np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)])
 
 
 def first_hit(surfaces: list[Surface], azimuth: Array, elevation: Array, range_max_mm: float) -> tuple[Array, ...]:

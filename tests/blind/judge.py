@@ -7,6 +7,7 @@ bounces as phasors, maps as maps.
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -62,13 +63,31 @@ def compare_parameters(
     mechanism: Effect, truth: Parameters, named: dict[str, Any], place: Place, folder: Path
 ) -> dict[str, Any]:
     """Whether an effect's parameters are right, and how far off they are, as a share of the truth."""
-    found, errors = dict(named.get("parameters", {})), dict(named.get("stderr", {}) or {})
-    rule = _RULES.get(mechanism.kind, _plain)
+    match = _Match(
+        mechanism=mechanism,
+        truth=truth,
+        found=dict(named.get("parameters", {})),
+        errors=dict(named.get("stderr", {}) or {}),
+        place=place,
+        folder=folder,
+    )
     try:
-        ok, off = rule(mechanism, truth, found, errors, place, folder)
+        ok, off = _RULES.get(mechanism.kind, _plain)(match)
     except (KeyError, TypeError, ValueError, OSError) as error:
         return {"right": False, "off": None, "why": f"{type(error).__name__}: {error}"}
     return {"right": bool(ok), "off": float(off)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Match:
+    """A hidden effect and the one of its kind that was named."""
+
+    mechanism: Effect
+    truth: Parameters
+    found: Parameters
+    errors: Parameters
+    place: Place
+    folder: Path
 
 
 def _near(truth: float, found: float, error: float | None) -> tuple[bool, float]:
@@ -76,54 +95,46 @@ def _near(truth: float, found: float, error: float | None) -> tuple[bool, float]
     return off <= max(SHARE * abs(truth), ERRORS * float(error or 0.0)), off / max(abs(truth), 1e-12)
 
 
-def _plain(
-    mechanism: Effect, truth: Parameters, found: Parameters, errors: Parameters, place: Place, folder: Path
-) -> tuple[bool, float]:
+def _plain(m: _Match) -> tuple[bool, float]:
     ok, worst = True, 0.0
-    for name, value in truth.items():
-        if name == "burst_frames":  # few bursts a recording: what their mean length is, is not a number of the truth
+    for name, value in m.truth.items():
+        if name == "burst_frames":  # few bursts a recording: what their mean length is, is not a number of the m.truth
             continue
         if isinstance(value, str):
-            ok &= found[name] == value
+            ok &= m.found[name] == value
             continue
-        good, off = _near(value, found[name], errors.get(name))
+        good, off = _near(value, m.found[name], m.errors.get(name))
         ok, worst = ok and good, max(worst, off)
     return ok, worst
 
 
-def _wave(
-    mechanism: Effect, truth: Parameters, found: Parameters, errors: Parameters, place: Place, folder: Path
-) -> tuple[bool, float]:
-    size = truth["amplitude_mm"]
-    good, off = _near(size, found["amplitude_mm"], errors.get("amplitude_mm"))
-    turn = abs(math.remainder(found["phase_rad"] - truth["phase_rad"], 2 * math.pi))
-    good_turn = turn <= max(SHARE, ERRORS * float(errors.get("phase_rad") or 0.0))
-    if found["amplitude_mm"] < 0:
+def _wave(m: _Match) -> tuple[bool, float]:
+    size = m.truth["amplitude_mm"]
+    good, off = _near(size, m.found["amplitude_mm"], m.errors.get("amplitude_mm"))
+    turn = abs(math.remainder(m.found["phase_rad"] - m.truth["phase_rad"], 2 * math.pi))
+    good_turn = turn <= max(SHARE, ERRORS * float(m.errors.get("phase_rad") or 0.0))
+    if m.found["amplitude_mm"] < 0:
         return False, 2.0
     return good and good_turn, max(off, turn)
 
 
-def _bounce(
-    mechanism: Effect, truth: Parameters, found: Parameters, errors: Parameters, place: Place, folder: Path
-) -> tuple[bool, float]:
-    ok, off = _plain(mechanism, truth, found, errors, place, folder)
+def _bounce(m: _Match) -> tuple[bool, float]:
+    ok, off = _plain(m)
 
     def phasor(p: Parameters) -> complex:
-        return complex(p["share"] * np.exp(1j * np.pi * p["extra_path_mm"] / place.device.unambiguous_mm))
+        return complex(p["share"] * np.exp(1j * np.pi * p["extra_path_mm"] / m.place.device.unambiguous_mm))
 
-    apart = abs(phasor(found) - phasor(truth)) / abs(phasor(truth))
-    return found["surface"] == truth["surface"] and (ok or apart <= SHARE), min(off, apart)
+    apart = abs(phasor(m.found) - phasor(m.truth)) / abs(phasor(m.truth))
+    return m.found["surface"] == m.truth["surface"] and (ok or apart <= SHARE), min(off, apart)
 
 
-def _lag(
-    mechanism: Effect, truth: Parameters, found: Parameters, errors: Parameters, place: Place, folder: Path
-) -> tuple[bool, float]:
-    amplitude = place.amplitudes()
-    assert isinstance(mechanism, ChargeLag)
-    wanted = mechanism.bias(amplitude)
-    curve = found["scale_mm"] * (found["reference_amplitude"] / amplitude) ** found["exponent"]
+def _lag(m: _Match) -> tuple[bool, float]:
+    amplitude = m.place.amplitudes()
+    assert isinstance(m.mechanism, ChargeLag)
+    wanted = m.mechanism.bias(amplitude)
+    curve = m.found["scale_mm"] * (m.found["reference_amplitude"] / amplitude) ** m.found["exponent"]
     off = float(np.sqrt(((curve - wanted) ** 2).mean() / (wanted**2).mean()))
-    slack = ERRORS * float(errors.get("scale_mm") or 0.0) / max(abs(found["scale_mm"]), 1e-9)
+    slack = ERRORS * float(m.errors.get("scale_mm") or 0.0) / max(abs(m.found["scale_mm"]), 1e-9)
     return off <= max(SHARE, slack), off
 
 
@@ -134,48 +145,42 @@ def _lost_share(p: Parameters, amplitude: Array) -> Array:
     return np.asarray(chance + (1 - chance) * weak * np.ones_like(amplitude))
 
 
-def _losses(
-    mechanism: Effect, truth: Parameters, found: Parameters, errors: Parameters, place: Place, folder: Path
-) -> tuple[bool, float]:
-    amplitude = place.amplitudes()
-    wanted, curve = _lost_share(truth, amplitude), _lost_share(found, amplitude)
-    count = wanted.sum() * place.device.frames  # losses in the recording, and so how well their share can be known
+def _losses(m: _Match) -> tuple[bool, float]:
+    amplitude = m.place.amplitudes()
+    wanted, curve = _lost_share(m.truth, amplitude), _lost_share(m.found, amplitude)
+    count = wanted.sum() * m.place.device.frames  # losses in the recording, and so how well their share can be known
     off = float(np.abs(curve - wanted).sum() / wanted.sum())
     return off <= max(2 * SHARE, ERRORS * 2 / math.sqrt(max(count, 1.0))), off
 
 
-def _well(
-    mechanism: Effect, truth: Parameters, found: Parameters, errors: Parameters, place: Place, folder: Path
-) -> tuple[bool, float]:
-    amplitude = place.amplitudes()
-    full = [(amplitude > p["full_well_amplitude"]).sum() for p in (truth, found)]
+def _well(m: _Match) -> tuple[bool, float]:
+    amplitude = m.place.amplitudes()
+    full = [(amplitude > p["full_well_amplitude"]).sum() for p in (m.truth, m.found)]
     off = abs(float(full[1]) - float(full[0])) / max(float(full[0]), 1.0)
-    near = _near(truth["full_well_amplitude"], found["full_well_amplitude"], errors.get("full_well_amplitude"))[0]
+    near = _near(m.truth["full_well_amplitude"], m.found["full_well_amplitude"], m.errors.get("full_well_amplitude"))[0]
     return near or off <= SHARE, off
 
 
-def _map(
-    mechanism: Effect, truth: Parameters, found: Parameters, errors: Parameters, place: Place, folder: Path
-) -> tuple[bool, float]:
-    if "map" not in found:
-        return _plain(mechanism, truth, found, errors, place, folder)
-    device = place.device
-    wanted = mechanism.map(device)
-    seen = np.load(folder / found["map"], allow_pickle=False).astype(float)
+def _map(m: _Match) -> tuple[bool, float]:
+    if "map" not in m.found:
+        return _plain(m)
+    device = m.place.device
+    wanted = m.mechanism.map(device)
+    seen = np.load(m.folder / m.found["map"], allow_pickle=False).astype(float)
     assert wanted is not None
-    if mechanism.kind == "stuck_pixels":
+    if m.mechanism.kind == "stuck_pixels":
         same = np.isfinite(seen) == np.isfinite(wanted)
         both = np.isfinite(seen) & np.isfinite(wanted)
         off = 1.0 - float(same.mean()) + float(not np.allclose(seen[both], wanted[both], atol=1.0))
         return off == 0, off
-    main = (place.beams.share[0] > 0.99).reshape(wanted.shape)
+    main = (m.place.beams.share[0] > 0.99).reshape(wanted.shape)
     rest = (seen - wanted)[main] - (seen - wanted)[main].mean()
-    noise = device.design_sigma(place.beams.range_mm[0]).reshape(wanted.shape)[main] / math.sqrt(device.frames)
+    noise = device.design_sigma(m.place.beams.range_mm[0]).reshape(wanted.shape)[main] / math.sqrt(device.frames)
     off = float(np.sqrt((rest**2).mean() / (wanted[main] ** 2).mean()))
     return off <= max(SHARE, 1.3 * float(np.sqrt((noise**2).mean() / (wanted[main] ** 2).mean()))), off
 
 
-_Rule = Callable[[Effect, Parameters, Parameters, Parameters, Place, Path], tuple[bool, float]]
+_Rule = Callable[[_Match], tuple[bool, float]]
 _RULES: dict[str, _Rule] = {
     "wiggling": _wave,
     "multipath": _bounce,

@@ -1,4 +1,4 @@
-"""Two recordings of one scene, by one camera or two: in how many ways do they differ?
+"""In how many ways two recordings of one scene differ.
 
 Use `compare` for a list of statistics, each with its distance in units of what chance gives (1 where nothing
 differs) and its z-score, and `gap` for their root mean square. The panel knows no model and no truth. Most of it is
@@ -134,7 +134,7 @@ def _counts(statistic: str, axis: str, a: Array, b: Array) -> Statistic:
 
 
 def _discreteness(x: Array, y: Array) -> Iterator[Statistic]:
-    """Fine structure of the values: each millimetre's count against its neighbours', one recording against the other."""
+    """Fine structure of the values: each millimetre's count against its neighbours', in one recording and the other."""
     top = int(max(np.nanmax(x), np.nanmax(y))) + 3
     count = [np.bincount(v[np.isfinite(v)].astype(np.int64), minlength=top).astype(float) for v in (x, y)]
     curl = [h[1:-1] - (h[:-2] + h[2:]) / 2 for h in count]
@@ -238,9 +238,9 @@ def _in_time(x: Array, y: Array, usable: Array, image: tuple[int, ...]) -> Itera
         b, other, _ = series_b[name, axis]
         chi2 = float(((a - b) ** 2 / (variance + other)).sum() / dof * a.size)
         yield _chi2(name, axis, chi2, a.size)
-    for (name, axis), (value, variance) in moments_a.items():
-        again, other = moments_b[name, axis]
-        yield _normal(name, axis, (value - again) / np.sqrt(variance + other))
+    for (name, axis), (value, chance) in moments_a.items():
+        again, chance_b = moments_b[name, axis]
+        yield _normal(name, axis, (value - again) / np.sqrt(chance + chance_b))
 
 
 _Series = dict[tuple[str, str], tuple[Array, Array, float]]

@@ -125,9 +125,7 @@ def true_effects(built: Built, folder: Path) -> list[dict[str, Any]]:
     return out
 
 
-def _reconcile(
-    built: Built, folder: Path, plan: Plan, third: Recording, gaps: tuple[float, float]
-) -> dict[str, Any]:
+def _reconcile(built: Built, folder: Path, plan: Plan, third: Recording, gaps: tuple[float, float]) -> dict[str, Any]:
     variant = crc32(built.case.name.encode()) % (3 if "temperature_drift" in built.case.kinds else 4)
     measured, result = folder / "measured.h5", folder / "result"
     write_recording(measured, built.record(0), built.device, built.noise, variant=variant)

@@ -223,5 +223,3 @@ KINDS = tuple(MAKERS)
 def make(kind: str, size: float, rng: np.random.Generator, place: Place) -> Effect:
     """A mechanism of a kind and a strength on a device and a scene."""
     return MAKERS[kind](size, rng, place)
-
-

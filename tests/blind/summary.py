@@ -110,6 +110,7 @@ def score_table(said: list[Result]) -> str:
     closed = [r["closed"] for r in right if r.get("closed") is not None]
     again = [r["second_scene"]["closed"] for r in right if (r.get("second_scene") or {}).get("closed") is not None]
     parameters = [p for r in right for p in r["parameters"].values()]
+    seconds = [r["seconds"] for r in said]
     rows = [
         [f"{level}: named first", _share([r for r in single if r["level"] == level], lambda r: r.get("first", False))]
         for level in ("clear", "faint")
@@ -129,8 +130,7 @@ def score_table(said: list[Result]) -> str:
         ["gap closed, median over the rightly named", _median(closed)],
         ["gap closed on the second scene, median", _median(again)],
         ["parameters right", f"{sum(p['right'] for p in parameters)}/{len(parameters)}"],
-        ["seconds, median and largest", f"{_median([r['seconds'] for r in said])}, "
-                                        f"{max(r['seconds'] for r in said):.0f}"],
+        ["seconds, median and largest", f"{_median(seconds)}, {max(seconds):.0f}"],
         ["failed", _share(said, lambda r: "failed" in r)],
     ]  # fmt: skip
     return table(["criterion", "result"], rows)
@@ -178,7 +178,9 @@ def confusion(said: list[Result]) -> str:
     for r in said:
         if r["sort"] in ("single", "none", "nearly"):
             hidden = r["truth"]["kinds"][0] if r["truth"]["kinds"] else f"({r['sort']})"
-            counts[hidden][r["named"][0] if r.get("named") else "failed" if "failed" in r else str(r.get("verdict"))] += 1
+            counts[hidden][
+                r["named"][0] if r.get("named") else "failed" if "failed" in r else str(r.get("verdict"))
+            ] += 1
     rows = [[hidden, ", ".join(f"{name} {n}" for name, n in named.most_common())] for hidden, named in counts.items()]
     return "### Confusion: named first\n\n" + table(["hidden", "named"], rows) if rows else ""
 

@@ -28,7 +28,12 @@ def _table(head: str, values: dict[str, Any]) -> str:
 
 
 def model_text(
-    device: Device, surfaces: list[Surface], noise: NoiseTable, *, seed: int = 1, effects: list[dict[str, Any]] | None = None
+    device: Device,
+    surfaces: list[Surface],
+    noise: NoiseTable,
+    *,
+    seed: int = 1,
+    effects: list[dict[str, Any]] | None = None,
 ) -> str:
     """A model file of the ideal camera before a scene; `effects` are [[effect]] tables."""
     sensor = {
