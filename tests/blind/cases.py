@@ -19,7 +19,7 @@ from blind.effects import Effect, Place, SecondCamera
 from blind.eligible import CLOSED, EVERY, FAMILIES
 from blind.geometry import Array, Surface, cast
 from blind.reference import NoiseTable
-from blind.scenes import TARGET, draw_scene
+from blind.scenes import draw_scene
 from blind.strangers import STRANGERS, make_stranger
 from blind.strength import KINDS, make
 
@@ -213,7 +213,5 @@ def nearly(surfaces: list[Surface], device: Device, rng: np.random.Generator) ->
 
 
 def pose_sigma(surface: Surface, device: Device) -> float:
-    """The sigma in whose units a surface's pose is uncertain: that of its centre, or of its plane if that is nearer."""
-    if surface.name == TARGET:
-        return float(device.design_sigma(float(np.linalg.norm(surface.center_mm))))
+    """The sigma in whose units a surface's pose is uncertain: that at its plane's distance."""
     return float(device.design_sigma(abs(surface.axes()[:, 2] @ np.array(surface.center_mm))))

@@ -114,6 +114,12 @@ class _Seen:
     effect: Effect
 
 
+def _noise(m: _Seen) -> Array:
+    """Scores of the pixels of one surface, each about its own mean, so that a pose does not pass for noise."""
+    score = m.score[:, m.trial.main()]
+    return np.clip(score - score.mean(axis=0), -3.5, 3.5)
+
+
 def _count_lost(m: _Seen) -> float:
     return float(np.isnan(m.range_mm).sum())
 
@@ -132,16 +138,15 @@ def _lag(m: _Seen) -> float:
 
 
 def _spread(m: _Seen) -> float:
-    s = np.clip(m.score, -3.5, 3.5)
-    return float((s**2).mean())
+    return float((_noise(m) ** 2).mean())
 
 
 def _fall(m: _Seen) -> float:
     azimuth, elevation = m.trial.device.view.angles()
     want = -np.log(np.cos(azimuth) * np.cos(elevation))
     want = np.where(m.trial.main(), want - want[m.trial.main()].mean(), 0.0)
-    s = np.clip(m.score, -3.5, 3.5)
-    return float((s**2).mean(axis=0) @ want / np.linalg.norm(want) * np.sqrt(len(s)))
+    s = _noise(m)
+    return float((s**2).mean(axis=0) @ want[m.trial.main()] / np.linalg.norm(want) * np.sqrt(len(s)))
 
 
 def _squares(m: _Seen) -> float:
@@ -153,7 +158,7 @@ def _squares(m: _Seen) -> float:
 
 
 def _bursts(m: _Seen) -> float:
-    level = (np.clip(m.score, -3.5, 3.5) ** 2).mean(axis=1)
+    level = (_noise(m) ** 2).mean(axis=1)
     level -= np.median(level)
     return float(((np.convolve(level, np.ones(5) / 5, "valid")) ** 2).mean() * m.score.size)
 
@@ -221,7 +226,7 @@ def measure(kind: str) -> tuple[float, float]:
 
 
 def _enough(nulls: Array, limit: float, seen: Array, strength: float, power: int) -> float:
-    """The strength at which 95 % lie beyond the limit in nine of ten scenes, if the response grows as strength^power."""
+    """The strength beyond the limit in 95 % of the recordings of nine in ten scenes; the response goes as its power."""
     if limit == 0.5:  # lost samples are counts: Poisson with mean 3 is not 0 in 95 %
         return float(strength * 3.0 / max(float(np.quantile(seen, 0.25)), 0.5))
     response = np.maximum(seen - nulls[: seen.size], 1e-9) / strength**power  # scene by scene

@@ -142,7 +142,7 @@ def room(rng: np.random.Generator) -> list[Surface]:
     side = float(rng.choice([-1, 1]))
     return [
         Surface(name=TARGET, center_mm=(-side * _u(rng, 1100, 1400), 0.0, 3000.0), size_mm=(8000.0, 8000.0),
-                yaw_deg=side * _u(rng, 66, 76), reflectivity=_u(rng, 0.5, 0.9)),
+                yaw_deg=side * _u(rng, 82, 90), reflectivity=_u(rng, 0.5, 0.9)),
         Surface(name="floor", center_mm=(0.0, _u(rng, 1000, 1300), 3000.0), size_mm=(8000.0, 8000.0),
                 pitch_deg=90.0 - _u(rng, 3, 9), reflectivity=_u(rng, 0.3, 0.6)),
         Surface(name="cupboard", center_mm=(side * _u(rng, 900, 1200), _u(rng, 100, 300), _u(rng, 3000, 3500)),
