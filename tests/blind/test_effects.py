@@ -140,7 +140,7 @@ def test_falling_illumination_divides_amplitude_and_multiplies_noise() -> None:
     assert mechanism.equivalent(PLACE)["corner_factor"] == pytest.approx(cosine.min() ** -3.0)
     assert np.median(_ratio(mechanism)[MAIN] * cosine[MAIN] ** 3) == pytest.approx(1.0, rel=0.02)
     with_it, without = pair(mechanism)
-    np.testing.assert_allclose((with_it.amplitude.mean(0) / without.amplitude.mean(0))[MAIN], cosine[MAIN] ** 3, 0.02)
+    np.testing.assert_allclose((with_it.amplitude.mean(0) / without.amplitude.mean(0))[MAIN], cosine[MAIN] ** 3, rtol=0.02)
 
 
 def test_a_second_camera_adds_its_noise_in_bursts() -> None:

@@ -55,8 +55,12 @@ def model_text(
         values = {"name": s.name, "center_mm": s.center_mm, "size_mm": s.size_mm, "yaw_deg": s.yaw_deg,
                   "pitch_deg": s.pitch_deg, "reflectivity": s.reflectivity}  # fmt: skip
         parts.append(_table("[[surface]]", values))
-    parts += [_table("[[effect]]", effect) for effect in effects or []]
-    return "\n".join(parts)
+    return "\n".join([*parts, effect_tables(effects or [])])
+
+
+def effect_tables(effects: list[dict[str, Any]]) -> str:
+    """[[effect]] tables, to stand at the end of a model file."""
+    return "\n".join(_table("[[effect]]", effect) for effect in effects)
 
 
 def write_recording(path: Path, recording: Recording, device: Device, noise: NoiseTable, *, variant: int = 0) -> None:
