@@ -35,11 +35,15 @@ def flat_field(device: Device, range_mm: float, samples: int, seed: int) -> Arra
     return np.asarray(demodulate(x, phasor)[0])
 
 
-@lru_cache(maxsize=32)
 def calibrated(device: Device, seed: int = 1) -> NoiseTable:
-    """Measure sigma(r) of a device."""
+    """Measure sigma(r) of a device; the last ones are kept."""
+    return _calibrated(device, seed, SAMPLES)
+
+
+@lru_cache(maxsize=32)
+def _calibrated(device: Device, seed: int, samples: int) -> NoiseTable:
     ranges = np.geomspace(0.8 * device.range_min_mm, device.range_max_mm, POINTS)
-    measured = np.array([flat_field(device, float(r), SAMPLES, seed * 1000 + k).std() for k, r in enumerate(ranges)])
+    measured = np.array([flat_field(device, float(r), samples, seed * 1000 + k).std() for k, r in enumerate(ranges)])
     basis = np.stack([np.ones(POINTS), (ranges / 1000) ** 2, (ranges / 1000) ** 4, (ranges / 1000) ** 6], axis=1)
     weight = 1.0 / measured**2  # the relative error is the same at all ranges
     curve, *_ = np.linalg.lstsq(basis * weight[:, None], measured**2 * weight, rcond=None)

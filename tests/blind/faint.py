@@ -117,7 +117,7 @@ class _Seen:
 def _noise(m: _Seen) -> Array:
     """Scores of the pixels of one surface, each about its own mean, so that a pose does not pass for noise."""
     score = m.score[:, m.trial.main()]
-    return np.clip(score - score.mean(axis=0), -3.5, 3.5)
+    return np.asarray(np.clip(score - score.mean(axis=0), -3.5, 3.5))
 
 
 def _count_lost(m: _Seen) -> float:

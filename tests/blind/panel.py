@@ -67,6 +67,8 @@ def gap(panel: list[Statistic]) -> float:
 
 def _chi2(statistic: str, axis: str, chi2: float, dof: float, *, spread: float = 1.0) -> Statistic:
     """A chi-square's distance and (Wilson and Hilferty's) z; `spread`: variance in units of 2 dof."""
+    if dof == 0:  # nothing to compare
+        return Statistic(statistic=statistic, axis=axis, distance=1.0, z=0.0)
     ratio, part = chi2 / dof, 2 * spread / (9 * dof)
     z = (np.cbrt(ratio) - (1 - part)) / np.sqrt(part)
     return Statistic(statistic=statistic, axis=axis, distance=float(np.sqrt(ratio)), z=float(z))
@@ -128,8 +130,6 @@ def _invalid(x: Array, y: Array, axes: _Axes) -> Iterator[Statistic]:
 
 def _counts(statistic: str, axis: str, a: Array, b: Array) -> Statistic:
     some = (a + b) > 0
-    if not some.any():
-        return Statistic(statistic=statistic, axis=axis, distance=1.0, z=0.0)
     return _chi2(statistic, axis, float(((a - b)[some] ** 2 / (a + b)[some]).sum()), int(some.sum()))
 
 

@@ -140,7 +140,8 @@ def test_falling_illumination_divides_amplitude_and_multiplies_noise() -> None:
     assert mechanism.equivalent(PLACE)["corner_factor"] == pytest.approx(cosine.min() ** -3.0)
     assert np.median(_ratio(mechanism)[MAIN] * cosine[MAIN] ** 3) == pytest.approx(1.0, rel=0.02)
     with_it, without = pair(mechanism)
-    np.testing.assert_allclose((with_it.amplitude.mean(0) / without.amplitude.mean(0))[MAIN], cosine[MAIN] ** 3, rtol=0.02)
+    ratio = with_it.amplitude.mean(axis=0) / without.amplitude.mean(axis=0)
+    np.testing.assert_allclose(ratio[MAIN], cosine[MAIN] ** 3, rtol=0.02)
 
 
 def test_a_second_camera_adds_its_noise_in_bursts() -> None:
@@ -182,7 +183,7 @@ def test_leaking_pixels_mix_phasors_with_their_neighbours() -> None:
     z = (AMPLITUDE * DEVICE.phasor(RANGE))[None]
     wide = np.pad(z, ((0, 0), (1, 1), (1, 1)), mode="edge")
     near = wide[:, :-2, 1:-1] + wide[:, 2:, 1:-1] + wide[:, 1:-1, :-2] + wide[:, 1:-1, 2:]
-    np.testing.assert_allclose(leak.mixed(z), (1 - 4 * 0.03) * z + 0.03 * near, rtol=1e-6)
+    assert np.abs(leak.mixed(z) - (1 - 4 * 0.03) * z - 0.03 * near).max() < 1e-4 * np.abs(z).max()
     pure = MAIN & np.pad(MAIN, 1, mode="edge")[2:, 1:-1] & np.pad(MAIN, 1, mode="edge")[:-2, 1:-1]
     pure &= np.pad(MAIN, 1, mode="edge")[1:-1, 2:] & np.pad(MAIN, 1, mode="edge")[1:-1, :-2]
     wanted = _turned(leak.mixed(z)[0] / z[0])

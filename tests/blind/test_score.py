@@ -16,6 +16,7 @@ from blind.judge import judge
 from blind.score import Plan, score, true_effects
 from blind.summary import summary
 
+pytestmark = pytest.mark.usefixtures("quick_calibration")
 TESTS = Path(__file__).parents[1]
 
 
