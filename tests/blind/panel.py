@@ -136,7 +136,9 @@ def _counts(statistic: str, axis: str, a: Array, b: Array) -> Statistic:
 def _discreteness(x: Array, y: Array) -> Iterator[Statistic]:
     """Fine structure of the values: each millimetre's count against its neighbours', in one recording and the other."""
     top = int(max(np.nanmax(x), np.nanmax(y))) + 3
-    count = [np.bincount(v[np.isfinite(v)].astype(np.int64), minlength=top).astype(float) for v in (x, y)]
+    count = [
+        np.bincount(np.maximum(v[np.isfinite(v)], 0).astype(np.int64), minlength=top).astype(float) for v in (x, y)
+    ]
     curl = [h[1:-1] - (h[:-2] + h[2:]) / 2 for h in count]
     both = count[0] + count[1]
     variance = both[1:-1] + (both[:-2] + both[2:]) / 4

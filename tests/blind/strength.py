@@ -81,7 +81,7 @@ def _wiggling(size: float, rng: np.random.Generator, place: Place) -> Effect:
 
 
 def _walk(size: float, rng: np.random.Generator, place: Place) -> Effect:
-    knee = float(np.quantile(place.amplitudes(), 0.1)) * float(rng.uniform(0.3, 0.8))
+    knee = float(np.quantile(place.amplitudes(), 0.1)) * float(rng.uniform(0.1, 0.3))
     unit = fx.ChargeLag(late_mm=1.0, knee_amplitude=knee)
     relative = unit.bias(place.amplitudes()) / place.device.design_sigma(main_layers(place)[0])
     return fx.ChargeLag(late_mm=size / float(np.sqrt((relative**2).mean())), knee_amplitude=knee)

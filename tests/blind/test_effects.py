@@ -174,7 +174,7 @@ def test_whole_beams_lie_between_their_surfaces() -> None:
     z = DEVICE.amplitude(BEAMS.range_mm, gloss) * DEVICE.phasor(BEAMS.range_mm)
     total = np.where(BEAMS.share > 0, BEAMS.share * z, 0).sum(axis=0)
     wanted = np.mod(np.angle(total), 2 * math.pi) * DEVICE.unambiguous_mm / (2 * math.pi)
-    sigma = DEVICE.design_sigma(5000.0)
+    sigma = float(DEVICE.design_sigma(5000.0))
     np.testing.assert_allclose(np.median(samples, axis=0)[mixed], wanted[mixed], atol=4 * sigma / math.sqrt(150))
 
 
