@@ -183,13 +183,15 @@ def _shuffled(label: Array, valid: Array, rng: np.random.Generator) -> Array:
 
 
 def _extremes(x: Array, y: Array) -> Iterator[Statistic]:
-    """Samples far outside their pixel's own spread; pixels that have many anyway are left out."""
+    """Samples far outside their pixel's own spread (pixels that have many anyway are left out), and pixels with none."""
     pooled = np.concatenate([x, y])
     low, middle, high = np.nanquantile(pooled[::3], [0.25, 0.5, 0.75], axis=0)
     limit = 5.0 * np.maximum(high - low, 1.0) / 1.349
     far = [np.abs(v - middle) > limit for v in (x, y)]
     rare = (far[0].sum(axis=0) + far[1].sum(axis=0)) < 0.05 * len(pooled)
     yield _counts("tails", "extremes", *(np.array([v[:, rare].sum()]) for v in far))
+    fixed = [np.array([(np.nanmax(v, axis=0) - np.nanmin(v, axis=0) < 1.5).sum()]) for v in (x, y)]
+    yield _counts("pattern", "constant pixels", *fixed)
 
 
 def _scores(pooled: Array) -> Array:
@@ -242,9 +244,11 @@ def _in_time(x: Array, y: Array, usable: Array, image: tuple[int, ...]) -> Itera
         yield _chi2(name, axis, chi2, a.size)
     for (name, axis), (value, chance) in moments_a.items():
         again, chance_b = moments_b[name, axis]
-        yield _normal(name, axis, (value - again) / np.sqrt(chance + chance_b))
+        apart = np.log(value / again) if (name, axis) in _VARIANCES else value - again
+        yield _normal(name, axis, apart / np.sqrt(chance + chance_b))
 
 
+_VARIANCES = (("common_mode", "frame"), ("bursts", "frame"), ("common_mode", "row"))  # compared by their ratio
 _Series = dict[tuple[str, str], tuple[Array, Array, float]]
 
 
