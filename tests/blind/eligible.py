@@ -1,6 +1,7 @@
 """On which scenes an effect can be told from its rivals in principle, and on which it cannot.
 
-Read from the physics, and held by a test that fits each rival's template to each effect's on every family.
+Read from the physics; for biases a test holds that no other bias, fitted freely, leaves less of a faint effect than a
+recording can show.
 """
 
 EVERY = ("boards", "slanted_wall", "corridor", "corner", "near_far", "stairs", "room", "open_hall")

@@ -183,7 +183,7 @@ def _shuffled(label: Array, valid: Array, rng: np.random.Generator) -> Array:
 
 
 def _extremes(x: Array, y: Array) -> Iterator[Statistic]:
-    """Samples far outside their pixel's own spread (pixels that have many anyway are left out), and pixels with none."""
+    """Samples far outside their pixel's own spread (pixels with many are left out), and pixels without any spread."""
     pooled = np.concatenate([x, y])
     low, middle, high = np.nanquantile(pooled[::3], [0.25, 0.5, 0.75], axis=0)
     limit = 5.0 * np.maximum(high - low, 1.0) / 1.349
