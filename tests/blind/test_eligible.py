@@ -1,0 +1,76 @@
+"""A faint bias cannot be taken for another bias on the scenes on which it is hidden."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from blind.cases import draw_device, strengths
+from blind.effects import Place
+from blind.eligible import FAMILIES
+from blind.faint import Trial, template
+from blind.geometry import Array, Surface, cast
+from blind.reference import NoiseTable
+from blind.scenes import TARGET, draw_scene
+from blind.strength import make
+
+BIASES = ("range_offset", "surface_pose", "wiggling", "amplitude_walk", "scattering", "multipath")
+SAMPLES = 48 * 64 * 200  # of the smallest recording of the bench
+
+
+def _trial(family: str, seed: int) -> Trial:
+    device = replace(draw_device(81, 0), rows=24, cols=32)
+    scene = draw_scene(family, [seed, 91], device.view).surfaces
+    ranges = np.linspace(200.0, device.range_max_mm, 200)
+    noise = NoiseTable(range_mm=ranges, sigma_mm=device.design_sigma(ranges))
+    return Trial(device=device, scene=scene, model=scene, noise=noise, beams=cast(scene, device.view))
+
+
+def _rivals(trial: Trial, place: Place, kind: str) -> dict[str, Array]:
+    """Templates (pixel, parameter) of the other biases, each with what it may fit freely."""
+    beams, device = trial.beams, trial.device
+    sigma = device.design_sigma(np.maximum(beams.range_mm[0], 1.0))
+    wave = 8 * math.pi * beams.range_mm[0] / device.unambiguous_mm
+    out = {
+        "range_offset": 1 / sigma[:, None],
+        "wiggling": np.stack([np.sin(wave), np.cos(wave)], axis=1) / sigma[:, None],
+    }
+    for k, surface in enumerate(trial.scene):
+        on = beams.surface[0] == k
+        cosine = np.maximum(beams.cosine[0], 1e-3)
+        out[f"surface_pose of {surface.name}"] = (on / cosine / sigma)[:, None]
+        out[f"multipath on {surface.name}"] = (on / sigma)[:, None]
+    for name in ("amplitude_walk", "scattering"):
+        out[name] = template(trial, make(name, 0.2, np.random.default_rng(7), place)).T
+    return {name: columns for name, columns in out.items() if not name.startswith(kind)}
+
+
+@pytest.mark.parametrize("kind", BIASES)
+def test_no_rival_explains_a_faint_bias(kind: str) -> None:
+    """What the best rival leaves stands out by 6 standard errors and more, on every family."""
+    for family in FAMILIES[kind]:
+        trial = _trial(family, 3)
+        place = Place(device=trial.device, surfaces=trial.scene, beams=trial.beams)
+        wanted = template(trial, make(kind, strengths()[kind]["faint"], np.random.default_rng(5), place))[0]
+        use = wanted != 0 if kind not in ("surface_pose", "multipath") else trial.main()
+        scale = math.sqrt(SAMPLES / trial.device.view.pixels)
+        for rival, columns in _rivals(trial, place, kind).items():
+            fit, *_ = np.linalg.lstsq(columns[use], wanted[use], rcond=None)
+            left = np.linalg.norm(wanted[use] - columns[use] @ fit) * scale
+            assert left > 6, f"{rival} explains {kind} on {family}: {left:.1f} left"
+
+
+def test_a_small_board_that_faces_the_camera_tells_nothing_apart() -> None:
+    """As `INSEPARABLE` says: there its pose explains a delay."""
+    device = replace(draw_device(81, 0), rows=24, cols=32, fov_horizontal_deg=6.0, fov_vertical_deg=4.5)
+    board = [Surface(name=TARGET, center_mm=(0.0, 0.0, 2500.0), size_mm=(2000.0, 2000.0))]
+    ranges = np.linspace(200.0, device.range_max_mm, 200)
+    noise = NoiseTable(range_mm=ranges, sigma_mm=device.design_sigma(ranges))
+    beams = cast(board, device.view)
+    trial = Trial(device=device, scene=board, model=board, noise=noise, beams=beams)
+    place = Place(device=device, surfaces=board, beams=beams)
+    wanted = template(trial, make("range_offset", 0.2, np.random.default_rng(5), place))[0]
+    pose = _rivals(trial, place, "range_offset")[f"surface_pose of {TARGET}"]
+    fit, *_ = np.linalg.lstsq(pose, wanted, rcond=None)
+    assert np.linalg.norm(wanted - pose @ fit) * math.sqrt(SAMPLES / device.view.pixels) < 1
