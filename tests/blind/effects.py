@@ -392,13 +392,12 @@ class SecondCamera(Effect):
     def bursts(self, frames: int, seed: int) -> Array:
         """Which frames (frame,) of a recording it lights: bursts of the length, two at either side, gaps at random."""
         rng = np.random.default_rng([seed, 53])
+        count = max(1, round(self.share_of_frames * frames / self.burst_frames))
+        lengths = rng.integers(self.burst_frames - 2, self.burst_frames + 3, count)
+        starts = np.sort(rng.integers(0, max(frames - int(lengths.sum()), 1), count))  # among the frames without light
         on = np.zeros(frames, dtype=bool)
-        gap = self.burst_frames * (1 - self.share_of_frames) / self.share_of_frames
-        frame = int(rng.uniform(0, gap)) - int(rng.integers(0, self.burst_frames))
-        while frame < frames:
-            length = int(rng.integers(self.burst_frames - 2, self.burst_frames + 3))
-            on[max(frame, 0) : max(frame + length, 0)] = True
-            frame += length + 1 + int(rng.exponential(max(gap - 1, 0.1)))
+        for start, length in zip(starts + np.cumsum(lengths) - lengths, lengths, strict=True):
+            on[start : start + length] = True
         return on
 
     def light(self, x: Exposure) -> None:

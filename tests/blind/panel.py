@@ -262,8 +262,9 @@ def _series(score: Array) -> _Series:
     slope = now @ score / np.sqrt((now**2).sum())
     out: _Series = {("trend", "map"): (slope, np.ones(pixels), float(pixels))}
     for name, values in (("trend", score), ("spread", square)):
-        mean = np.bincount(part, values.mean(axis=1)) / size
-        out[name, "frame"] = (mean, values.var() / (size * pixels), 9.0)
+        frame = values.mean(axis=1)
+        noise = (np.diff(frame) ** 2).mean() / 2  # frames may jitter together; a slow trend does not count as noise
+        out[name, "frame"] = (np.bincount(part, frame) / size, noise / size, 9.0)
     return out
 
 

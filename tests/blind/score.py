@@ -39,11 +39,13 @@ class Plan:
     reconcile : command that gets MODEL MEASURED -o FOLDER; None: gaps and ceiling alone.
     ceiling : whether to simulate the true effect too.
     second : whether to go to the second scene.
+    small : whether images are small and frames few.
     """
 
     reconcile: tuple[str, ...] | None = RECONCILE
     ceiling: bool = True
     second: bool = True
+    small: bool = False
 
 
 def simulate(model: Path, seed: int) -> Recording:
