@@ -67,6 +67,9 @@ MOST_BY_CHANCE = 12.0
 those of one surface lie within `SCAN_SIGMAS`."""
 
 
+BY_CHANCE = 0.1
+"""Part of the wanted false alarms that heaps of outliers may add: `false_alarms` has used up the rest."""
+
 PROMISE = 0.4
 """One more surface is tried where its promise (see `gradient`) is this part of the least gain."""
 
@@ -174,7 +177,7 @@ def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules:
     for m in range(round(support) - 1):
         fewer += term
         term *= expected / (m + 1)
-    return n * beam.p_outlier * (1.0 - fewer) > 0.5 * rules.false_alarm
+    return n * beam.p_outlier * (1.0 - fewer) > BY_CHANCE * rules.false_alarm
 
 
 @jit

@@ -42,6 +42,7 @@ from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.false_alarms import chance_of, gain_table, least_gain
 from tofmix.estimation.mixture import (
     ROOT_TWO_PI,
+    draw_sigmas,
     em_step,
     expectation_maximisation,
     gaussians,
@@ -52,7 +53,7 @@ from tofmix.estimation.mixture import (
 )
 from tofmix.estimation.pixel_noise import beam_of_pixel, own_curves
 from tofmix.estimation.samples import Readings, SortedSamples, gather, sort_samples
-from tofmix.estimation.settings import MODE_TIED, EstimateOptions, Knobs, knobs_of
+from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED, EstimateOptions, Knobs, knobs_of
 from tofmix.estimation.uncertainty import standard_errors
 from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.estimation.vector import product_of
@@ -137,6 +138,12 @@ def _finish_clear(data: Readings, fit: Components, beam: Beam, mode: int, room: 
 
 
 @jit
+def _held(knobs: Knobs) -> int:
+    """Mode that means and shares are fitted in: counted by likelihood, a prior's sigmas are drawn from a tied fit."""
+    return MODE_TIED if knobs.refine and knobs.mode == MODE_PRIOR else knobs.mode
+
+
+@jit
 def _fit_pixel(
     data: Readings,
     places: FloatArray,
@@ -169,13 +176,15 @@ def _fit_pixel(
         k = count_surfaces(data, start, work, beam, rules) if knobs.refine else start
     while True:
         if knobs.refine:
-            n_iter = maximise_likelihood(data, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol, room)
+            n_iter = maximise_likelihood(data, k, fit, beam, _held(knobs), knobs.max_iter, knobs.tol, room)
         else:
             n_iter = expectation_maximisation(data, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol, room)
         left = drop_unsupported(data.total, k, fit, beam, rules)
         while left > knobs.max_layers:
             left = remove_surface(left, int(np.argmin(fit[WEIGHT, :left])), fit)
         if left == k:
+            if knobs.mode != _held(knobs):
+                draw_sigmas(data, k, fit, beam, room)
             return k, n_peaks, n_iter, log_likelihood(data, k, fit, beam, room)
         k = left
 

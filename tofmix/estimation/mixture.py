@@ -38,7 +38,7 @@ from tofmix.estimation.components import (
 )
 from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.samples import Readings, readings_of
-from tofmix.estimation.settings import MODE_FREE, MODE_TIED, EstimateOptions, knobs_of
+from tofmix.estimation.settings import MODE_FREE, MODE_PRIOR, MODE_TIED, EstimateOptions, knobs_of
 from tofmix.estimation.unrolling import unrolled_pixel
 from tofmix.estimation.vector import exp_minus, log_of, moments_of, product_of, total_of
 from tofmix.jit import jit
@@ -146,6 +146,18 @@ def maximise(k: int, fit: Components, beam: Beam, mode: int) -> float:
         squares = max(fit[MOMENT_2, i] - support * shift * shift, 0.0)
         fit[SIGMA, i] = new_sigma(curve_sigma, squares, support, mode)
     return change
+
+
+@jit
+def draw_sigmas(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None:
+    """Draw each sigma from the curve's towards the spread of its samples, as the prior has it; all else is held.
+
+    Sigmas that are fitted with the means cost precision where surfaces overlap: the means of a tied fit are better.
+    """
+    expect(data, k, fit, beam, room)
+    for i in range(k):
+        curve_sigma = sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma)
+        fit[SIGMA, i] = new_sigma(curve_sigma, fit[MOMENT_2, i], fit[SUPPORT, i], MODE_PRIOR)
 
 
 @jit
