@@ -12,7 +12,8 @@ PACKAGE = Path(tofmix.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 MAY_IMPORT = {
-    "cli": {"cli", "io", "report", "estimation", "simulation", "sensors"},
+    "cli": {"cli", "pipeline", "io", "report", "estimation", "simulation", "sensors"},
+    "pipeline": {"pipeline", "io", "estimation", "simulation"},
     "io": {"io", "simulation"},
     "report": {"report"},
     "estimation": {"estimation"},
@@ -20,7 +21,15 @@ MAY_IMPORT = {
     "sensors": {"sensors"},
     "": set(),
 }
-ONLY_IN = {"h5py": "io", "click": "cli", "tqdm": "cli", "matplotlib": "report", "jinja2": "report"}
+ONLY_IN = {
+    "h5py": "io",
+    "sqlite3": "io",
+    "distributed": "pipeline",
+    "click": "cli",
+    "tqdm": "cli",
+    "matplotlib": "report",
+    "jinja2": "report",
+}
 
 
 def _folder(module: Path) -> str:

@@ -17,6 +17,7 @@ class ExitCode(IntEnum):
     USAGE = 2
     BAD_INPUT = 3
     STORAGE = 4
+    SOME_FAILED = 5
     INTERRUPTED = 130
     CLOSED_PIPE = 141
     TERMINATED = 143
@@ -28,6 +29,7 @@ EXIT_CODE_MEANINGS: dict[ExitCode, str] = {
     ExitCode.USAGE: "usage: an unknown option or value, or an output that exists (pass --overwrite)",
     ExitCode.BAD_INPUT: "bad input: a missing, damaged or unfit recording, layers file or model",
     ExitCode.STORAGE: "disk or I/O: the output cannot be written",
+    ExitCode.SOME_FAILED: "some of several recordings failed; the others are done",
     ExitCode.INTERRUPTED: "interrupted (Ctrl-C)",
     ExitCode.CLOSED_PIPE: "the reader of a pipe has gone",
     ExitCode.TERMINATED: "terminated (SIGTERM)",

@@ -30,6 +30,8 @@ R = TypeVar("R")
 config: Any = numba.config  # its settings are made at run time, unknown to a type checker
 _PACKAGE = Path(__file__).parent
 _KERNEL_FOLDERS = ("estimation", "simulation")
+_WITHOUT_KERNELS = ("reading.py", "sequence.py")
+"""Modules above the kernels, which no kernel takes a constant from."""
 
 
 def jit(function: Callable[P, R]) -> Callable[P, R]:
@@ -79,9 +81,11 @@ def _writable(folder: Path) -> bool:
 
 
 def _fingerprint() -> str:
-    """Hash of every source file that may hold a kernel."""
+    """Hash of every source file that may hold a kernel, or a constant that one has compiled in."""
     digest = hashlib.sha256(Path(__file__).read_bytes())
     for name in _KERNEL_FOLDERS:
         for source in sorted((_PACKAGE / name).rglob("*.py")):
+            if source.name in _WITHOUT_KERNELS:
+                continue
             digest.update(source.name.encode() + source.read_bytes())
     return digest.hexdigest()[:16]

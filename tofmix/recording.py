@@ -30,6 +30,10 @@ class SampleSource(Protocol):
     def row_step(self) -> int:
         """Rows that are stored together: blocks of a multiple of it are read fastest."""
 
+    @property
+    def frame_step(self) -> int:
+        """Frames that are stored together, likewise."""
+
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples (frame, row, col) float32 in mm, NaN where invalid."""
 
@@ -71,6 +75,11 @@ class ArrayRecording:
     @property
     def row_step(self) -> int:
         """Any number of rows is as good."""
+        return 1
+
+    @property
+    def frame_step(self) -> int:
+        """Any number of frames is as good."""
         return 1
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:

@@ -14,7 +14,7 @@ from files import boards, write_recording
 from tofmix import __version__
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode
 
-COMMANDS = ("simulate", "estimate", "report")
+COMMANDS = ("simulate", "estimate", "report", "merge", "warmup")
 PROGRAM = (sys.executable, "-m", "tofmix")
 
 

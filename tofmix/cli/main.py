@@ -10,10 +10,12 @@ import click
 
 from tofmix import __version__
 from tofmix.cli.estimate import estimate
+from tofmix.cli.merge import merge
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
+from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
-from tofmix.io.storage import discard_unfinished
+from tofmix.io.storage import discard_unfinished, is_resumable
 
 _EPILOG = """\b
 Start here:
@@ -49,7 +51,7 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report):
+for _command in (simulate, estimate, report, merge, warmup):
     main.add_command(_command)
 
 
@@ -95,5 +97,7 @@ def _die(number: int, _: FrameType | None) -> None:
     discard_unfinished()
     if number == signal.SIGINT:
         os.write(sys.stderr.fileno(), b"tofmix: interrupted\n")
+    if is_resumable():
+        os.write(sys.stderr.fileno(), b"tofmix: what is done is kept; --resume goes on from there\n")
     signal.signal(number, signal.SIG_DFL)
     os.kill(os.getpid(), number)

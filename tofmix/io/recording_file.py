@@ -63,6 +63,11 @@ class RecordingFile:
         """Rows of a stored chunk, so that no chunk is unpacked twice."""
         return int(self._range.chunks[1]) if self._range.chunks else 1
 
+    @property
+    def frame_step(self) -> int:
+        """Frames of a stored chunk, likewise."""
+        return int(self._range.chunks[0]) if self._range.chunks else 1
+
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Read samples (frame, row, col) float32 in mm, NaN where invalid.
 
