@@ -144,7 +144,7 @@ class ClusterEngine:
             self.client.submit(run_block, replace(block, cells=cells), key=f"tofmix-{run}-{number}", pure=False)
             for number, cells in enumerate(_blocks(job, wanted))
         ]
-        waiting = as_completed(futures)
+        waiting = as_completed(futures, loop=self.client.loop)
         try:
             for future in waiting:
                 for index, encoded in _result(future):
