@@ -74,10 +74,13 @@ def _private_folder(folder: Path) -> Path:
 
 
 def _writable(folder: Path) -> bool:
-    """Whether `folder` exists and can be written, or could be made."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
-    return os.access(folder, os.W_OK | os.X_OK)
+    """Whether a file can be made in `folder`: permissions alone do not tell, least of all to root."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
 
 
 def _fingerprint() -> str:
