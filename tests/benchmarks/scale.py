@@ -1,0 +1,160 @@
+"""Memory and throughput of `tofmix estimate` on long recordings, by layout, memory limit, workers and stride.
+
+Usage: python tests/benchmarks/scale.py [--frames 20000] [--window 100] [--only default,300MB]
+
+The recording is 144 x 176 pixels of the built-in three boards; its first 100 frames are repeated, which changes neither
+the work of a window nor the size of a chunk. "of the kernel" is the throughput beside that of the same kernels on
+samples in memory, with the same number of workers and nothing read or written, measured just before.
+"""
+
+import argparse
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from tofmix.arrays import Float32Array
+from tofmix.estimation.sequence import estimate_cells
+from tofmix.estimation.settings import EstimateOptions
+from tofmix.grid import plan_grid
+from tofmix.io.model_file import load_model
+from tofmix.recording import ArrayRecording
+from tofmix.sensor import Sensor
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.render import recording_sensor, render_blocks
+from tofmix.windows import plan_windows
+
+BLOCK_FRAMES = 100
+
+
+@dataclass(frozen=True)
+class Case:
+    """One line of the table."""
+
+    name: str
+    frames: float
+    """Frames over --frames."""
+    rows: int
+    cols: int
+    chunks: tuple[int, int, int]
+    arguments: tuple[str, ...] = ()
+    stride: float = 1.0
+    """Stride over the window."""
+
+
+TALL = (BLOCK_FRAMES, 8, 22)
+CASES = (
+    Case("default", 1, 144, 176, TALL),
+    Case("300MB", 1, 144, 176, TALL, ("--memory", "300MB")),
+    Case("very tall chunks, 300MB", 1, 144, 176, (2000, 8, 22), ("--memory", "300MB")),
+    Case("frame by frame, 300MB", 1, 144, 176, (1, 144, 176), ("--memory", "300MB")),
+    Case("5 x the frames, 36 x 44 pixels, 300MB", 5, 36, 44, (BLOCK_FRAMES, 36, 44), ("--memory", "300MB")),
+    Case("stride of half a window", 0.5, 144, 176, TALL, (), 0.5),
+    Case("one worker", 0.5, 144, 176, TALL, ("--workers", "1")),
+    Case("two workers", 0.5, 144, 176, TALL, ("--workers", "2")),
+)
+
+
+def scene() -> tuple[Float32Array, Sensor]:
+    """Frames of the three boards, and their camera."""
+    model = load_model("three-boards")
+    block = next(iter(render_blocks(model, cast_scene(model), n_frames=BLOCK_FRAMES, seed=1)))
+    return block.range_mm.astype(np.float32), recording_sensor(model)
+
+
+def write(path: Path, samples: Float32Array, sensor: Sensor, n_frames: int, case: Case) -> None:
+    """Write a recording of repeated frames; equal chunks are compressed once."""
+    frames = min(case.chunks[0], n_frames)
+    part = np.resize(samples[:, : case.rows, : case.cols], (frames, case.rows, case.cols)).astype("u2")
+    with h5py.File(path, "w") as root:
+        dataset = root.create_dataset(
+            "range", (n_frames, case.rows, case.cols), "u2", chunks=(frames, *case.chunks[1:]),
+            compression="gzip", compression_opts=1, shuffle=True, fletcher32=True,
+        )  # fmt: skip
+        dataset[:frames] = part
+        first = [dataset.id.get_chunk_info(k).chunk_offset for k in range(dataset.id.get_num_chunks())]
+        packed = {offset: dataset.id.read_direct_chunk(offset)[1] for offset in first}
+        repeat = max(1, BLOCK_FRAMES // frames)
+        if repeat > 1:  # chunks of few frames: repeat a whole block of them
+            dataset[: repeat * frames] = np.resize(
+                samples[:, : case.rows, : case.cols], (repeat * frames, *part.shape[1:])
+            )
+            first = [dataset.id.get_chunk_info(k).chunk_offset for k in range(dataset.id.get_num_chunks())]
+            packed = {offset: dataset.id.read_direct_chunk(offset)[1] for offset in first}
+        for start in range(repeat * frames, n_frames, repeat * frames):
+            for offset, data in packed.items():
+                if start + offset[0] < n_frames:
+                    dataset.id.write_direct_chunk((start + offset[0], *offset[1:]), data)
+        group = root.create_group("sensor")
+        group.attrs.update({"range_min_mm": sensor.range_min_mm, "range_max_mm": sensor.range_max_mm})
+        assert sensor.noise is not None
+        group["noise_range"], group["noise_sigma"] = sensor.noise.range_mm, sensor.noise.sigma_mm
+
+
+def in_memory(samples: Float32Array, sensor: Sensor, case: Case, window: int, workers: int) -> float:
+    """Samples a second of the kernels alone."""
+    n = 6 * window if case.rows > 100 else 60 * window
+    recording = ArrayRecording(np.resize(samples[:, : case.rows, : case.cols], (n, case.rows, case.cols)), sensor)
+    windows = plan_windows(n, window=window)
+    grid = plan_grid(windows, (case.rows, case.cols), row_step=min(8, case.rows))
+    start = time.perf_counter()
+    for _ in estimate_cells(recording, grid, EstimateOptions(), lambda _: None, workers=workers):
+        pass
+    return windows.count * window * case.rows * case.cols / (time.perf_counter() - start)
+
+
+def measure(command: Sequence[str]) -> tuple[float, float, float]:
+    """Seconds, processor seconds and peak resident MB of one run."""
+    start = time.perf_counter()
+    null = os.open(os.devnull, os.O_WRONLY)
+    child = os.posix_spawn(command[0], list(command), os.environ, file_actions=[(os.POSIX_SPAWN_DUP2, null, 1)])
+    os.close(null)
+    _, status, usage = os.wait4(child, 0)
+    if os.waitstatus_to_exitcode(status) != 0:
+        sys.exit(f"failed: {' '.join(command)}")
+    return time.perf_counter() - start, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024 / 1e6
+
+
+def main() -> None:
+    """Print one row a case."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--frames", type=int, default=20_000)
+    parser.add_argument("--window", type=int, default=100)
+    parser.add_argument("--only", default="", help="names of cases, by comma")
+    parser.add_argument("--folder", type=Path, help="where the recordings lie; a temporary one without it")
+    arguments = parser.parse_args()
+    only = {name for name in arguments.only.split(",") if name}
+    samples, sensor = scene()
+    print("| recording and options | frames | s | cores | peak MB | M samples/s | of the kernel |")
+    print("|---|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory(dir=arguments.folder) as name:
+        for case in CASES:
+            if only and case.name not in only:
+                continue
+            path, n_frames = Path(name) / "long.h5", int(arguments.frames * case.frames)
+            write(path, samples, sensor, n_frames, case)
+            workers = 1 if case.name == "one worker" else 2
+            kernel = in_memory(samples, sensor, case, arguments.window, workers)
+            stride = max(1, int(arguments.window * case.stride))
+            command = [
+                sys.executable, "-m", "tofmix", "estimate", str(path), "--overwrite", "--window", str(arguments.window),
+                "--stride", str(stride), "--workers", str(workers), *case.arguments,
+            ]  # fmt: skip
+            seconds, busy, memory = measure(command)
+            windows = plan_windows(n_frames, window=arguments.window, stride=stride)
+            rate = windows.count * arguments.window * case.rows * case.cols / seconds
+            print(
+                f"| {case.name} | {n_frames:,} | {seconds:.1f} | {busy / seconds:.2f} | {memory:.0f} |"
+                f" {rate / 1e6:.2f} | {rate / kernel:.2f} |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
