@@ -30,7 +30,7 @@ def test_help_shows_how_to_start_and_the_exit_codes(tofmix: Tofmix) -> None:
 def test_help_of_each_command_has_examples(tofmix: Tofmix, command: str) -> None:
     shown = tofmix(command, "--help")
     assert shown.code == 0
-    assert f"Examples:\n    tofmix {command} " in shown.out
+    assert f"Examples:\n    tofmix {command}" in shown.out
     assert max(len(line) for line in shown.out.splitlines()) <= 100
 
 
