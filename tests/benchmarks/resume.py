@@ -29,11 +29,14 @@ def main() -> None:
     moments, counts = random.Random(arguments.seed), Counter[str]()  # noqa: S311  no secret
     with tempfile.TemporaryDirectory() as name:
         recording, output = Path(name) / "a.h5", Path(name) / "a.layers.h5"
-        frames = ["--frames", str(arguments.frames)]
-        subprocess.run(
-            [*TOFMIX, "simulate", "corridor", *frames, "-o", recording], check=True, stdout=subprocess.DEVNULL
-        )
-        estimate = [*TOFMIX, "estimate", str(recording), "--window", "40", "--stride", "40"]
+        show = [*TOFMIX, "simulate", "corridor", "--print-model"]
+        model = subprocess.run(show, check=True, capture_output=True, text=True).stdout
+        small = Path(name) / "small.toml"
+        small.write_text(model.replace("[sensor]\n", "[sensor]\nrows = 36\ncols = 44\n"))
+        simulate = [*TOFMIX, "simulate", small, "--frames", str(arguments.frames), "-o", recording]
+        subprocess.run(simulate, check=True, stdout=subprocess.DEVNULL)
+        small.unlink()
+        estimate = [*TOFMIX, "estimate", str(recording), "--window", "40"]
         for _ in range(2):  # the first may compile
             start = time.perf_counter()
             subprocess.run([*estimate, "--overwrite"], check=True, stdout=subprocess.DEVNULL)
