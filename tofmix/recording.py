@@ -14,6 +14,9 @@ from tofmix.sensor import Sensor
 
 _DIMS = ("frame", "row", "col")
 
+DECODED_SAMPLES = 1 << 20
+"""About how many samples a source may hold in their stored form while it reads, where stored chunks are smaller."""
+
 
 class SampleSource(Protocol):
     """A recording that can be read in blocks."""

@@ -8,19 +8,19 @@ when a sample is read, never a result.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import groupby
+from itertools import chain, groupby
 
 import numpy as np
 
 from tofmix.arrays import Float32Array
 from tofmix.grid import Cell, Grid
-from tofmix.recording import SampleSource
+from tofmix.recording import DECODED_SAMPLES, SampleSource
 
 SAMPLE_BYTES = 4
 """A sample of a slab, float32."""
 
-_READING_BYTES = 10
-"""A sample while it is read: as it is stored, decoded, and whether it is valid."""
+_DECODING_BYTES = 10
+"""A sample while it is decoded: as it is stored, and whether it is valid."""
 
 _WORKING_BYTES = 24
 """A sample while it is worked on, beside the slabs: in the kernels' order and precision, and its layers."""
@@ -28,8 +28,8 @@ _WORKING_BYTES = 24
 PIECE_SAMPLES = 1 << 20
 """Most samples that the kernels get at once, where one pixel has not more: what they set aside for them stays small."""
 
-_SLAB_BYTES = 8 << 20
-"""About a slab's size where stored chunks are smaller."""
+_SLAB_BYTES = 8 << 20, 1 << 18, 0
+"""About a slab's size where stored chunks are smaller, in the order of preference."""
 
 _MOST_AHEAD = 64
 
@@ -116,15 +116,31 @@ def plan_reading(source: SampleSource, grid: Grid, *, buffer_bytes: int, workers
     """
     rows = grid.image[0]
     whole = [band for band in _bands(grid) if band == rows or band % source.row_step == 0]
-    for bands, frame_step, rereads in ((whole, source.frame_step, False), (_bands(grid), 1, True)):
+    chunk = source.frame_step, source.row_step
+    plans = chain(
+        _plans(grid, whole, chunk, workers, rereads=False), _plans(grid, _bands(grid), (1, 1), workers, rereads=True)
+    )
+    for plan, needed in plans:
+        if needed <= buffer_bytes:
+            return plan
+    raise MemoryTooSmallError(needed)
+
+
+def _plans(
+    grid: Grid, bands: list[int], chunk: tuple[int, int], workers: int, *, rereads: bool
+) -> Iterator[tuple[ReadPlan, int]]:
+    """Plans from the best to the smallest, and the memory that each needs.
+
+    Reading ahead comes before high bands: without it, nothing is computed while a band is read.
+    """
+    for overlap in (True, False):
         for band in bands:
-            for ahead in dict.fromkeys((_wanted_ahead(grid, band, workers), 2, 1)):
-                for slab_bytes in (_SLAB_BYTES, 0):
-                    frames = _slab_frames(grid, band, frame_step, slab_bytes)
+            wanted = _wanted_ahead(grid, band, workers)
+            for ahead in dict.fromkeys((wanted, min(2, wanted)) if overlap else (1,)):
+                for slab_bytes in _SLAB_BYTES:
+                    frames = _slab_frames(grid, band, chunk[0], slab_bytes)
                     plan = ReadPlan(band=band, frames=frames, ahead=ahead, rereads=rereads)
-                    if _needed(grid, plan, workers) <= buffer_bytes:
-                        return plan
-    raise MemoryTooSmallError(_needed(grid, plan, workers))
+                    yield plan, _needed(grid, plan, chunk, workers)
 
 
 def _bands(grid: Grid) -> list[int]:
@@ -145,21 +161,25 @@ def _slab_frames(grid: Grid, band: int, frame_step: int, slab_bytes: int) -> int
     return frame_step * max(1, slab_bytes // chunk)
 
 
-def _needed(grid: Grid, plan: ReadPlan, workers: int) -> int:
-    """Most memory that a plan takes: slabs of the groups in flight, one being read, and the workers."""
-    windows, step = grid.windows, grid.step[0]
-    total = windows.stop(windows.count - 1)
-
-    def held(groups: int) -> int:
-        span = min((min(groups * step, windows.count) - 1) * windows.stride + windows.length, total)
-        return min(span + 2 * plan.frames, total)
-
+def _needed(grid: Grid, plan: ReadPlan, chunk: tuple[int, int], workers: int) -> int:
+    """Most memory that a plan takes: slabs of the groups in flight, what is being decoded, and the workers."""
     # At the end of a band its last groups and the first of the next are in memory together.
-    frames = held(plan.ahead) if plan.band == grid.image[0] else plan.ahead * held(1)
-    row_bytes = plan.band * grid.image[1]
-    return row_bytes * (frames * SAMPLE_BYTES + min(plan.frames, total) * _READING_BYTES) + workers * working_bytes(
-        grid
-    )
+    frames = _held(grid, plan, plan.ahead) if plan.band == grid.image[0] else plan.ahead * _held(grid, plan, 1)
+    cols = grid.image[1]
+    decoded = max(chunk[0] * chunk[1] * cols, DECODED_SAMPLES)
+    reading = min(decoded, plan.frames * plan.band * cols, grid.windows.stop(grid.windows.count - 1) * plan.band * cols)
+    return plan.band * cols * frames * SAMPLE_BYTES + reading * _DECODING_BYTES + workers * working_bytes(grid)
+
+
+def _held(grid: Grid, plan: ReadPlan, groups: int) -> int:
+    """Most frames of the slabs that some consecutive groups need."""
+    windows, step = grid.windows, grid.step[0]
+    starts = np.arange(0, windows.count, step, dtype=np.int64)
+    stops = np.minimum(starts + groups * step, windows.count)
+    first = starts * windows.stride // plan.frames
+    last = ((stops - 1) * windows.stride + windows.length - 1) // plan.frames
+    total = windows.stop(windows.count - 1)
+    return min(int((last - first).max() + 1) * plan.frames, -(-total // plan.frames) * plan.frames)
 
 
 def working_bytes(grid: Grid) -> int:

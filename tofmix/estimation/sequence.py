@@ -138,6 +138,7 @@ class _Run(Generic[T]):
                     break
                 for cell in group.cells:
                     self._queue.put(_Item(cell, self._workers.submit(self._work, group, cell), cell is group.cells[-1]))
+                del group, cell  # its samples go when the workers are done with them, not when the next are in
             self._queue.put(None)
         except BaseException as error:  # noqa: BLE001  raised again by `results`
             self._queue.put(error)
