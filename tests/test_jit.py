@@ -74,6 +74,20 @@ def test_numba_cache_dir_is_honoured(monkeypatch: pytest.MonkeyPatch, tmp_path: 
     assert jit._base_folder() == tmp_path
 
 
+def test_a_constant_argument_compiles_nothing_more() -> None:
+    @jit.jit
+    def shifted(value: int, by: int) -> int:
+        return value + by
+
+    @jit.jit
+    def both(value: int) -> int:
+        return shifted(value, 1) + shifted(1, value) + shifted(value, by=value)
+
+    assert both(2) == 3 + 3 + 4
+    signatures = getattr(shifted, "signatures", [])
+    assert len(signatures) <= 1
+
+
 def test_a_compiled_function_computes() -> None:
     def twice(values: np.ndarray) -> float:
         return float(2 * values.sum())

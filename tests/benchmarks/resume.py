@@ -33,7 +33,7 @@ def main() -> None:
         model = subprocess.run(show, check=True, capture_output=True, text=True).stdout
         small = Path(name) / "small.toml"
         small.write_text(model.replace("[sensor]\n", "[sensor]\nrows = 36\ncols = 44\n"))
-        simulate = [*TOFMIX, "simulate", small, "--frames", str(arguments.frames), "-o", recording]
+        simulate = [*TOFMIX, "simulate", str(small), "--frames", str(arguments.frames), "-o", str(recording)]
         subprocess.run(simulate, check=True, stdout=subprocess.DEVNULL)
         small.unlink()
         estimate = [*TOFMIX, "estimate", str(recording), "--window", "40"]
