@@ -22,7 +22,7 @@ import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar
 
 import numba
 from numba.core import types
@@ -51,7 +51,7 @@ def jit(function: Callable[P, R]) -> Callable[P, R]:
 
 def _compile_constants_once(compiled: Any) -> None:  # noqa: ANN401  a dispatcher, or the plain function without the JIT
     """Keep a call with a constant, `grow(samples, 1, ...)`, from compiling the callee once more for that constant."""
-    find, general = getattr(compiled, "get_call_template", None), cast("Callable[[Any], Any]", types.unliteral)
+    find, general = getattr(compiled, "get_call_template", None), types.unliteral
     if find is not None:
 
         def find_for_types(args: tuple[Any, ...], kws: dict[str, Any]) -> Any:  # noqa: ANN401  numba's own

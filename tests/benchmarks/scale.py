@@ -4,9 +4,8 @@ Usage: python tests/benchmarks/scale.py [--frames 20000] [--window 100] [--only 
 
 The recording is 144 x 176 pixels of the built-in three boards; its first 100 frames are repeated, which changes neither
 the work of a window nor the size of a chunk. "of the kernel" is the throughput beside that of the same kernels on
-samples in memory, with the same number of workers and nothing read or written, measured just before. With --no-kernels
-the kernels give the layers of the first window again and again, loaded from a file: what is left is the cost of reading,
-packing and writing.
+samples in memory, with the same number of workers and nothing read or written, measured just before. With
+--no-kernels the layers of one window are given again and again: what is left is reading, packing and writing.
 """
 
 import argparse
@@ -137,7 +136,7 @@ def without_kernels(layers: Path, arguments: list[str]) -> None:
         rows, cols = samples.shape[1:]
         return Layers(**{spec.name: getattr(known, spec.name)[-rows:, -cols:] for spec in LAYER_FIELDS})
 
-    sequence.layer_pixels = recall  # type: ignore[assignment]
+    sequence.layer_pixels = recall  # type: ignore[assignment,attr-defined]
     run(arguments)
 
 
@@ -178,10 +177,10 @@ def main() -> None:
             seconds, busy, memory = measure(command)
             windows = plan_windows(n_frames, window=arguments.window, stride=stride)
             rate = windows.count * arguments.window * case.rows * case.cols / seconds
-            last = busy / windows.count if arguments.no_kernels else rate / kernel
+            share = busy / windows.count if arguments.no_kernels else rate / kernel
             print(
                 f"| {case.name} | {n_frames:,} | {seconds:.1f} | {busy / seconds:.2f} | {memory:.0f} |"
-                f" {rate / 1e6:.2f} | {last:.3f} |",
+                f" {rate / 1e6:.2f} | {share:.3f} |",
                 flush=True,
             )
 

@@ -1,6 +1,7 @@
 """`tofmix estimate --scheduler`: a scheduler and two workers as processes of their own."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -89,20 +90,49 @@ def expected(recording: Path) -> bytes:
     return output.read_bytes()
 
 
+def first_blocks_of(running: "subprocess.Popen[str]", folder: Path) -> None:
+    """Wait until the first blocks are in the journal."""
+    journal = folder / ".a.layers.h5.journal-wal"
+    while running.poll() is None and not (journal.exists() and journal.stat().st_size > 200_000):
+        time.sleep(0.01)
+    assert running.poll() is None, "it ended too early"
+
+
+def test_ctrl_c_takes_the_work_back_and_leaves_what_is_done(
+    cluster: Cluster, recording: Path, expected: bytes, tmp_path: Path
+) -> None:
+    output = tmp_path / "a.layers.h5"
+    running = subprocess.Popen(
+        command(recording, output, "--scheduler", cluster.file), stderr=subprocess.PIPE, text=True
+    )
+    first_blocks_of(running, tmp_path)
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=60)
+    assert running.returncode == -signal.SIGINT
+    assert err == "tofmix: interrupted\ntofmix: what is done is kept; --resume goes on from there\n"
+    count = (
+        "import sys, time\nfrom distributed import Client\n"
+        "with Client(scheduler_file=sys.argv[1]) as client:\n"
+        "    tasks = lambda dask_scheduler: len(dask_scheduler.tasks)\n"
+        "    while client.run_on_scheduler(tasks):\n        time.sleep(0.1)\n"
+    )
+    subprocess.run([sys.executable, "-c", count, cluster.file], check=True, timeout=60)
+    resumed = run(recording, output, "--resume")
+    assert "blocks were there already" in resumed.stderr
+    assert output.read_bytes() == expected
+
+
 def test_the_bytes_are_those_of_a_local_run_though_a_worker_is_killed(
     cluster: Cluster, recording: Path, expected: bytes, tmp_path: Path
 ) -> None:
     output = tmp_path / "a.layers.h5"
-    journal = tmp_path / ".a.layers.h5.journal-wal"
     running = subprocess.Popen(
         command(recording, output, "--scheduler", cluster.file),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
-    while running.poll() is None and not (journal.exists() and journal.stat().st_size > 200_000):
-        time.sleep(0.01)  # until the first blocks are in
-    assert running.poll() is None, "it ended before a worker could be killed"
+    first_blocks_of(running, tmp_path)
     cluster.workers[0].kill()
     out, err = running.communicate(timeout=120)
     assert running.returncode == 0, err
