@@ -9,7 +9,9 @@ samples in memory, with the same number of workers and nothing read or written, 
 """
 
 import argparse
-import os
+import re
+import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -114,13 +116,19 @@ def in_memory(samples: Float32Array, sensor: Sensor, case: Case, window: int, wo
 def measure(command: Sequence[str]) -> tuple[float, float, float]:
     """Seconds, processor seconds and peak resident MB of one run."""
     start = time.perf_counter()
-    null = os.open(os.devnull, os.O_WRONLY)
-    child = os.posix_spawn(command[0], list(command), os.environ, file_actions=[(os.POSIX_SPAWN_DUP2, null, 1)])
-    os.close(null)
-    _, status, usage = os.wait4(child, 0)
-    if os.waitstatus_to_exitcode(status) != 0:
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    # Not ru_maxrss: it starts from what this process has.
+    peak, status = 0, Path(f"/proc/{child.pid}/status")
+    while child.poll() is None:
+        found = re.search(r"VmHWM:\s*(\d+) kB", status.read_text()) if status.exists() else None
+        peak = max(peak, int(found[1]) if found else 0)
+        time.sleep(0.01)
+    if child.returncode != 0:
         sys.exit(f"failed: {' '.join(command)}")
-    return time.perf_counter() - start, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024 / 1e6
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    busy = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return time.perf_counter() - start, busy, peak * 1024 / 1e6
 
 
 def without_kernels(layers: Path, arguments: list[str]) -> None:
