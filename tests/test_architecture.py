@@ -12,7 +12,8 @@ PACKAGE = Path(tofmix.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 MAY_IMPORT = {
-    "cli": {"cli", "io", "report", "estimation", "mapping", "simulation", "sensors"},
+    "cli": {"cli", "pipeline", "io", "report", "estimation", "mapping", "simulation", "sensors"},
+    "pipeline": {"pipeline", "io", "estimation", "mapping", "simulation"},
     "io": {"io", "mapping", "simulation"},
     "report": {"report", "estimation", "simulation", "sensors"},
     "estimation": {"estimation"},
@@ -21,7 +22,16 @@ MAY_IMPORT = {
     "sensors": {"sensors"},
     "": set(),
 }
-ONLY_IN = {"h5py": "io", "click": "cli", "tqdm": "cli", "matplotlib": "report", "jinja2": "report", "plyfile": "io"}
+ONLY_IN = {
+    "h5py": "io",
+    "sqlite3": "io",
+    "distributed": "pipeline",
+    "click": "cli",
+    "tqdm": "cli",
+    "matplotlib": "report",
+    "jinja2": "report",
+    "plyfile": "io",
+}
 
 
 def _folder(module: Path) -> str:

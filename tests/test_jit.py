@@ -55,9 +55,37 @@ def test_a_read_only_package_and_home_fall_back_to_a_private_folder(
     assert jit._base_folder() != folder
 
 
+def test_where_nothing_can_be_written_a_second_run_still_compiles_nothing(tmp_path: Path) -> None:
+    # Even root cannot write there: a file stands where the package's cache would, and /proc takes no folder.
+    package, temporary = tmp_path / "tofmix", tmp_path / "tmp"
+    shutil.copytree(Path(tofmix.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    (package / "__pycache__").touch()
+    temporary.mkdir()
+    environment = {"PATH": "", "PYTHONPATH": str(tmp_path), "HOME": "/proc/none", "TMPDIR": str(temporary)}
+    first = _run(tmp_path, environment)
+    compiled = {path: path.stat().st_mtime_ns for path in temporary.rglob("*.nbc")}
+    assert len(compiled) == first[1] > 0
+    assert _run(tmp_path, environment) == first
+    assert {path: path.stat().st_mtime_ns for path in temporary.rglob("*.nbc")} == compiled
+
+
 def test_numba_cache_dir_is_honoured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert jit._base_folder() == tmp_path
+
+
+def test_a_constant_argument_compiles_nothing_more() -> None:
+    @jit.jit
+    def shifted(value: int, by: int) -> int:
+        return value + by
+
+    @jit.jit
+    def both(value: int) -> int:
+        return shifted(value, 1) + shifted(1, value) + shifted(value, by=value)
+
+    assert both(2) == 3 + 3 + 4
+    signatures = getattr(shifted, "signatures", [])
+    assert len(signatures) <= 1
 
 
 def test_a_compiled_function_computes() -> None:

@@ -17,6 +17,7 @@ class ExitCode(IntEnum):
     USAGE = 2
     BAD_INPUT = 3
     STORAGE = 4
+    SOME_FAILED = 5
     DIFFERENT = 6
     INTERRUPTED = 130
     CLOSED_PIPE = 141
@@ -28,7 +29,8 @@ EXIT_CODE_MEANINGS: dict[ExitCode, str] = {
     ExitCode.BUG: "a bug of ours; please report it",
     ExitCode.USAGE: "usage: an unknown option or value, or an output that exists (pass --overwrite)",
     ExitCode.BAD_INPUT: "bad input: a missing, damaged or unfit recording, layers file or model",
-    ExitCode.STORAGE: "disk or I/O: the output cannot be written",
+    ExitCode.STORAGE: "disk or I/O: the output cannot be written, or a cluster cannot be reached",
+    ExitCode.SOME_FAILED: "some of several recordings failed; the others are done",
     ExitCode.DIFFERENT: "compare: the two results differ",
     ExitCode.INTERRUPTED: "interrupted (Ctrl-C)",
     ExitCode.CLOSED_PIPE: "the reader of a pipe has gone",

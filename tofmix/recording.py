@@ -14,6 +14,9 @@ from tofmix.sensor import Sensor
 
 _DIMS = ("frame", "row", "col")
 
+DECODED_SAMPLES = 1 << 20
+"""About how many samples a source may hold in their stored form while it reads, where stored chunks are smaller."""
+
 
 class SampleSource(Protocol):
     """A recording that can be read in blocks."""
@@ -29,6 +32,10 @@ class SampleSource(Protocol):
     @property
     def row_step(self) -> int:
         """Rows that are stored together: blocks of a multiple of it are read fastest."""
+
+    @property
+    def frame_step(self) -> int:
+        """Frames that are stored together, likewise."""
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples (frame, row, col) float32 in mm, NaN where invalid."""
@@ -95,6 +102,11 @@ class ArrayRecording:
         """Any number of rows is as good."""
         return 1
 
+    @property
+    def frame_step(self) -> int:
+        """Any number of frames is as good."""
+        return 1
+
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples (frame, row, col) float32 in mm, NaN where invalid."""
         return self._samples[frames, rows]
@@ -152,6 +164,11 @@ class FrameSpan:
     def row_step(self) -> int:
         """Rows that are stored together."""
         return self._source.row_step
+
+    @property
+    def frame_step(self) -> int:
+        """Frames that are stored together."""
+        return self._source.frame_step
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples (frame, row, col) float32 in mm, NaN where invalid."""

@@ -103,7 +103,7 @@ def numpy_starts(samples: Float32Array) -> tuple[Float32Array, FloatArray]:
 def numpy_em(samples: Float32Array, means: Float32Array) -> tuple[Float32Array, Float32Array, Float32Array]:
     """Batched EM in float32: samples (pixel, frame), means (pixel, K); free sigmas above a tenth of the curve's."""
     mean = means[:, :, np.newaxis].copy()
-    sigma = NOISE.sigma(mean).astype(np.float32)
+    sigma = NOISE.sigma(mean.astype(np.float64)).astype(np.float32)
     least = 0.1 * sigma
     weight = np.full_like(mean, 1.0 / mean.shape[1])
     x, floor = samples[:, np.newaxis, :], np.float32(1.5e-8 * 2.5066)
@@ -175,7 +175,7 @@ def sklearn_seconds(samples: Float32Array, pixels: IntArray) -> float | None:
     """Seconds a pixel of GaussianMixture with BIC over 1 to 4 components; None where scikit-learn is missing."""
     if find_spec("sklearn") is None:
         return None
-    from sklearn.mixture import GaussianMixture  # type: ignore[import-not-found,unused-ignore]
+    from sklearn.mixture import GaussianMixture  # type: ignore[import-not-found,import-untyped,unused-ignore]
 
     block = samples.reshape(FRAMES, -1)
     start = time.perf_counter()

@@ -44,8 +44,8 @@ def test_surfaces_come_out(tofmix: Tofmix, recording: Path, tmp_path: Path) -> N
     }  # fmt: skip
 
 
-def test_bytes_do_not_depend_on_workers_chunks_or_time(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
-    for name, extra in (("x", ["--workers", 1]), ("y", ["--workers", 3, "--chunk-mb", 0.001]), ("z", [])):
+def test_bytes_do_not_depend_on_workers_memory_or_time(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    for name, extra in (("x", ["--workers", 1]), ("y", ["--workers", 3, "--memory", "250MB"]), ("z", [])):
         assert tofmix("estimate", recording, "-o", tmp_path / name, "--window", 15, "--stride", 5, *extra).code == 0
     assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes() == (tmp_path / "z").read_bytes()
 
@@ -130,8 +130,10 @@ def test_invalid_samples_are_skipped_and_counted(tofmix: Tofmix, tmp_path: Path)
         (["--max-layers", 33], ExitCode.USAGE, "33 is not in the range 1<=x<=32"),
         (["--gamma", "nan"], ExitCode.USAGE, "gamma"),
         (["-o", "/proc/none/a.h5"], ExitCode.STORAGE, "no such folder"),
-        (["--chunk-mb", "inf"], ExitCode.USAGE, "--chunk-mb"),
-        (["--chunk-mb", "nan"], ExitCode.USAGE, "--chunk-mb"),
+        (["--memory", "much"], ExitCode.USAGE, "'much' is no size; write 300MB or 1.5GB"),
+        (["--memory", "10MB"], ExitCode.USAGE, "'10MB' is too little; at least 250MB"),
+        (["--shard", "3/2"], ExitCode.USAGE, "'3/2' is no part I/N"),
+        (["--shard", "1/2", "--scheduler", "tcp://none:1"], ExitCode.USAGE, "does not go with --scheduler"),
         (["--stride", 5], ExitCode.USAGE, "--stride goes with --window"),
         (["-o", ""], ExitCode.USAGE, "the path is empty"),
     ],

@@ -75,7 +75,7 @@ def test_the_outlier_share_is_counted(tofmix: Tofmix, tmp_path: Path, samples: n
 def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     path = write_recording(tmp_path / "a.h5", samples, noise=None)
     auto = ["--noise", "auto", "--outliers", "auto"]
-    for name, extra in (("x", ["--workers", 1]), ("y", ["--workers", 3, "--chunk-mb", 0.001])):
+    for name, extra in (("x", ["--workers", 1]), ("y", ["--workers", 3, "--memory", "250MB"])):
         assert tofmix("estimate", path, "-o", tmp_path / name, *auto, *extra).code == 0
     assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
 

@@ -14,7 +14,19 @@ from files import boards, write_recording
 from tofmix import __version__
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode
 
-COMMANDS = ("simulate", "estimate", "report", "inspect", "info", "compare", "import", "export")
+COMMANDS = (
+    "simulate",
+    "estimate",
+    "report",
+    "inspect",
+    "info",
+    "compare",
+    "import",
+    "export",
+    "map",
+    "merge",
+    "warmup",
+)
 PROGRAM = (sys.executable, "-m", "tofmix")
 
 
@@ -30,7 +42,7 @@ def test_help_shows_how_to_start_and_the_exit_codes(tofmix: Tofmix) -> None:
 def test_help_of_each_command_has_examples(tofmix: Tofmix, command: str) -> None:
     shown = tofmix(command, "--help")
     assert shown.code == 0
-    assert f"Examples:\n    tofmix {command} " in shown.out
+    assert f"Examples:\n    tofmix {command}" in shown.out
     assert max(len(line) for line in shown.out.splitlines()) <= 100
 
 

@@ -56,7 +56,7 @@ def test_bounds_choices_and_defaults_are_in_words() -> None:
     page = reference.reference()
     assert "| `--window` | integer, at least 1 | all | Frames that make one estimate. |" in page
     assert "| `--sigma` | tied\\|prior\\|free | prior |" in page
-    assert "| `--chunk-mb` | number, above 0 | 64.0 |" in page
+    assert "| `--memory` | SIZE | 1GB |" in page
 
 
 def test_examples_and_exit_codes_are_there() -> None:

@@ -1,18 +1,23 @@
-"""Windows, blocks and workers: they change when and where a pixel is fitted, never what comes out."""
+"""Windows, cells, bands and workers: they change when and where a pixel is fitted, never what comes out."""
 
+import threading
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from drawing import draw
 
+from tofmix.arrays import Float32Array
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.sequence import estimate_layers, estimate_windows, tile_shape
+from tofmix.estimation.reading import MemoryTooSmallError, ReadPlan, plan_reading, read_groups, working_bytes
+from tofmix.estimation.sequence import estimate_cells, estimate_layers
 from tofmix.estimation.settings import EstimateOptions
+from tofmix.grid import Grid, plan_grid
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import Sensor
-from tofmix.windows import Windows, plan_windows
+from tofmix.windows import plan_windows
 
 
 @pytest.fixture
@@ -21,24 +26,106 @@ def recording(rng: np.random.Generator, sensor: Sensor) -> ArrayRecording:
     return ArrayRecording(samples.reshape(60, 23, 7), sensor)
 
 
-def _assembled(recording: ArrayRecording, windows: Windows, workers: int, chunk_mb: float) -> Layers:
-    parts = list(estimate_windows(recording, windows, workers=workers, chunk_mb=chunk_mb))
-    assert [part.windows.start for part in parts] == sorted(part.windows.start for part in parts)
-    return Layers(
-        **{spec.name: np.concatenate([getattr(part.layers, spec.name) for part in parts]) for spec in LAYER_FIELDS}
-    )
+class Counting(ArrayRecording):
+    """Stored in chunks of 7 frames and 4 rows; counts how often each is read."""
+
+    frame_step, row_step = 7, 4
+
+    def __init__(self, recording: ArrayRecording) -> None:
+        super().__init__(recording.read_range(slice(None), slice(None)), recording.sensor)
+        self.chunks: Counter[tuple[int, int]] = Counter()
+        self.largest = 0
+        self.threads: set[str] = set()
+
+    def read_range(self, frames: slice, rows: slice) -> Float32Array:
+        for frame in {f // 7 for f in range(frames.start, frames.stop)}:
+            self.chunks.update((frame, row) for row in {r // 4 for r in range(rows.start, rows.stop)})
+        samples = super().read_range(frames, rows)
+        self.largest = max(self.largest, samples.size)
+        self.threads.add(threading.current_thread().name)
+        return samples
+
+
+def assert_equal(one: Layers, other: Layers) -> None:
+    for spec in LAYER_FIELDS:
+        np.testing.assert_array_equal(getattr(one, spec.name), getattr(other, spec.name), err_msg=spec.name)
+
+
+def small(grid: Grid, rows: int, windows: int = 1) -> Grid:
+    """The same grid in cells of a few rows."""
+    return replace(grid, step=(windows, rows))
 
 
 @pytest.mark.parametrize(("window", "stride"), [(None, None), (20, 20), (20, 7), (15, 40)])
-def test_results_do_not_depend_on_workers_or_chunks(
-    recording: ArrayRecording, window: int | None, stride: int | None
+@pytest.mark.parametrize("step", [(1, 23), (1, 4), (2, 8)])
+def test_results_do_not_depend_on_workers_memory_or_cells(
+    recording: ArrayRecording, window: int | None, stride: int | None, step: tuple[int, int]
 ) -> None:
     windows = plan_windows(60, window=window, stride=stride)
     reference = estimate_layers(recording, windows=windows)
-    for workers, chunk_mb in ((1, 1e-9), (2, 0.01), (3, 64.0)):
-        layers = _assembled(recording, windows, workers, chunk_mb)
-        for spec in LAYER_FIELDS:
-            np.testing.assert_array_equal(getattr(layers, spec.name), getattr(reference, spec.name))
+    grid = small(plan_grid(windows, (23, 7)), step[1], step[0])
+    options = EstimateOptions()
+    least = 2 * working_bytes(grid)
+    for workers, buffer_bytes in ((1, 10**9), (2, least + 300_000), (2, least + 45_000 * step[1] // 4)):
+        counting = Counting(recording)
+        out = Layers.empty(reference.shape, options.max_layers)
+        for cell, layers in estimate_cells(
+            counting, grid, options, lambda layers: layers, workers=workers, buffer_bytes=buffer_bytes
+        ):
+            for spec in LAYER_FIELDS:
+                getattr(out, spec.name)[cell.windows, cell.rows] = getattr(layers, spec.name)
+        assert_equal(out, reference)
+        assert counting.threads == {"tofmix-reader"}
+        if step[1] < 23:
+            assert max(counting.chunks.values()) == 1, "a chunk was read twice"
+
+
+def test_less_memory_reads_less_at_once(recording: ArrayRecording) -> None:
+    windows = plan_windows(60, window=20, stride=5)
+    grid = small(plan_grid(windows, (23, 7)), 4)
+    largest = []
+    for buffer_bytes in (10**9, working_bytes(grid) + 10_000):
+        counting = Counting(recording)
+        plan = plan_reading(counting, grid, buffer_bytes=buffer_bytes, workers=1)
+        for group in read_groups(counting, grid, plan, grid.cells()):
+            assert sum(slab.range_mm.shape[0] for slab in group.slabs) >= 20
+        largest.append(counting.largest)
+        assert set(counting.chunks.values()) == {1}
+    assert largest[1] <= 7 * 4 * 7 < largest[0]
+
+
+def test_only_the_frames_of_wanted_cells_are_read(recording: ArrayRecording) -> None:
+    grid = small(plan_grid(plan_windows(60, window=10), (23, 7)), 4)
+    counting = Counting(recording)
+    wanted = [grid.cell(8), grid.cell(13)]
+    done = [
+        cell.index
+        for cell, _ in estimate_cells(
+            counting, grid, EstimateOptions(), lambda _: None, wanted=wanted, buffer_bytes=working_bytes(grid) + 10_000
+        )
+    ]
+    assert done == [13, 8]  # band by band
+    # Cell 8: window 1 (frames 10 to 19), rows 8 to 11. Cell 13: window 2 (frames 20 to 29), rows 4 to 7.
+    assert set(counting.chunks) == {(1, 2), (2, 2)} | {(2, 1), (3, 1), (4, 1)}
+
+
+def test_chunks_over_several_bands_are_told(recording: ArrayRecording) -> None:
+    class Framed(ArrayRecording):
+        row_step = 23
+
+    framed = Framed(recording.read_range(slice(None), slice(None)), recording.sensor)
+    grid = small(plan_grid(plan_windows(60), (23, 7)), 4)
+    assert not plan_reading(framed, grid, buffer_bytes=10**9, workers=1).rereads
+    assert plan_reading(framed, grid, buffer_bytes=working_bytes(grid) + 20_000, workers=1).rereads
+    with pytest.raises(MemoryTooSmallError, match="one row of one window takes") as refusal:
+        plan_reading(framed, grid, buffer_bytes=1000, workers=1)
+    assert isinstance(plan_reading(framed, grid, buffer_bytes=refusal.value.needed_bytes, workers=1), ReadPlan)
+
+
+def test_long_windows_are_worked_on_in_pieces(recording: ArrayRecording, monkeypatch: pytest.MonkeyPatch) -> None:
+    reference = estimate_layers(recording)
+    monkeypatch.setattr("tofmix.estimation.sequence.PIECE_SAMPLES", 3 * 60)
+    assert_equal(estimate_layers(recording), reference)
 
 
 def test_each_window_is_the_estimate_of_its_frames(recording: ArrayRecording, sensor: Sensor) -> None:
@@ -50,20 +137,24 @@ def test_each_window_is_the_estimate_of_its_frames(recording: ArrayRecording, se
             np.testing.assert_array_equal(getattr(layers, spec.name)[k], getattr(alone, spec.name))
 
 
-def test_progress_counts_every_pixel_of_every_window(recording: ArrayRecording) -> None:
-    done: list[int] = []
-    windows = plan_windows(60, window=20)
-    for _ in estimate_windows(recording, windows, workers=2, chunk_mb=0.02, progress=done.append):
-        pass
-    assert sum(done) == 3 * 23 * 7
-
-
 def test_a_consumer_may_stop_early(recording: ArrayRecording) -> None:
-    parts = estimate_windows(recording, plan_windows(60, window=1), EstimateOptions(min_samples=2), workers=2)
-    next(parts)
-    parts.close()  # type: ignore[attr-defined]  # it is a generator
+    grid = small(plan_grid(plan_windows(60, window=1), (23, 7)), 4)
+    cells = estimate_cells(recording, grid, EstimateOptions(min_samples=2), lambda _: None, workers=2)
+    next(cells)
+    cells.close()
     with pytest.raises(StopIteration):
-        next(parts)
+        next(cells)
+    assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("tofmix")]
+
+
+def test_an_error_while_reading_reaches_the_caller(recording: ArrayRecording) -> None:
+    class Broken(ArrayRecording):
+        def read_range(self, frames: slice, rows: slice) -> Float32Array:
+            raise OSError(f"no frames {frames} of rows {rows}")
+
+    broken = Broken(recording.read_range(slice(None), slice(None)), recording.sensor)
+    with pytest.raises(OSError, match="no frames slice"):
+        estimate_layers(broken, workers=2)
 
 
 def test_an_error_in_a_worker_reaches_the_caller(recording: ArrayRecording) -> None:
@@ -73,14 +164,6 @@ def test_an_error_in_a_worker_reaches_the_caller(recording: ArrayRecording) -> N
         estimate_layers(blind)
 
 
-@pytest.mark.parametrize(("workers", "chunk_mb"), [(0, 1.0), (1, 0.0), (1, float("nan"))])
-def test_numbers_out_of_bounds_are_refused(recording: ArrayRecording, workers: int, chunk_mb: float) -> None:
-    with pytest.raises(ValueError, match="workers"):
-        next(estimate_windows(recording, plan_windows(60), workers=workers, chunk_mb=chunk_mb))
-
-
-def test_tiles_fit_the_image() -> None:
-    assert tile_shape(1, 144, 176) == (1, 11)
-    assert tile_shape(5, 1, 3) == (5, 1)
-    assert tile_shape(10_000, 1, 1) == (2048, 1)
-    assert tile_shape(3, 10, 5000) == (1, 1)
+def test_no_worker_is_refused(recording: ArrayRecording) -> None:
+    with pytest.raises(ValueError, match="workers: 0"):
+        estimate_layers(recording, workers=0)

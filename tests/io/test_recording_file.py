@@ -55,6 +55,22 @@ def test_blocks_are_parts_of_the_whole(tmp_path: Path) -> None:
         np.testing.assert_array_equal(recording.read_range(slice(3, 9), slice(1, 3)), samples[3:9, 1:3])
 
 
+@pytest.mark.parametrize("chunks", [None, (7, 3, 4), (1, 10, 6), (40, 1, 6)])
+@pytest.mark.parametrize("decoded", [1, 50, 1 << 20])
+def test_samples_are_decoded_in_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunks: tuple[int, int, int] | None, decoded: int
+) -> None:
+    samples = boards(40, 10).astype("f4")
+    samples[3, 4, 5] = np.inf
+    expected = np.where(np.isfinite(samples), samples, np.nan)
+    path = write_recording(tmp_path / "r.h5", samples, chunks=chunks)
+    monkeypatch.setattr("tofmix.io.recording_file.DECODED_SAMPLES", decoded)
+    with open_recording(path) as recording:
+        assert recording.frame_step == (chunks or (1,))[0]
+        for part in (EVERYTHING, (slice(5, 31), slice(2, 9)), (slice(6, 7), slice(9, 10))):
+            np.testing.assert_array_equal(recording.read_range(*part), expected[part])
+
+
 def test_a_file_without_a_sensor_is_read_as_unknown(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "r.h5", "w") as root:
         root["range"] = boards()

@@ -64,6 +64,7 @@ class MemoryRecording:
     amplitude: Float32Array
     sensor: Sensor
     row_step: int = 1
+    frame_step: int = 1
     has_amplitude: bool = True
     blocks: list[int] = field(default_factory=list)
 

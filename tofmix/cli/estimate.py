@@ -1,25 +1,17 @@
 """``tofmix estimate``: a recording in, a layers file out."""
 
-import math
-import threading
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
-from tofmix.cli.options import PATH, default_workers, examples, overwrite_option, progress_bar
-from tofmix.cli.sensor_choice import circle_choice, circle_of, outlier_choice, sensor_for
+from tofmix.cli.options import MEMORY, PATH, SHARD, default_workers, examples, json_option, overwrite_option
+from tofmix.cli.sensor_choice import circle_choice, outlier_choice
 from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
     from tofmix.estimation.counters import Counter
-    from tofmix.estimation.settings import EstimateOptions
-    from tofmix.io.recording_file import RecordingFile
-    from tofmix.windows import Windows
-
-_COMPILING_AFTER_S = 4.0
 
 COUNTER_OPTIONS = {"kde": ("gamma", "epsilon"), "cpdf": ("bins", "ratio"), "fourier": ("order", "level")}
 """The counters and their options: `tofmix.estimation.counters.COUNTERS` in words, for it imports numba."""
@@ -28,7 +20,8 @@ COUNTER_OPTIONS = {"kde": ("gamma", "epsilon"), "cpdf": ("bins", "ratio"), "four
 @examples(
     """
 tofmix estimate sample_data/three_boards.h5 -o boards.layers.h5
-tofmix estimate long.h5 --window 100 --stride 50
+tofmix estimate long.h5 --window 100 --stride 50 --resume
+tofmix estimate monday/*.h5 --output-dir layers
 tofmix estimate foreign.h5 --noise auto --outliers auto
 tofmix estimate foreign.h5 --noise sr3000 --sigma tied
 tofmix estimate folded.h5 --wrap
@@ -36,8 +29,11 @@ tofmix estimate boards.h5 --counter cpdf --bins 30 -o cpdf.layers.h5
 """
 )
 @click.command(short_help="Recover the surfaces in each pixel of a recording.")
-@click.argument("recording", type=PATH)
+@click.argument("recordings", type=PATH, nargs=-1, required=True)
 @click.option("-o", "--output", type=PATH, help="Layers file to write.  [default: RECORDING with .layers.h5]")
+@click.option(
+    "--output-dir", type=PATH, help="Folder for the layers files of several recordings; it is made if it is missing."
+)
 @click.option("--window", type=click.IntRange(1), help="Frames that make one estimate.  [default: all]")
 @click.option("--stride", type=click.IntRange(1), help="Frames from one window to the next.  [default: the window]")
 @click.option(
@@ -109,16 +105,30 @@ tofmix estimate boards.h5 --counter cpdf --bins 30 -o cpdf.layers.h5
 )  # fmt: skip
 @click.option("--workers", type=click.IntRange(1), help="Threads; results do not depend on it.  [default: all cores]")
 @click.option(
-    "--chunk-mb", type=click.FloatRange(0, min_open=True), default=64.0, show_default=True,
-    help="Memory for a block of samples; results do not depend on it.",
+    "--memory", type=MEMORY, default="1GB", show_default=True, metavar="SIZE",
+    help="Limit of the memory, such as 300MB or 1.5GB; results do not depend on it.",
 )  # fmt: skip
+@click.option(
+    "--resume", is_flag=True, allow_from_autoenv=False,
+    help="Go on from where an interrupted run of the same options stopped; a finished output is left as it is.",
+)  # fmt: skip
+@click.option(
+    "--shard", type=SHARD, metavar="I/N",
+    help="Compute part I of N alone, for job arrays; `tofmix merge` puts the parts together.",
+)  # fmt: skip
+@click.option(
+    "--scheduler", metavar="ADDRESS|FILE",
+    help="Compute on the workers of a dask.distributed scheduler: its address or its scheduler file.",
+)  # fmt: skip
+@json_option
 @overwrite_option
 @click.pass_context
 def estimate(
     context: click.Context,
     /,
-    recording: Path,
+    recordings: tuple[Path, ...],
     output: Path | None,
+    output_dir: Path | None,
     window: int | None,
     stride: int | None,
     noise: str,
@@ -126,28 +136,30 @@ def estimate(
     unambiguous_range: float | None,
     wrap: bool,
     workers: int | None,
-    chunk_mb: float,
+    memory: int,
+    shard: tuple[int, int] | None,
+    resume: bool,
+    scheduler: str | None,
     overwrite: bool,
+    as_json: bool,
     **choices: float | str,
 ) -> None:
-    """Recover the surfaces in each pixel of RECORDING, an HDF5 file.
+    """Recover the surfaces in each pixel of RECORDINGS, HDF5 files.
 
     For each pixel, the peaks of the kernel density of its samples are where surfaces
     are looked for; expectation-maximisation finds their ranges, shares and sigmas.
     Surfaces that the samples do not need are taken out, and others are added where
     the likelihood asks for them. The result is a layers file with the dimensions
-    window, row, col and layer, near to far.
+    window, row, col and layer, near to far. Several recordings go to --output-dir;
+    - reads their names from stdin, one a line.
     """
+    from tofmix.cli.estimate_files import Request, estimate_files
     from tofmix.estimation.settings import EstimateOptions
-    from tofmix.io.recording_file import open_recording
-    from tofmix.io.storage import check_output
-    from tofmix.windows import plan_windows
 
-    if not math.isfinite(chunk_mb):
-        raise UsageError(f"--chunk-mb: {chunk_mb} is not a number of megabytes")
     if stride is not None and window is None:
         raise UsageError("--stride goes with --window")
-    target = output or recording.with_name(recording.stem + ".layers.h5")
+    if scheduler is not None and shard is not None:
+        raise UsageError("--shard computes alone; it does not go with --scheduler")
     if choices["refine"] == "none" and context.get_parameter_source("false_alarm") is not ParameterSource.DEFAULT:
         raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
     try:
@@ -156,26 +168,21 @@ def estimate(
         options = EstimateOptions(counter=counter, unambiguous_range_mm=length, **choices)  # type: ignore[arg-type]  # click has checked the types
     except ValueError as error:
         raise UsageError(str(error)) from error
-    choice = outlier_choice(outliers)
-    with open_recording(recording) as source:
-        check_output(target, overwrite=overwrite, inputs=(recording,))
-        if wrap:
-            options = replace(options, unambiguous_range_mm=circle_of(source))
-        source.sensor = sensor_for(source, noise=noise, outliers=choice, circle_mm=options.unambiguous_range_mm)
-        try:
-            windows = plan_windows(source.shape[0], window=window, stride=stride)
-        except ValueError as error:
-            raise UsageError(f"{recording}: {error}") from error
-        _run(
-            source,
-            windows,
-            options,
-            {"noise": noise, "outliers": choice},
-            target,
-            workers or default_workers(),
-            chunk_mb,
-            overwrite,
-        )
+    request = Request(
+        options=options,
+        wrap=wrap,
+        window=window,
+        stride=stride,
+        noise=noise,
+        outliers=outlier_choice(outliers),
+        workers=workers or default_workers(),
+        memory_bytes=memory,
+        shard=shard,
+        resume=resume,
+        overwrite=overwrite,
+        scheduler=scheduler,
+    )
+    estimate_files(recordings, output, output_dir, request, as_json=as_json)
 
 
 def _counter(context: click.Context, choices: dict[str, Any]) -> "Counter":
@@ -191,70 +198,3 @@ def _counter(context: click.Context, choices: dict[str, Any]) -> "Counter":
             elif context.get_parameter_source(name) is not ParameterSource.DEFAULT:
                 raise UsageError(f"--{name} belongs to --counter {owner}, not to --counter {kind}")
     return COUNTERS[kind](**own)
-
-
-def _run(
-    source: "RecordingFile",
-    windows: "Windows",
-    options: "EstimateOptions",
-    of_sensor: dict[str, str | float],
-    target: Path,
-    workers: int,
-    chunk_mb: float,
-    overwrite: bool,
-) -> None:
-    from tofmix import __version__
-    from tofmix.estimation.sequence import estimate_windows, tile_shape
-    from tofmix.io.layers_file import LayersWriter
-    from tofmix.io.recording_file import file_sha256
-    from tofmix.layers import Provenance
-
-    _, rows, cols = source.shape
-    provenance = Provenance(
-        source=source.path.name,
-        source_sha256=file_sha256(source.path),
-        version=__version__,
-        sensor=source.sensor,
-        options=options.as_dict() | of_sensor | {"window": windows.length, "stride": windows.stride},
-        frames_left_out=windows.frames_left_out,
-    )
-    writer = LayersWriter(
-        target,
-        windows=windows,
-        image=(rows, cols),
-        max_layers=options.max_layers,
-        tile=tile_shape(windows.count, rows, cols),
-        provenance=provenance,
-        overwrite=overwrite,
-        inputs=(source.path,),
-    )
-    counts = [0] * (options.max_layers + 1)
-    with writer, progress_bar(windows.count * rows * cols, "estimate", "px") as bar:
-        _compile(options)
-        for batch in estimate_windows(
-            source, windows, options, workers=workers, chunk_mb=chunk_mb, progress=bar.update
-        ):
-            writer.write(batch.windows, slice(0, rows), batch.layers)
-            for n in range(len(counts)):
-                counts[n] += int((batch.layers.n_modes == n).sum())
-    if windows.frames_left_out:
-        left_out = f"{windows.frames_left_out} frame{'s' * (windows.frames_left_out > 1)}"
-        click.echo(f"tofmix: {source.path}: {left_out} after the last whole window left out", err=True)
-    found = ", ".join(f"{n}: {count:,}" for n, count in enumerate(counts) if count)
-    click.echo(
-        f"{target}: {rows} x {cols} pixels, {windows.count} window{'s' * (windows.count > 1)} of {windows.length}"
-        f" frames; pixels by surfaces {found}"
-    )
-
-
-def _compile(options: "EstimateOptions") -> None:
-    """Compile the kernels, or load them from their cache; say so where it takes long."""
-    from tofmix.estimation.layering import warm_up
-
-    text = "tofmix: compiling the kernels; a first run takes about half a minute longer"
-    timer = threading.Timer(_COMPILING_AFTER_S, click.echo, (text,), {"err": True})
-    timer.start()
-    try:
-        warm_up(options)
-    finally:
-        timer.cancel()

@@ -16,10 +16,12 @@ from tofmix.cli.import_ import import_
 from tofmix.cli.info import info
 from tofmix.cli.inspect import inspect
 from tofmix.cli.map import map_
+from tofmix.cli.merge import merge
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
+from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
-from tofmix.io.storage import discard_unfinished
+from tofmix.io.storage import discard_unfinished, is_resumable
 
 _EPILOG = """\b
 Start here:
@@ -55,7 +57,7 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report, inspect, info, compare, import_, export, map_):
+for _command in (simulate, estimate, report, inspect, info, compare, import_, export, map_, merge, warmup):
     main.add_command(_command)
 
 
@@ -101,5 +103,7 @@ def _die(number: int, _: FrameType | None) -> None:
     discard_unfinished()
     if number == signal.SIGINT:
         os.write(sys.stderr.fileno(), b"tofmix: interrupted\n")
+    if is_resumable():
+        os.write(sys.stderr.fileno(), b"tofmix: what is done is kept; --resume goes on from there\n")
     signal.signal(number, signal.SIG_DFL)
     os.kill(os.getpid(), number)

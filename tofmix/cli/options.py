@@ -1,9 +1,10 @@
 """What several commands share: options declared once, progress, and values from the shell."""
 
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import click
 from tqdm import tqdm
@@ -19,6 +20,44 @@ class _Path(click.Path):
 
 
 PATH = _Path(path_type=Path)
+
+
+class _Memory(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic since click 8.2
+    """Bytes, from a text such as 300MB or 1.5GB."""
+
+    name = "size"
+    _units: ClassVar = {"": 1, "K": 10**3, "M": 10**6, "G": 10**9, "T": 10**12, "KI": 2**10, "MI": 2**20, "GI": 2**30}
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:  # noqa: ANN401  as click has it
+        if isinstance(value, int):
+            return value
+        found = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*([KMGT]?I?)B?\s*", str(value).upper())
+        if found is None or found[2] not in self._units:
+            self.fail(f"{value!r} is no size; write 300MB or 1.5GB", param, ctx)
+        size = int(float(found[1]) * self._units[found[2]])
+        if size < _LEAST_MEMORY:
+            self.fail(f"{value!r} is too little; at least {_LEAST_MEMORY // 10**6}MB", param, ctx)
+        return size
+
+
+class _Shard(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic since click 8.2
+    """Part I of N, from a text such as 3/8."""
+
+    name = "shard"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:  # noqa: ANN401  as click has it
+        found = re.fullmatch(r"([0-9]+)/([0-9]+)", str(value))
+        number, count = (int(found[1]), int(found[2])) if found else (0, 0)
+        if not 1 <= number <= count:
+            self.fail(f"{value!r} is no part I/N with I from 1 to N", param, ctx)
+        return number, count
+
+
+SHARD = _Shard()
+
+_LEAST_MEMORY = 250_000_000
+
+MEMORY = _Memory()
 
 overwrite_option = click.option(
     "--overwrite", is_flag=True, help="Replace an output that is already there.", allow_from_autoenv=False

@@ -1,176 +1,166 @@
-"""Layers of a whole recording: windows of frames, blocks of rows, worker threads.
+"""Layers of a whole recording: cells of windows and rows, worker threads, one reader.
 
-The recording is read in slabs (all frames of a few windows, a band of rows) of
-about `chunk_mb`. A slab is cut into pieces that threads work on side by side, as
-the kernels hold no lock, while the next slab is read. Results come window by window in
-order, so a writer can store them as they come.
+One thread reads slabs (`reading`) while others work on the cells of earlier ones, as
+the kernels hold no lock; a group of cells is read only when an earlier one has been
+taken, so that memory stays bounded. Cells come out in the order in which they were
+read, each as soon as it is done.
 """
 
-import math
-from collections import deque
-from collections.abc import Callable, Iterator
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from contextlib import closing
+from queue import SimpleQueue
+from typing import Generic, NamedTuple, TypeVar
 
-import numpy as np
-
-from tofmix.arrays import Float32Array
 from tofmix.estimation.layering import layer_pixels, warm_up
+from tofmix.estimation.reading import PIECE_SAMPLES, Group, ReadPlan, plan_reading, read_groups
 from tofmix.estimation.settings import EstimateOptions
+from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.layers import LAYER_FIELDS, Layers
-from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
+from tofmix.recording import SampleSource
+from tofmix.sensor import Sensor
 from tofmix.windows import Windows
 
-_BYTES_PER_SAMPLE = 16
-"""What one sample of a slab takes while it is worked on: stored, decoded, validity, one copy."""
+T = TypeVar("T")
 
-_BYTES_PER_AMPLITUDE = 12
-"""The same of its amplitude, where the noise curve asks for it: stored, decoded, one copy."""
-
-_TILE_PIXELS = 2048
-"""Pixels that are stored together and make one task."""
+DEFAULT_BUFFER_BYTES = 800_000_000
+"""Memory for samples where nobody says otherwise."""
 
 
-@dataclass(frozen=True, slots=True)
-class WindowBatch:
-    """Layers of consecutive windows, of the leading shape (window, row, col)."""
-
-    windows: slice
-    layers: Layers
-
-
-def tile_shape(windows: int, rows: int, cols: int) -> tuple[int, int]:
-    """Windows and rows that are stored and computed together; it depends on the sizes alone."""
-    tile_rows = max(1, min(rows, _TILE_PIXELS // cols))
-    return max(1, min(windows, _TILE_PIXELS // (rows * cols))), tile_rows
-
-
-def estimate_windows(
+def estimate_cells(
     source: SampleSource,
-    windows: Windows,
-    options: EstimateOptions | None = None,
+    grid: Grid,
+    options: EstimateOptions,
+    finish: Callable[[Layers], T],
     *,
     workers: int = 1,
-    chunk_mb: float = 64.0,
-    progress: Callable[[int], object] | None = None,
-) -> Iterator[WindowBatch]:
-    """Estimate the layers of a recording, window by window.
+    buffer_bytes: int = DEFAULT_BUFFER_BYTES,
+    wanted: Iterable[Cell] | None = None,
+) -> Generator[tuple[Cell, T], None, None]:
+    """Estimate the layers of some cells of a recording.
 
     Parameters
     ----------
     source : SampleSource
-        The recording; its sensor must have a noise curve.
-    windows : Windows
-        From `tofmix.windows.plan_windows`.
-    options : EstimateOptions, optional
-        Defaults without it.
+        The recording; its sensor must have a noise curve. It is read by one other thread.
+    grid : Grid
+        From `tofmix.grid.plan_grid`.
+    options : EstimateOptions
+        The estimator's.
+    finish : callable
+        What becomes of a cell's layers, of the leading shape (window, row, col); called in the worker.
     workers : int
         Threads, at least 1. It changes no value.
-    chunk_mb : float
-        Memory for a slab of samples, above 0; at least one row of one window is read. It changes no value.
-    progress : callable, optional
-        Called with the number of pixels done since the last call.
+    buffer_bytes : int
+        Memory for samples and work. It changes no value.
+    wanted : iterable of Cell, optional
+        The cells to estimate; all without it.
 
     Yields
     ------
-    WindowBatch
-        In the order of the windows; all pixels of the image.
+    (Cell, T)
+        What `finish` returned; bands one after the other, each in the order of its windows.
 
     Raises
     ------
     ValueError
-        If the sensor has no noise curve, or a number is out of its bounds.
+        If the sensor has no noise curve, or `workers` is below 1.
+    MemoryTooSmallError
+        If one row of one window does not fit into `buffer_bytes`.
     """
-    options = options or EstimateOptions()
-    if workers < 1 or not 0 < chunk_mb < math.inf:
-        raise ValueError(f"workers {workers} must be at least 1 and chunk_mb {chunk_mb} above 0 and finite")
+    if workers < 1:
+        raise ValueError(f"workers: {workers} is not at least 1")
+    plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers)
     # Compile or load the kernels before there are threads: several at once would wait for each other.
     warm_up(options)
-    _, rows, cols = source.shape
-    batch, tile_rows = tile_shape(windows.count, rows, cols)
-    with ThreadPoolExecutor(workers, thread_name_prefix="tofmix") as pool:
+    groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted)
+    run = _Run(groups, plan, _Work(source.sensor, grid, options, finish), workers)
+    with closing(run.results()) as results:
+        yield from results
+
+
+class _Work(Generic[T]):
+    """What a worker does with a cell."""
+
+    def __init__(self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[[Layers], T]) -> None:
+        self._sensor, self._grid, self._options, self._finish = sensor, grid, options, finish
+
+    def __call__(self, group: Group, cell: Cell) -> T:
+        """Estimate a cell of a group."""
+        rows, cols = cell.rows.stop - cell.rows.start, self._grid.image[1]
+        count = cell.windows.stop - cell.windows.start
+        out = Layers.empty((count, rows, cols), self._options.max_layers)
+        for window in range(count):
+            frames = self._grid.frames(slice(cell.windows.start + window, cell.windows.start + window + 1))
+            for piece_rows, piece_cols in self._pieces(cell.rows):
+                samples = group.samples(frames, piece_rows, piece_cols)
+                amplitude = group.amplitudes(frames, piece_rows, piece_cols)
+                layers = layer_pixels(samples, self._sensor, self._options, amplitude=amplitude)
+                place = slice(piece_rows.start - cell.rows.start, piece_rows.stop - cell.rows.start)
+                for spec in LAYER_FIELDS:
+                    getattr(out, spec.name)[window, place, piece_cols] = getattr(layers, spec.name)
+        return self._finish(out)
+
+    def _pieces(self, rows: slice) -> Iterator[tuple[slice, slice]]:
+        cols = self._grid.image[1]
+        pixels = max(1, PIECE_SAMPLES // self._grid.windows.length)
+        high, wide = max(1, pixels // cols), min(pixels, cols)
+        for top in range(rows.start, rows.stop, high):
+            for left in range(0, cols, wide):
+                yield slice(top, min(top + high, rows.stop)), slice(left, min(left + wide, cols))
+
+
+class _Item(NamedTuple, Generic[T]):
+    """A cell that was given to the workers; `last` of its group."""
+
+    cell: Cell
+    future: "Future[T]"
+    last: bool
+
+
+class _Run(Generic[T]):
+    """The reader, the workers, and the queue of what they do."""
+
+    def __init__(self, groups: Iterator[Group], plan: ReadPlan, work: _Work[T], workers: int) -> None:
+        self._groups, self._work = groups, work
+        self._workers = ThreadPoolExecutor(workers, thread_name_prefix="tofmix")
+        self._room = threading.Semaphore(plan.ahead)
+        self._queue: SimpleQueue[_Item[T] | BaseException | None] = SimpleQueue()
+        self._stop = threading.Event()
+        self._reader = threading.Thread(target=self._read, name="tofmix-reader", daemon=True)
+
+    def _read(self) -> None:
+        """Read group by group; an error goes the way of the results."""
         try:
-            for first in range(0, windows.count, batch):
-                chosen = slice(first, min(first + batch, windows.count))
-                job = _Batch(source, windows, chosen, options, tile_rows)
-                yield WindowBatch(chosen, job.run(pool, workers, chunk_mb, progress))
+            while self._room.acquire() and not self._stop.is_set():
+                group = next(self._groups, None)
+                if group is None:
+                    break
+                for cell in group.cells:
+                    self._queue.put(_Item(cell, self._workers.submit(self._work, group, cell), cell is group.cells[-1]))
+                del group, cell  # its samples go when the workers are done with them, not when the next are in
+            self._queue.put(None)
+        except BaseException as error:  # noqa: BLE001  raised again by `results`
+            self._queue.put(error)
+
+    def results(self) -> Generator[tuple[Cell, T], None, None]:
+        """Yield what the workers made, in order."""
+        self._reader.start()
+        try:
+            while (item := self._queue.get()) is not None:
+                if isinstance(item, BaseException):
+                    raise item
+                result = item.future.result()
+                if item.last:
+                    self._room.release()
+                yield item.cell, result
         finally:
-            pool.shutdown(cancel_futures=True)
-
-
-@dataclass(frozen=True, slots=True)
-class _Batch:
-    """A few windows over the whole image."""
-
-    source: SampleSource
-    windows: Windows
-    chosen: slice
-    options: EstimateOptions
-    tile_rows: int
-
-    def run(
-        self, pool: ThreadPoolExecutor, workers: int, chunk_mb: float, progress: Callable[[int], object] | None
-    ) -> Layers:
-        _, rows, cols = self.source.shape
-        count = self.chosen.stop - self.chosen.start
-        out = Layers.empty((count, rows, cols), self.options.max_layers)
-        waiting: deque[Future[int]] = deque()
-        amplitudes = self._amplitudes()
-        for band in self._bands(chunk_mb, _BYTES_PER_SAMPLE + (_BYTES_PER_AMPLITUDE if amplitudes else 0)):
-            slab = self.source.read_range(self._frames(), band)
-            light = amplitudes.read_amplitude(self._frames(), band) if amplitudes else None
-            for window in range(count):
-                for piece in _cut(band, self.tile_rows):
-                    waiting.append(pool.submit(self._work, (slab, light), band, window, piece, out))
-            # One slab is worked on while the next is read, and no more than that.
-            while len(waiting) > workers:
-                _report(waiting.popleft().result(), progress)
-        while waiting:
-            _report(waiting.popleft().result(), progress)
-        return out
-
-    def _frames(self) -> slice:
-        return slice(self.windows.start(self.chosen.start), self.windows.stop(self.chosen.stop - 1))
-
-    def _amplitudes(self) -> AmplitudeSource | None:
-        """The recording's amplitudes, where the noise curve asks for them."""
-        noise = self.source.sensor.noise
-        return None if noise is None or noise.law is None else amplitude_source(self.source)
-
-    def _bands(self, chunk_mb: float, sample_bytes: int) -> Iterator[slice]:
-        """Bands of rows of about `chunk_mb`, along the stored chunks where they fit."""
-        _, rows, cols = self.source.shape
-        frames = self._frames()
-        row_bytes = (frames.stop - frames.start) * cols * sample_bytes
-        fitting = max(1, int(chunk_mb * 1e6 / row_bytes))
-        for step in (self.source.row_step, self.tile_rows):
-            if fitting >= step:
-                fitting -= fitting % step
-                break
-        return _cut(slice(0, rows), fitting)
-
-    def _work(
-        self, slab: tuple[Float32Array, Float32Array | None], band: slice, window: int, rows: slice, out: Layers
-    ) -> int:
-        """Fill the layers of some rows of one window from samples and amplitudes; return their pixels."""
-        origin = self.windows.start(self.chosen.start)
-        start = self.windows.start(self.chosen.start + window) - origin
-        piece = slice(start, start + self.windows.length), slice(rows.start - band.start, rows.stop - band.start)
-        amplitude = None if slab[1] is None else slab[1][piece]
-        layers = layer_pixels(slab[0][piece], self.source.sensor, self.options, amplitude=amplitude)
-        for spec in LAYER_FIELDS:
-            getattr(out, spec.name)[window, rows] = getattr(layers, spec.name)
-        return int(np.prod(layers.shape))
-
-
-def _cut(rows: slice, step: int) -> Iterator[slice]:
-    for start in range(rows.start, rows.stop, step):
-        yield slice(start, min(start + step, rows.stop))
-
-
-def _report(pixels: int, progress: Callable[[int], object] | None) -> None:
-    if progress is not None:
-        progress(pixels)
+            self._stop.set()
+            self._room.release()
+            self._workers.shutdown(wait=False, cancel_futures=True)
+            self._reader.join()
+            self._workers.shutdown(wait=True, cancel_futures=True)
 
 
 def estimate_layers(
@@ -179,21 +169,24 @@ def estimate_layers(
     *,
     windows: Windows | None = None,
     workers: int = 1,
+    buffer_bytes: int = DEFAULT_BUFFER_BYTES,
 ) -> Layers:
     """Layers of a whole recording in memory, of the leading shape (window, row, col).
 
-    A short form of `estimate_windows` for scripts; parameters and refusals are its own.
+    A short form of `estimate_cells` for scripts; parameters and refusals are its own.
 
     Raises
     ------
     ValueError
-        As `estimate_windows`.
+        As `estimate_cells`.
     """
     options = options or EstimateOptions()
     frames, rows, cols = source.shape
-    plan = windows or Windows(length=frames, stride=frames, count=1, frames_left_out=0)
-    out = Layers.empty((plan.count, rows, cols), options.max_layers)
-    for batch in estimate_windows(source, plan, options, workers=workers):
+    windows = windows or Windows(length=frames, stride=frames, count=1, frames_left_out=0)
+    grid = plan_grid(windows, (rows, cols), row_step=source.row_step)
+    out = Layers.empty((windows.count, rows, cols), options.max_layers)
+    cells = estimate_cells(source, grid, options, lambda layers: layers, workers=workers, buffer_bytes=buffer_bytes)
+    for cell, layers in cells:
         for spec in LAYER_FIELDS:
-            getattr(out, spec.name)[batch.windows] = getattr(batch.layers, spec.name)
+            getattr(out, spec.name)[cell.windows, cell.rows] = getattr(layers, spec.name)
     return out

@@ -201,6 +201,11 @@ class UnrolledSource:
         """Rows that are stored together."""
         return self._source.row_step
 
+    @property
+    def frame_step(self) -> int:
+        """Frames that are stored together."""
+        return self._source.frame_step
+
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples (frame, row, col) float32 in mm, NaN where invalid; in [0, 2 d_u)."""
         samples = self._source.read_range(frames, rows)

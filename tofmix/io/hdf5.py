@@ -6,7 +6,8 @@ default signal. Every chunk has a checksum: without one, a flipped bit is read
 back as a wrong number in silence.
 """
 
-from collections.abc import Iterator, Mapping
+import io
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tofmix.errors import BadInputError, os_error_text
-from tofmix.io.storage import AtomicFile, check_input
+from tofmix.io.storage import AtomicFile, Sink, check_input
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
 
 FORMAT_VERSION = "1.0"
@@ -48,7 +49,7 @@ def create(file: AtomicFile, *, kind: str, title: str, history: str) -> Iterator
 
     `file` is committed when the block ends without an exception.
     """
-    with _new_file(file) as root:
+    with _new_file(file.sink) as root:
         root.attrs["format"] = kind
         root.attrs["format_version"] = FORMAT_VERSION
         root.attrs["Conventions"] = CONVENTIONS
@@ -58,14 +59,22 @@ def create(file: AtomicFile, *, kind: str, title: str, history: str) -> Iterator
     file.commit()
 
 
-def _new_file(file: AtomicFile) -> h5py.File:
+def image_of(write: Callable[[h5py.File], None]) -> bytes:
+    """Return the bytes of a small HDF5 file that `write` fills, made in memory."""
+    memory = io.BytesIO()
+    with _new_file(memory) as root:
+        write(root)
+    return memory.getvalue()
+
+
+def _new_file(sink: Sink | io.BytesIO) -> h5py.File:
     """Open a new file in which no object keeps the time of its making: the same content gives the same bytes.
 
     HDF5 before 2.0 stores it in groups by default, the root among them, and only a property of the file can tell
     it not to; h5py offers that on its low level.
     """
     access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
-    access.set_fileobj_driver(h5py.h5fd.fileobj_driver, file.sink)
+    access.set_fileobj_driver(h5py.h5fd.fileobj_driver, sink)
     access.set_libver_bounds(*_LIBVER)
     creation = h5py.h5p.create(h5py.h5p.FILE_CREATE)
     creation.set_obj_track_times(False)

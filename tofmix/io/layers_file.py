@@ -4,6 +4,7 @@ The datasets are those of `tofmix.layers.LAYER_FIELDS`. The same layers and the
 same provenance give the same bytes, in whatever blocks they are written.
 """
 
+import io
 import json
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.flags import Status, status_name
+from tofmix.grid import Grid
 from tofmix.io import hdf5
 from tofmix.io.storage import AtomicFile
 from tofmix.layers import LAYER_FIELDS, LayerField, Layers, Provenance
@@ -45,7 +47,7 @@ class LayersWriter:
         Windows and rows of one stored chunk.
     provenance : Provenance
         What the layers are made from and with.
-    overwrite, inputs
+    overwrite, inputs, temporary
         As for `AtomicFile`.
 
     Raises
@@ -65,12 +67,13 @@ class LayersWriter:
         provenance: Provenance,
         overwrite: bool = False,
         inputs: tuple[Path, ...] = (),
+        temporary: Path | None = None,
     ) -> None:
         self._windows = windows
         self._dims = dict(zip(_DIMS, (windows.count, *image, max_layers), strict=True))
         self._tile = tile
         self._provenance = provenance
-        self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs)
+        self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs, temporary=temporary)
 
     def __enter__(self) -> Self:
         history = f"tofmix {self._provenance.version} estimate {self._provenance.source}"
@@ -125,10 +128,50 @@ class LayersWriter:
             self._root[spec.name][windows, rows] = getattr(layers, spec.name)
         self._file.check()
 
+    def write_chunks(self, windows: slice, rows: slice, chunks: tuple[bytes, ...]) -> None:
+        """Write the chunks of one tile, as `tofmix.io.chunks.encode_cell` makes them.
+
+        Raises
+        ------
+        StorageError
+            If the disk is full or fails.
+        """
+        for spec, data in zip(LAYER_FIELDS, chunks, strict=True):
+            place = (windows.start, rows.start, 0, 0)[: 4 if spec.per_layer else 3]
+            self._root[spec.name].id.write_direct_chunk(place, data)
+        self._file.check()
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.__exit__(kind, error, trace)
+
+
+def header_image(provenance: Provenance, grid: Grid) -> bytes:
+    """Everything that a layers file says before its first value, as a small file; equal for equal runs."""
+
+    def write(root: h5py.File) -> None:
+        _write_provenance(root, provenance)
+        hdf5.write_sensor(root, provenance.sensor)
+        plan = grid.windows
+        root.attrs["windows"] = [plan.length, plan.stride, plan.count, plan.frames_left_out]
+        root.attrs["image"], root.attrs["step"] = grid.image, grid.step
+
+    return hdf5.image_of(write)
+
+
+def read_header_image(image: bytes, path: Path) -> tuple[Provenance, Grid]:
+    """Read what `header_image` made; `path` is the file that holds it.
+
+    Raises
+    ------
+    BadInputError
+        If it is damaged.
+    """
+    with hdf5.reading(path, "header"), h5py.File(io.BytesIO(image), "r") as root:
+        windows, rows_cols, step = (root.attrs[key].tolist() for key in ("windows", "image", "step"))
+        grid = Grid(Windows(*windows), (rows_cols[0], rows_cols[1]), (step[0], step[1]))
+        return _read_provenance(root, path), grid
 
 
 class LayersFile:
@@ -173,6 +216,22 @@ class LayersFile:
         """
         with hdf5.reading(self.path, name):
             return np.asarray(self._datasets[name][window])
+
+    def tally(self) -> tuple[int, ...]:
+        """Pixels by their number of surfaces, each window counted."""
+        counts = np.zeros(self.max_layers + 1, dtype=np.int64)
+        for window in range(self.shape[0]):
+            with hdf5.reading(self.path, "n_modes"):
+                counts += np.bincount(self._datasets["n_modes"][window].ravel(), minlength=len(counts))
+        return tuple(counts.tolist())
+
+    def header_image(self) -> bytes:
+        """What `header_image` gives for a run that would write this file."""
+        starts, stops, step = self.window_start, self.window_stop, self._datasets["range"].chunks
+        length, stride = int(stops[0] - starts[0]), int(starts[1]) if len(starts) > 1 else 0
+        stride = stride or int(self.provenance.options.get("stride", length))
+        plan = Windows(length, stride, len(starts), self.provenance.frames_left_out)
+        return header_image(self.provenance, Grid(plan, self.shape[1:], step[:2] if step else (1, 1)))
 
 
 @contextmanager

@@ -21,6 +21,7 @@ from tofmix.errors import BadInputError, os_error_text
 from tofmix.io import hdf5
 from tofmix.io.storage import AtomicFile
 from tofmix.io.truth_effects import add_effect_truth, add_range_true_frames, write_range_true_frames
+from tofmix.recording import DECODED_SAMPLES
 from tofmix.sensor import Sensor
 from tofmix.simulation.effects import EffectTruth
 from tofmix.simulation.truth import Truth
@@ -114,6 +115,11 @@ class RecordingFile:
         """Rows of a stored chunk, so that no chunk is unpacked twice."""
         return int(self._range.chunks[1]) if self._range.chunks else 1
 
+    @property
+    def frame_step(self) -> int:
+        """Frames of a stored chunk, likewise."""
+        return int(self._range.chunks[0]) if self._range.chunks else 1
+
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Read samples (frame, row, col) float32 in mm, NaN where invalid.
 
@@ -122,12 +128,26 @@ class RecordingFile:
         BadInputError
             If the block cannot be read, for example because it is damaged.
         """
-        with hdf5.reading(self.path, "range"):
-            raw = self._range[frames, rows]
-        with np.errstate(over="ignore"):  # beyond float32 is beyond any range: infinite, and invalid
-            samples: Float32Array = raw.astype(np.float32)
-        samples[_invalid(raw, self._fill) | ~np.isfinite(samples)] = np.nan
+        first_frame, end, _ = frames.indices(self.shape[0])
+        first_row, bottom, _ = rows.indices(self.shape[1])
+        samples = np.empty((end - first_frame, bottom - first_row, self.shape[2]), dtype=np.float32)
+        high = DECODED_SAMPLES // (self.shape[2] * self.frame_step)
+        for row_part in _whole_chunks(first_row, bottom, self.row_step, high):
+            deep = DECODED_SAMPLES // (self.shape[2] * (row_part.stop - row_part.start))
+            for part in _whole_chunks(first_frame, end, self.frame_step, deep):
+                with hdf5.reading(self.path, "range"):
+                    raw = self._range[part, row_part]
+                out = samples[part.start - first_frame : part.stop - first_frame, row_part.start - first_row :]
+                self._decode(raw, out[:, : row_part.stop - row_part.start])
         return samples
+
+    def _decode(self, raw: NDArray[np.generic], out: Float32Array) -> None:
+        with np.errstate(over="ignore"):  # beyond float32 is beyond any range: infinite, and invalid
+            out[...] = raw
+        invalid = _invalid(raw, self._fill)
+        if raw.dtype.kind == "f":
+            invalid |= ~np.isfinite(out)
+        out[invalid] = np.nan
 
     def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
         """Read amplitudes (frame, row, col) float32, NaN where they have their `_FillValue`.
@@ -177,6 +197,15 @@ def file_sha256(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise BadInputError(os_error_text(error, path)) from error
+
+
+def _whole_chunks(start: int, stop: int, step: int, wanted: int) -> Iterator[slice]:
+    """Cut [start, stop) at multiples of the stored step into parts of about `wanted`, and of one step at least."""
+    size = step * max(1, wanted // step)
+    while start < stop:
+        end = min(start - start % step + size, stop)
+        yield slice(start, end)
+        start = end
 
 
 def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:

@@ -16,12 +16,30 @@ from typing import Self
 from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
 
 _unfinished: set[Path] = set()
+_resumable: set[Path] = set()
 
 
 def discard_unfinished() -> None:
     """Remove the temporary files of all outputs that are being written: for a process that is about to die."""
     for temporary in list(_unfinished):
         temporary.unlink(missing_ok=True)
+
+
+def keep_unfinished(*paths: Path, resumable: bool) -> None:
+    """Say of files beside an output whether `discard_unfinished` removes them, or leaves them to a later run."""
+    (_resumable if resumable else _unfinished).update(paths)
+    (_unfinished if resumable else _resumable).difference_update(paths)
+
+
+def forget_unfinished(*paths: Path) -> None:
+    """Say that files are gone or finished."""
+    _unfinished.difference_update(paths)
+    _resumable.difference_update(paths)
+
+
+def is_resumable() -> bool:
+    """Whether work is left to a later run."""
+    return bool(_resumable)
 
 
 class Sink:
@@ -102,6 +120,9 @@ class AtomicFile:
         Whether a file that is already there may be replaced.
     inputs : tuple of Path
         Files that must never be replaced, whatever `overwrite` says.
+    temporary : Path, optional
+        The temporary name, in the same folder, where only one process can use it; what a killed one left there is
+        replaced. A name of its own without it.
 
     Raises
     ------
@@ -111,18 +132,24 @@ class AtomicFile:
         If nothing can be created there; a folder without permission shows when the block is entered.
     """
 
-    def __init__(self, path: Path, *, overwrite: bool, inputs: tuple[Path, ...] = ()) -> None:
+    def __init__(
+        self, path: Path, *, overwrite: bool, inputs: tuple[Path, ...] = (), temporary: Path | None = None
+    ) -> None:
         self.path = path
         self._overwrite = overwrite
         check_output(path, overwrite=overwrite, inputs=inputs)
         # A link stays a link: its target is replaced.
         self._target = Path(os.path.realpath(path))
-        self._temporary = self._target.with_name(f".{self._target.name}.{secrets.token_hex(6)}.partial")
+        self._reused = temporary is not None
+        own = self._target.with_name(f".{self._target.name}.{secrets.token_hex(6)}.partial")
+        self._temporary = temporary or own
         self._descriptor = -1
 
     def __enter__(self) -> Self:
         _unfinished.add(self._temporary)
         try:
+            if self._reused:
+                self._temporary.unlink(missing_ok=True)
             self._descriptor = os.open(self._temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
             self.sink = Sink(self._descriptor)
         except OSError as error:
@@ -165,7 +192,7 @@ class AtomicFile:
             check_output(self.path, overwrite=self._overwrite)
             self._temporary.replace(self._target)
             self._close()
-            _sync_folder(self._target.parent)
+            sync_folder(self._target.parent)
         except OSError as error:
             raise StorageError(os_error_text(error, self.path)) from error
 
@@ -237,7 +264,7 @@ def read_text(path: Path) -> str:
         raise BadInputError(f"{path}: not a UTF-8 text file (byte {error.start})") from error
 
 
-def _sync_folder(folder: Path) -> None:
+def sync_folder(folder: Path) -> None:
     """Make a renaming last through a power failure."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:

@@ -1,0 +1,39 @@
+"""`tofmix warmup`: afterwards nothing is compiled, whatever the options."""
+
+from pathlib import Path
+
+import pytest
+from commandline import Tofmix
+from files import boards, write_recording
+
+from tofmix.jit import cache_folder
+
+
+def _compiled() -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in cache_folder().rglob("*.nbc")}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--sigma", "tied"], ["--sigma", "free", "--refine", "none"], ["--counter", "cpdf"], ["--counter", "fourier"],
+        ["--max-layers", "1"], ["--outliers", "0.01"], ["--window", "7"],
+    ],
+)  # fmt: skip
+def test_nothing_is_left_to_compile(tofmix: Tofmix, tmp_path: Path, options: list[str]) -> None:
+    outcome = tofmix("warmup")
+    assert outcome.code == 0, outcome.err
+    before = _compiled()
+    assert outcome.out == f"{cache_folder()}: {len(before)} compiled kernels\n"
+    recording = write_recording(tmp_path / "a.h5", boards())
+    assert tofmix("estimate", recording, *options).code == 0
+    assert _compiled() == before
+
+
+def test_nor_for_measuring_noise_or_simulating(tofmix: Tofmix, tmp_path: Path) -> None:
+    assert tofmix("warmup").code == 0
+    before = _compiled()
+    recording = write_recording(tmp_path / "a.h5", boards(60, 8, 12))
+    assert tofmix("estimate", recording, "--noise", "auto", "--outliers", "auto").code == 0
+    assert tofmix("simulate", "corridor", "--frames", "2", "-o", tmp_path / "c.h5").code == 0
+    assert _compiled() == before

@@ -1,0 +1,85 @@
+"""What a worker checks before it computes, and how the work is cut for it."""
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from files import boards, write_recording
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tofmix.errors import BadInputError, UsageError
+from tofmix.estimation.settings import EstimateOptions
+from tofmix.grid import plan_grid
+from tofmix.io.recording_file import open_recording
+from tofmix.pipeline import cluster
+from tofmix.pipeline.cluster import Block, identity, run_block
+from tofmix.pipeline.job import Job, plan_job
+from tofmix.windows import plan_windows
+
+
+@pytest.fixture
+def job(tmp_path: Path) -> Job:
+    with open_recording(write_recording(tmp_path / "a.h5", boards(40))) as source:
+        return plan_job(source, plan_windows(40, window=10), EstimateOptions(), {})
+
+
+def block(job: Job) -> Block:
+    status = job.recording.stat()
+    return Block(
+        job=job, cells=(0,), memory_bytes=10**9, identity=identity(), size=status.st_size, mtime_ns=status.st_mtime_ns
+    )
+
+
+def test_a_block_is_computed(job: Job) -> None:
+    [(index, encoded)] = run_block(block(job))
+    assert index == 0
+    assert sum(encoded.tally) == 4 * 4 * 6
+
+
+def test_a_copy_with_another_time_will_do_and_another_file_will_not(job: Job) -> None:
+    asked = block(job)
+    os.utime(job.recording, ns=(1, 1))
+    assert len(run_block(asked)) == 1
+    data = bytearray(job.recording.read_bytes())
+    data[-1] ^= 1
+    job.recording.write_bytes(data)
+    with pytest.raises(BadInputError, match=r"a\.h5: another file on the worker .* same path"):
+        run_block(asked)
+    job.recording.unlink()
+    with pytest.raises(BadInputError, match=r"a\.h5: No such file or directory on the worker"):
+        run_block(asked)
+
+
+@pytest.mark.parametrize("name", ["tofmix", "numba", "python", "kernels"])
+def test_a_worker_of_another_version_refuses(job: Job, name: str) -> None:
+    with pytest.raises(UsageError, match=f"would not give the same bytes: {name} .* there, 0.0 here"):
+        run_block(replace(block(job), identity=identity() | {name: "0.0"}))
+
+
+@given(
+    frames=st.integers(1, 3000), window=st.integers(1, 200), rows=st.integers(1, 300), cols=st.integers(1, 300),
+    chunk=st.integers(1, 2000), wanted_step=st.integers(1, 3),
+)  # fmt: skip
+def test_blocks_hold_each_wanted_cell_once_and_enough_of_them(
+    frames: int, window: int, rows: int, cols: int, chunk: int, wanted_step: int
+) -> None:
+    windows = plan_windows(max(frames, window), window=window)
+    grid = plan_grid(windows, (rows, cols))
+    groups, bands = cluster._block_step(grid, chunk)
+    samples = groups * bands * grid.step[0] * grid.step[1] * cols * window
+    assert samples >= cluster.BLOCK_SAMPLES or (groups, bands) == (grid.groups, grid.bands)
+    wanted = list(grid.cells())[::wanted_step]
+    job = Job.__new__(Job)
+    for key, value in (("grid", grid), ("chunk_frames", chunk)):
+        object.__setattr__(job, key, value)
+    blocks = list(cluster._blocks(job, wanted))
+    assert sorted(index for cells in blocks for index in cells) == [cell.index for cell in wanted]
+
+
+def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(UsageError, match=r"pip install 'tofmix\[cluster\]'"), cluster.open_cluster("x", memory_bytes=1):
+        pass

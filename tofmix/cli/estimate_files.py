@@ -1,0 +1,242 @@
+"""What ``tofmix estimate`` does with its recordings: one after the other, one bar for all, one line each."""
+
+import json
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tofmix.cli.options import progress_bar
+from tofmix.cli.sensor_choice import circle_of, sensor_for
+from tofmix.errors import ExitCode, StorageError, TofmixError, UsageError, os_error_text
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    from tqdm import tqdm
+
+    from tofmix.estimation.settings import EstimateOptions
+    from tofmix.io.recording_file import RecordingFile
+    from tofmix.pipeline.cluster import ClusterEngine
+    from tofmix.pipeline.job import Engine
+    from tofmix.pipeline.run import Outcome
+    from tofmix.windows import Windows
+
+_COMPILING_AFTER_S = 4.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What was asked for, for every recording alike; with `wrap`, each has the unambiguous range of its own camera."""
+
+    options: "EstimateOptions"
+    wrap: bool
+    window: int | None
+    stride: int | None
+    noise: str
+    outliers: str | float
+    workers: int
+    memory_bytes: int
+    shard: tuple[int, int] | None
+    resume: bool
+    overwrite: bool
+    scheduler: str | None
+
+
+def estimate_files(
+    recordings: Sequence[Path], output: Path | None, output_dir: Path | None, request: Request, *, as_json: bool
+) -> None:
+    """Estimate recordings, and say what came out on stdout.
+
+    Raises
+    ------
+    UsageError
+        If the outputs do not fit, before anything is done.
+    TofmixError
+        What is wrong with a single recording; of several, the others are still done, and the exit code says so.
+    """
+    several = len(recordings) > 1 or output_dir is not None or Path("-") in recordings
+    pairs = _outputs(_listed(recordings), output, output_dir, request, several=several)
+    failed = 0
+    with _cluster(request) as cluster, progress_bar(_pixels(pairs, request), "estimate", "px") as bar:
+        for recording, target in pairs:
+            try:
+                said = _estimate(recording, target, request, cluster, bar)
+            except TofmixError as error:
+                if not several:
+                    raise
+                failed += 1
+                with bar.external_write_mode(file=sys.stderr):
+                    click.echo(f"tofmix: {' '.join(str(error).split())}", err=True)
+                said = "", {"status": "failed", "exit_code": int(error.exit_code), "error": str(error)}
+            with bar.external_write_mode(file=sys.stderr):
+                if as_json:
+                    click.echo(json.dumps({"recording": str(recording), "output": str(target), **said[1]}))
+                elif said[0]:
+                    click.echo(said[0])
+    if failed:
+        click.echo(f"tofmix: {failed} of {len(pairs)} recordings failed; the others are done", err=True)
+        raise SystemExit(ExitCode.SOME_FAILED)
+
+
+def _listed(recordings: Sequence[Path]) -> list[Path]:
+    """Put the names from stdin in the place of ``-``."""
+    paths = []
+    for path in recordings:
+        if path == Path("-"):
+            paths += [Path(line) for line in sys.stdin.read().splitlines() if line]
+        else:
+            paths.append(path)
+    if not paths:
+        raise UsageError("no recording was named on stdin")
+    return paths
+
+
+def _outputs(
+    recordings: Sequence[Path], output: Path | None, output_dir: Path | None, request: Request, *, several: bool
+) -> list[tuple[Path, Path]]:
+    """Pair each recording with its output; what cannot be is refused before anything is done."""
+    from tofmix.io.storage import check_output
+
+    ending = "layers.h5" if request.shard is None else "layers.{}-of-{}.part".format(*request.shard)
+    if not several:
+        return [(recordings[0], output or recordings[0].with_name(f"{recordings[0].stem}.{ending}"))]
+    if output is not None:
+        raise UsageError("-o is for a single recording; several go to --output-dir")
+    if output_dir is None:
+        raise UsageError("several recordings need --output-dir")
+    try:
+        output_dir.mkdir(exist_ok=True)
+    except OSError as error:
+        raise StorageError(os_error_text(error, output_dir)) from error
+    owner: dict[Path, Path] = {}
+    for recording in recordings:
+        target = output_dir / f"{recording.stem}.{ending}"
+        if target in owner:
+            raise UsageError(f"{owner[target]} and {recording} would both become {target}")
+        owner[target] = recording
+        if not request.resume:
+            check_output(target, overwrite=request.overwrite, inputs=tuple(recordings))
+    return [(recording, target) for target, recording in owner.items()]
+
+
+def _pixels(pairs: Sequence[tuple[Path, Path]], request: Request) -> int:
+    """Pixels of all recordings, each window counted; what cannot be opened is told of when its turn comes."""
+    from tofmix.io.recording_file import open_recording
+
+    total = 0
+    for recording, _ in pairs:
+        try:
+            with open_recording(recording) as source:
+                _, rows, cols = source.shape
+                total += _windows(source, request).count * rows * cols // (request.shard or (1, 1))[1]
+        except TofmixError:
+            continue
+    return total
+
+
+def _windows(source: "RecordingFile", request: Request) -> "Windows":
+    from tofmix.windows import plan_windows
+
+    try:
+        return plan_windows(source.shape[0], window=request.window, stride=request.stride)
+    except ValueError as error:
+        raise UsageError(f"{source.path}: {error}") from error
+
+
+def _estimate(
+    recording: Path, target: Path, request: Request, cluster: "ClusterEngine | None", bar: "tqdm[Any]"
+) -> tuple[str, dict[str, Any]]:
+    """Estimate one recording; return what to say of it, as a line and for JSON."""
+    from tofmix.io.journal import WHOLE, Shard
+    from tofmix.io.recording_file import open_recording
+    from tofmix.io.storage import check_output
+    from tofmix.pipeline.job import plan_job
+    from tofmix.pipeline.local import LocalEngine
+    from tofmix.pipeline.run import run_job
+
+    def say(text: str) -> None:
+        with bar.external_write_mode(file=sys.stderr):
+            click.echo(f"tofmix: {text}", err=True)
+
+    with open_recording(recording) as source:
+        if not request.resume:
+            check_output(target, overwrite=request.overwrite, inputs=(recording,))
+        options = request.options
+        if request.wrap:
+            options = replace(options, unambiguous_range_mm=circle_of(source))
+        with bar.external_write_mode(file=sys.stderr):
+            source.sensor = sensor_for(
+                source, noise=request.noise, outliers=request.outliers, circle_mm=options.unambiguous_range_mm
+            )
+        windows = _windows(source, request)
+        job = plan_job(source, windows, options, {"noise": request.noise, "outliers": request.outliers})
+        engine: Engine
+        if cluster is not None:
+            engine = cluster
+        else:
+            with bar.external_write_mode(file=sys.stderr):
+                _compile(options)
+            engine = LocalEngine(
+                source=source, workers=request.workers, memory_bytes=request.memory_bytes, folder=target.parent
+            )
+        shard = Shard(number=request.shard[0], count=request.shard[1]) if request.shard else WHOLE
+        outcome = run_job(
+            job, engine, target, shard=shard, overwrite=request.overwrite, resume=request.resume,
+            progress=bar.update, say=say,
+        )  # fmt: skip
+    if outcome.continued:
+        say(f"{target}: {outcome.continued} of {outcome.cells} blocks were there already")
+    if windows.frames_left_out:
+        left_out = f"{windows.frames_left_out} frame{'s' * (windows.frames_left_out > 1)}"
+        say(f"{recording}: {left_out} after the last whole window left out")
+    return describe(outcome, request.shard)
+
+
+def describe(outcome: "Outcome", shard: tuple[int, int] | None = None) -> tuple[str, dict[str, Any]]:
+    """Say what was made, as a line and for JSON."""
+    (rows, cols), windows = outcome.grid.image, outcome.grid.windows
+    found = ", ".join(f"{n}: {count:,}" for n, count in enumerate(outcome.tally) if count) or "none"
+    part = f"part {shard[0]} of {shard[1]} of " if shard else ""
+    line = (
+        f"{outcome.target}: {part}{rows} x {cols} pixels, {windows.count} window{'s' * (windows.count > 1)}"
+        f" of {windows.length} frames; pixels by surfaces {found}"
+    )
+    return line, {
+        "status": "done", "exit_code": 0, "rows": rows, "cols": cols, "windows": windows.count,
+        "window_frames": windows.length, "frames_left_out": windows.frames_left_out,
+        "pixels_by_surfaces": list(outcome.tally), "blocks": outcome.cells, "blocks_continued": outcome.continued,
+    }  # fmt: skip
+
+
+def _cluster(request: Request) -> "AbstractContextManager[ClusterEngine | None]":
+    if request.scheduler is None:
+        return nullcontext()
+    from tofmix.pipeline.cluster import open_cluster
+
+    return open_cluster(request.scheduler, memory_bytes=request.memory_bytes)
+
+
+def _compile(options: "EstimateOptions") -> None:
+    """Compile the kernels, or load them from their cache; say so where it takes long."""
+    from tofmix.estimation.layering import warm_up
+
+    with announced():
+        warm_up(options)
+
+
+@contextmanager
+def announced() -> Iterator[None]:
+    """Say in one line on stderr what takes so long, if it does."""
+    text = "tofmix: compiling the kernels; a first run takes about half a minute longer"
+    timer = threading.Timer(_COMPILING_AFTER_S, click.echo, (text,), {"err": True})
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

@@ -1,0 +1,31 @@
+"""``tofmix merge``: the parts of a sharded estimate in, a layers file out."""
+
+import json
+from pathlib import Path
+
+import click
+
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option
+
+
+@examples(
+    """
+tofmix merge long.layers.*.part -o long.layers.h5
+"""
+)
+@click.command(short_help="Put the parts of estimate --shard together.")
+@click.argument("parts", type=PATH, nargs=-1, required=True)
+@click.option("-o", "--output", type=PATH, required=True, help="Layers file to write.")
+@json_option
+@overwrite_option
+def merge(parts: tuple[Path, ...], output: Path, *, as_json: bool, overwrite: bool) -> None:
+    """Put PARTS together, all that `tofmix estimate --shard I/N` wrote of one recording.
+
+    The layers file has the same bytes as that of an estimate in one piece. Parts
+    that are missing, doubled or of another run are refused. The parts stay.
+    """
+    from tofmix.cli.estimate_files import describe
+    from tofmix.pipeline.run import merge_parts
+
+    line, values = describe(merge_parts(parts, output, overwrite=overwrite))
+    click.echo(json.dumps({"output": str(output), **values}) if as_json else line)

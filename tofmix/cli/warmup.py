@@ -1,0 +1,29 @@
+"""``tofmix warmup``: compiles every kernel into the cache, for container images."""
+
+import click
+
+from tofmix.cli.options import examples
+
+
+@examples(
+    """
+tofmix warmup
+NUMBA_CACHE_DIR=/opt/tofmix-kernels tofmix warmup
+"""
+)
+@click.command(short_help="Compile all kernels ahead, for container images.")
+def warmup() -> None:
+    """Compile the kernels of all commands and options, and keep them.
+
+    Later runs then compile nothing. The folder is printed: it lies in the package, or
+    where that cannot be written in the user's cache. NUMBA_CACHE_DIR chooses another
+    one, and must then be set for later runs too.
+    """
+    from tofmix.cli.estimate_files import announced
+    from tofmix.jit import cache_folder
+    from tofmix.pipeline.kernels import compile_all
+
+    with announced():
+        compile_all()
+    count = sum(1 for _ in cache_folder().rglob("*.nbc"))
+    click.echo(f"{cache_folder()}: {count} compiled kernels")

@@ -1,0 +1,242 @@
+"""Cells computed by the workers of a dask.distributed scheduler.
+
+Use `open_cluster`. Workers open the recording by its path and send encoded cells back;
+the journal and the layers file are written here. Tasks of a worker that dies are given
+to another by the scheduler; those of a client that dies are forgotten by it.
+"""
+
+import logging
+import platform
+import secrets
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import gettempdir
+from typing import Any
+
+from tofmix import __version__
+from tofmix.errors import BadInputError, StorageError, TofmixError, UsageError, os_error_text
+from tofmix.grid import Cell, Grid
+from tofmix.io.chunks import EncodedCell
+from tofmix.io.recording_file import file_sha256, open_recording
+from tofmix.pipeline.job import Job
+from tofmix.pipeline.local import LocalEngine
+
+BLOCK_SAMPLES = 1 << 22
+"""Samples of a task: half a second of work or more, beside which dask's 2 ms do not count."""
+
+_CONNECT_TIMEOUT_S = 10
+_WORKER_TIMEOUT_S = 30
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """One task: some cells of a job. `identity` and `size`, `mtime_ns` are what the worker must find."""
+
+    job: Job
+    cells: tuple[int, ...]
+    memory_bytes: int
+    identity: dict[str, str]
+    size: int
+    mtime_ns: int
+
+
+def identity() -> dict[str, str]:
+    """What must be the same on both sides for the same bytes: versions, and the kernels' sources."""
+    from tofmix.jit import cache_folder
+
+    versions = {name: version(name) for name in ("numpy", "numba", "llvmlite")}
+    kernels = cache_folder().name.rsplit("-", 1)[-1]
+    return {"tofmix": __version__, "python": platform.python_version(), **versions, "kernels": kernels}
+
+
+def run_block(block: Block) -> list[tuple[int, EncodedCell]]:
+    """Compute a block, on a worker.
+
+    Raises
+    ------
+    UsageError
+        If the worker's versions differ.
+    BadInputError
+        If the worker does not see the recording, or another one by that path.
+    """
+    _check_identity(block.identity, identity())
+    job = block.job
+    _check_visible(block)
+    with open_recording(job.recording) as source:
+        source.sensor = job.provenance.sensor
+        engine = LocalEngine(source=source, workers=1, memory_bytes=block.memory_bytes, folder=Path(gettempdir()))
+        wanted = [job.grid.cell(index) for index in block.cells]
+        return [(cell.index, encoded) for cell, encoded in engine(job, wanted)]
+
+
+def _check_identity(ours: dict[str, str], theirs: dict[str, str]) -> None:
+    differing = [
+        f"{name} {theirs.get(name)} there, {ours[name]} here" for name in ours if theirs.get(name) != ours[name]
+    ]
+    if differing:
+        raise UsageError(
+            f"a worker on {platform.node()} would not give the same bytes: {'; '.join(differing)};"
+            " install the same versions there"
+        )
+
+
+def _check_visible(block: Block) -> None:
+    path = block.job.recording
+    remedy = "recordings must lie where every worker sees them by the same path"
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise BadInputError(f"{os_error_text(error, path)} on the worker {platform.node()}; {remedy}") from error
+    same = status.st_size == block.size and (
+        status.st_mtime_ns == block.mtime_ns
+        or _checksum(path, status.st_size, status.st_mtime_ns) == block.job.provenance.source_sha256
+    )
+    if not same:
+        raise BadInputError(f"{path}: another file on the worker {platform.node()}; {remedy}")
+
+
+@cache
+def _checksum(path: Path, _size: int, _mtime_ns: int) -> str:
+    """Checksum of a copy whose time differs, once a process."""
+    return file_sha256(path)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClusterEngine:
+    """An `Engine` on the workers of a scheduler; made by `open_cluster`.
+
+    Parameters
+    ----------
+    client : distributed.Client
+        The connection.
+    memory_bytes : int
+        Limit of a task's memory.
+    """
+
+    client: Any
+    memory_bytes: int
+
+    def __call__(self, job: Job, wanted: Sequence[Cell]) -> Iterator[tuple[Cell, EncodedCell]]:
+        """Yield each wanted cell when its block is done; what is left is cancelled when nobody asks any more.
+
+        Raises
+        ------
+        TofmixError
+            What a worker found.
+        StorageError
+            If the scheduler or too many workers have gone.
+        """
+        from distributed import as_completed
+
+        # Workers stand in other folders.
+        job = replace(job, recording=job.recording.absolute())
+        status = job.recording.stat()
+        block = Block(
+            job=job, cells=(), memory_bytes=self.memory_bytes, identity=identity(), size=status.st_size,
+            mtime_ns=status.st_mtime_ns,
+        )  # fmt: skip
+        run = secrets.token_hex(6)
+        futures = [
+            self.client.submit(run_block, replace(block, cells=cells), key=f"tofmix-{run}-{number}", pure=False)
+            for number, cells in enumerate(_blocks(job, wanted))
+        ]
+        waiting = as_completed(futures, loop=self.client.loop)
+        try:
+            for future in waiting:
+                for index, encoded in _result(future):
+                    yield job.grid.cell(index), encoded
+                futures.remove(future)
+                future.release()
+        finally:
+            self.client.cancel(futures, force=True)
+
+
+def _result(future: Any) -> list[tuple[int, EncodedCell]]:  # noqa: ANN401  distributed's own
+    """What a task returned; its error in good order."""
+    try:
+        result: list[tuple[int, EncodedCell]] = future.result()
+    except TofmixError:
+        raise
+    except Exception as error:
+        if future.status == "cancelled" or type(error).__module__.startswith(("distributed", "dask", "concurrent")):
+            raise StorageError(f"the cluster gave up a block: {error or type(error).__name__}") from error
+        raise
+    return result
+
+
+def _blocks(job: Job, wanted: Sequence[Cell]) -> Iterator[tuple[int, ...]]:
+    """Cut the wanted cells into blocks that share stored chunks of the recording, each of the same grid of blocks."""
+    grid, block = job.grid, _block_step(job.grid, job.chunk_frames)
+    members: dict[tuple[int, int], list[int]] = {}
+    for cell in wanted:
+        group, band = divmod(cell.index, grid.bands)
+        members.setdefault((group // block[0], band // block[1]), []).append(cell.index)
+    return (tuple(cells) for cells in members.values())
+
+
+def _block_step(grid: Grid, chunk_frames: int) -> tuple[int, int]:
+    """Groups and bands of cells of a block: first as many windows as a stored chunk holds, then rows, then windows."""
+    windows, rows = grid.step
+    cell_samples = windows * rows * grid.image[1] * grid.windows.length
+    groups = max(1, min(grid.groups, chunk_frames // (windows * grid.windows.stride)))
+    bands = min(grid.bands, -(-BLOCK_SAMPLES // (groups * cell_samples)))
+    if bands == grid.bands:
+        groups = min(grid.groups, -(-BLOCK_SAMPLES // (bands * cell_samples)))
+    return groups, bands
+
+
+@contextmanager
+def open_cluster(scheduler: str, *, memory_bytes: int) -> Iterator[ClusterEngine]:
+    """Connect to a scheduler.
+
+    Parameters
+    ----------
+    scheduler : str
+        Its address, such as ``tcp://host:8786``, or the path of its scheduler file.
+    memory_bytes : int
+        Limit of a task's memory.
+
+    Yields
+    ------
+    ClusterEngine
+        With at least one worker, all of the same versions as here.
+
+    Raises
+    ------
+    UsageError
+        If distributed is not installed, or versions differ.
+    StorageError
+        If the scheduler cannot be reached, or has no worker.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise UsageError("--scheduler needs dask.distributed: pip install 'tofmix[cluster]'") from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # its faults become ours, of one line
+    where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
+    try:
+        client = Client(**where, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise StorageError(f"--scheduler {scheduler}: cannot be reached ({error or type(error).__name__})") from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=_WORKER_TIMEOUT_S)
+        except TimeoutError as error:
+            raise StorageError(f"--scheduler {scheduler}: no worker joined within {_WORKER_TIMEOUT_S} s") from error
+        _check_workers(client, scheduler)
+        yield ClusterEngine(client=client, memory_bytes=memory_bytes)
+
+
+def _check_workers(client: Any, scheduler: str) -> None:  # noqa: ANN401  distributed's own
+    """Refuse workers that would compute something else; one that joins later is checked with its first block."""
+    try:
+        client.get_versions(check=True)
+        found = client.run(identity)
+    except Exception as error:
+        raise UsageError(f"--scheduler {scheduler}: its workers cannot run tofmix: {error}") from error
+    for theirs in found.values():
+        _check_identity(identity(), theirs)

@@ -1,0 +1,94 @@
+"""What is to be done with one recording, and who does it."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from tofmix import __version__
+from tofmix.estimation.settings import EstimateOptions
+from tofmix.grid import Cell, Grid, plan_grid
+from tofmix.io.chunks import EncodedCell
+from tofmix.io.layers_file import header_image
+from tofmix.io.recording_file import RecordingFile, file_sha256
+from tofmix.layers import Provenance
+from tofmix.windows import Windows
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """The estimate of one recording.
+
+    Parameters
+    ----------
+    recording : Path
+        The recording.
+    options : EstimateOptions
+        The estimator's.
+    provenance : Provenance
+        What the layers file will say of them; its sensor is the one that is used.
+    grid : Grid
+        The cells.
+    chunk_frames : int
+        Frames that the recording stores together.
+    """
+
+    recording: Path
+    options: EstimateOptions
+    provenance: Provenance
+    grid: Grid
+    chunk_frames: int = 1
+
+    @property
+    def chunk(self) -> tuple[int, int, int]:
+        """Windows, rows and columns that the layers file stores together."""
+        return (*self.grid.step, self.grid.image[1])
+
+    def header(self) -> bytes:
+        """What tells this job from others: equal for jobs with equal results."""
+        return header_image(self.provenance, self.grid)
+
+
+def plan_job(
+    source: RecordingFile, windows: Windows, options: EstimateOptions, of_sensor: dict[str, str | float]
+) -> Job:
+    """Plan the estimate of an open recording.
+
+    Parameters
+    ----------
+    source : RecordingFile
+        The recording, with the sensor that is to be used.
+    windows : Windows
+        Its windows.
+    options : EstimateOptions
+        The estimator's.
+    of_sensor : dict
+        Options by which the sensor was chosen, for the record.
+
+    Returns
+    -------
+    Job
+        The whole recording is read once for its checksum.
+
+    Raises
+    ------
+    BadInputError
+        If the recording cannot be read.
+    """
+    provenance = Provenance(
+        source=source.path.name,
+        source_sha256=file_sha256(source.path),
+        version=__version__,
+        sensor=source.sensor,
+        options=options.as_dict() | of_sensor | {"window": windows.length, "stride": windows.stride},
+        frames_left_out=windows.frames_left_out,
+    )
+    grid = plan_grid(windows, source.shape[1:], row_step=source.row_step)
+    return Job(recording=source.path, options=options, provenance=provenance, grid=grid, chunk_frames=source.frame_step)
+
+
+class Engine(Protocol):
+    """Computes cells, somewhere."""
+
+    def __call__(self, job: Job, wanted: Sequence[Cell]) -> Iterator[tuple[Cell, EncodedCell]]:
+        """Yield each wanted cell when it is done, in any order."""

@@ -1,0 +1,72 @@
+"""Cells computed in this process: one thread reads, the others work."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from tofmix.errors import UsageError
+from tofmix.estimation.reading import MemoryTooSmallError, plan_reading
+from tofmix.estimation.sequence import estimate_cells
+from tofmix.grid import Cell, Grid
+from tofmix.io.chunks import EncodedCell, encode_cell
+from tofmix.io.scratch import on_scratch
+from tofmix.pipeline.job import Job
+from tofmix.recording import SampleSource
+
+PROGRAM_BYTES = 220_000_000
+"""What the interpreter, the libraries and the kernels take, whatever the recording."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LocalEngine:
+    """An `Engine` on this machine.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The open recording, with the sensor that is to be used.
+    workers : int
+        Threads.
+    memory_bytes : int
+        Limit of the process's memory.
+    folder : Path
+        Where scratch space may be taken.
+    """
+
+    source: SampleSource
+    workers: int
+    memory_bytes: int
+    folder: Path
+
+    def __call__(self, job: Job, wanted: Sequence[Cell]) -> Iterator[tuple[Cell, EncodedCell]]:
+        """Yield each wanted cell when it is done.
+
+        Raises
+        ------
+        UsageError
+            If one row of one window does not fit into memory.
+        """
+        buffer_bytes, source = self.memory_bytes - PROGRAM_BYTES, self.source
+        with ExitStack() as stack:
+            try:
+                if plan_reading(source, job.grid, buffer_bytes=buffer_bytes, workers=self.workers).rereads:
+                    frames, rows = _extent(job.grid, wanted)
+                    source = stack.enter_context(on_scratch(source, self.folder, frames=frames, rows=rows))
+            except MemoryTooSmallError as error:
+                least = -(-(error.needed_bytes + PROGRAM_BYTES) // 1_000_000)
+                raise UsageError(f"{job.recording}: {error}; pass --memory {least}MB or more") from error
+            finish = partial(encode_cell, shape=job.chunk)
+            yield from estimate_cells(
+                source, job.grid, job.options, finish, workers=self.workers, buffer_bytes=buffer_bytes, wanted=wanted
+            )
+
+
+def _extent(grid: Grid, cells: Sequence[Cell]) -> tuple[slice, slice]:
+    """Frames and rows that some cells need."""
+    frames = [grid.frames(cell.windows) for cell in cells]
+    return (
+        slice(min(part.start for part in frames), max(part.stop for part in frames)),
+        slice(min(cell.rows.start for cell in cells), max(cell.rows.stop for cell in cells)),
+    )

@@ -1,0 +1,286 @@
+"""Run a job: cells from an engine into a journal, and from the journal into the layers file.
+
+The layers file is put together when all cells are in, in their order, so that it is
+the same whoever computed them, in whatever order and after however many interruptions.
+"""
+
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+
+from tofmix.errors import BadInputError, StorageError, TofmixError, UsageError
+from tofmix.grid import Cell, Grid
+from tofmix.io.chunks import EncodedCell
+from tofmix.io.journal import (
+    WHOLE,
+    Journal,
+    Shard,
+    journal_path,
+    open_journal,
+    open_part,
+    partial_path,
+    remove_journal,
+)
+from tofmix.io.layers_file import LayersWriter, open_layers, read_header_image
+from tofmix.io.storage import check_output
+from tofmix.pipeline.job import Engine, Job
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What was made: the output, the job's grid, and the pixels by their number of surfaces.
+
+    `continued` counts cells that an earlier run had done.
+    """
+
+    target: Path
+    grid: Grid
+    tally: tuple[int, ...]
+    cells: int
+    continued: int = 0
+
+
+def run_job(
+    job: Job,
+    engine: Engine,
+    target: Path,
+    *,
+    shard: Shard = WHOLE,
+    overwrite: bool = False,
+    resume: bool = False,
+    progress: Callable[[int], object] = lambda _: None,
+    say: Callable[[str], object] = lambda _: None,
+) -> Outcome:
+    """Do a job, or go on with it.
+
+    Parameters
+    ----------
+    job : Job
+        From `tofmix.pipeline.job.plan_job`.
+    engine : Engine
+        Who computes.
+    target : Path
+        The layers file, or the part where `shard` is not the whole.
+    shard : Shard
+        Which of the cells.
+    overwrite : bool
+        Whether `target` may be replaced.
+    resume : bool
+        Whether to go on from the journal of an interrupted run, and to take a finished output for done.
+    progress : callable
+        Called with the number of pixels done since the last call.
+    say : callable
+        Called with a line for the user.
+
+    Returns
+    -------
+    Outcome
+        What was made.
+
+    Raises
+    ------
+    UsageError
+        If `target` may not be written, another run is at it, or the journal to resume is of another job.
+    BadInputError, StorageError
+        If the recording cannot be read, or something cannot be written.
+    """
+    header, real = job.header(), Path(os.path.realpath(target))
+    cells = shard.cells(job.grid.count)
+    if resume and (finished := _finished(real, header, shard)) is not None:
+        remove_journal(journal_path(real))
+        progress(sum(job.grid.pixels(job.grid.cell(index)) for index in cells))
+        return Outcome(target=target, grid=job.grid, tally=finished, cells=len(cells), continued=len(cells))
+    check_output(target, overwrite=overwrite, inputs=(job.recording,))
+    with _open(journal_path(real), header, shard, resume=resume, say=say) as journal, _left_as_fits(journal):
+        done = journal.done()
+        progress(sum(job.grid.pixels(job.grid.cell(index)) for index in done))
+        wanted = [job.grid.cell(index) for index in cells if index not in done]
+        for cell, encoded in engine(job, wanted) if wanted else ():
+            journal.add(cell.index, encoded)
+            progress(job.grid.pixels(cell))
+        tally = _total(journal.done().values())
+        if shard == WHOLE:
+            parts = ((job.grid.cell(index), journal.cell(index)) for index in cells)
+            _assemble(parts, journal.path, header, target, overwrite=overwrite, inputs=(job.recording,))
+            journal.remove()
+        else:
+            check_output(target, overwrite=overwrite)
+            journal.publish(real)
+    return Outcome(target=target, grid=job.grid, tally=tally, cells=len(cells), continued=len(done))
+
+
+@contextmanager
+def _left_as_fits(journal: Journal) -> Iterator[None]:
+    """Leave the journal of a failed run where going on helps, and nowhere else."""
+    try:
+        yield
+    except BadInputError:
+        journal.remove()  # going on would meet the same fault
+        raise
+    except StorageError as error:
+        if journal.done():
+            raise StorageError(f"{error}; --resume goes on from what is done") from error
+        journal.remove()
+        raise
+    except BaseException:
+        if not journal.done():
+            journal.remove()
+        raise
+
+
+def _total(tallies: Iterable[tuple[int, ...]]) -> tuple[int, ...]:
+    """Add up the pixels by their number of surfaces."""
+    return tuple(sum(counts) for counts in zip_longest(*tallies, fillvalue=0))
+
+
+def _open(path: Path, header: bytes, shard: Shard, *, resume: bool, say: Callable[[str], object]) -> Journal:
+    """Open the journal: an old one is gone on with if that is asked for, and otherwise reported and started anew."""
+    try:
+        journal = open_journal(path, header, shard)
+    except BadInputError as error:
+        if resume:
+            raise UsageError(f"{error}; without --resume it is replaced") from error
+        say(f"{error}; starting afresh")
+        remove_journal(path)
+        return open_journal(path, header, shard)
+    done = len(journal.done())
+    if resume and (journal.header, journal.shard) != (header, shard):
+        journal.close()
+        raise UsageError(
+            f"{path}: the interrupted run differed in {_difference(journal, header, shard)};"
+            " repeat its options, or start afresh without --resume"
+        )
+    if not resume and (done or journal.header != header or journal.shard != shard):
+        say(
+            f"{path}: an interrupted run left {done} of {len(shard.cells(_grid(journal).count))} blocks;"
+            " starting afresh; --resume would have gone on from there"
+        )
+        journal.remove()
+        return open_journal(path, header, shard)
+    return journal
+
+
+def _grid(journal: Journal) -> Grid:
+    return read_header_image(journal.header, journal.path)[1]
+
+
+def _difference(journal: Journal, header: bytes, shard: Shard) -> str:
+    """Say in what a journal's job differs from another."""
+    (old, old_grid), (new, new_grid) = (read_header_image(image, journal.path) for image in (journal.header, header))
+    keys = sorted(
+        key for key in old.options.keys() | new.options.keys() if old.options.get(key) != new.options.get(key)
+    )
+    found = [f"--{key.replace('_', '-')} ({old.options.get(key)}, now {new.options.get(key)})" for key in keys]
+    if old.source_sha256 != new.source_sha256:
+        found.insert(0, f"its recording ({old.source}), which has other content")
+    if old.version != new.version:
+        found.append(f"its version ({old.version}, now {new.version})")
+    if journal.shard != shard:
+        found.append(f"--shard ({journal.shard.number}/{journal.shard.count}, now {shard.number}/{shard.count})")
+    return ", ".join(found) or ("its grid" if old_grid != new_grid else "its sensor or source name")
+
+
+def _finished(target: Path, header: bytes, shard: Shard) -> tuple[int, ...] | None:
+    """Return the tally of an output that is just what the job would write; None if it is missing or another."""
+    try:
+        if shard == WHOLE:
+            with open_layers(target) as layers:
+                return layers.tally() if layers.header_image() == header else None
+        with open_part(target) as part:
+            if (part.header, part.shard) != (header, shard):
+                return None
+            return _total(part.done().values())
+    except TofmixError:
+        return None
+
+
+def _assemble(
+    cells: Iterable[tuple[Cell, EncodedCell]],
+    journal_file: Path,
+    header: bytes,
+    target: Path,
+    *,
+    overwrite: bool,
+    inputs: tuple[Path, ...] = (),
+) -> None:
+    """Write the layers file from all cells in their order."""
+    provenance, grid = read_header_image(header, journal_file)
+    writer = LayersWriter(
+        target,
+        windows=grid.windows,
+        image=grid.image,
+        max_layers=int(provenance.options["max_layers"]),
+        tile=grid.step,
+        provenance=provenance,
+        overwrite=overwrite,
+        inputs=inputs,
+        temporary=partial_path(journal_file),
+    )
+    with writer:
+        for cell, encoded in cells:
+            writer.write_chunks(cell.windows, cell.rows, encoded.chunks)
+
+
+def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False) -> Outcome:
+    """Put the parts of a sharded run together: the same bytes as an unsharded run.
+
+    Parameters
+    ----------
+    parts : sequence of Path
+        All parts of one run, in any order.
+    target : Path
+        The layers file.
+    overwrite : bool
+        Whether `target` may be replaced.
+
+    Returns
+    -------
+    Outcome
+        What was made.
+
+    Raises
+    ------
+    UsageError
+        If a part is missing, doubled or of another run, or `target` may not be written.
+    BadInputError, StorageError
+        If a part is damaged, or the output cannot be written.
+    """
+    check_output(target, overwrite=overwrite, inputs=tuple(parts))
+    with ExitStack() as stack:
+        opened = [stack.enter_context(open_part(path)) for path in parts]
+        _check_parts(opened)
+        header, first = opened[0].header, opened[0].path
+        grid, owner, tallies = _grid(opened[0]), dict[int, Journal](), dict[int, tuple[int, ...]]()
+        for part in opened:
+            tallies |= part.done()
+            owner |= dict.fromkeys(part.done(), part)
+        missing = grid.count - len(owner)
+        if missing:
+            raise BadInputError(
+                f"{first}: {missing} of the run's {grid.count} blocks are in no part; a part is damaged"
+            )
+        cells = ((grid.cell(index), owner[index].cell(index)) for index in range(grid.count))
+        partial = journal_path(Path(os.path.realpath(target)))
+        _assemble(cells, partial, header, target, overwrite=overwrite, inputs=tuple(parts))
+    return Outcome(target=target, grid=grid, tally=_total(tallies.values()), cells=grid.count)
+
+
+def _check_parts(parts: Sequence[Journal]) -> None:
+    first, seen = parts[0], dict[int, Journal]()
+    for part in parts:
+        if part.header != first.header:
+            raise UsageError(
+                f"{part.path}: of another run than {first.path}; it differs in"
+                f" {_difference(part, first.header, part.shard)}"
+            )
+        if part.shard.count != first.shard.count:
+            raise UsageError(f"{part.path}: of {part.shard.count} parts, but {first.path} of {first.shard.count}")
+        if part.shard.number in seen:
+            raise UsageError(f"{part.path}: part {part.shard.number} again; it is also {seen[part.shard.number].path}")
+        seen[part.shard.number] = part
+    missing = [str(number) for number in range(1, first.shard.count + 1) if number not in seen]
+    if missing:
+        raise UsageError(f"{first.path}: {first.shard.count} parts make the run; missing: {', '.join(missing)}")
