@@ -14,7 +14,7 @@ from tofmix.estimation.counters import COUNTERS, Cpdf, Kde
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.mixture import fit_mixture
 from tofmix.estimation.noise import measure_noise
-from tofmix.estimation.samples import SortedSamples, sort_samples
+from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.estimation.unrolling import UnrolledSource, unroll, unrolled_pixel
 from tofmix.flags import Status
@@ -173,8 +173,7 @@ def test_any_readings_give_layers_that_hold_together(*, seed: int, n: int, outli
 def test_unrolled_samples_ascend_over_one_turn_and_fold_back(*, seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
     readings = rng.choice([0.0, 60.0, 7490.0, 3000.0, 12.5], size=(n, 3)) + rng.normal(0, 300, (n, 3))
-    ordered = sort_samples(readings)
-    block = SortedSamples(ordered.values.astype(np.float64), ordered.valid)
+    block = sort_samples(readings)
     before = np.sort(fold(block.values, LENGTH), axis=1)
     beam = beam_of(RISING, LENGTH)
     cuts, _ = unroll(block, beam, 600.0, LENGTH)

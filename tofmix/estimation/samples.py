@@ -27,9 +27,9 @@ BIN = 1.0 / 16.0
 
 
 class SortedSamples(NamedTuple):
-    """Samples of many pixels: `values` (pixel, frame) in mm, of which the first `valid` (pixel,) ascend."""
+    """Samples of many pixels: `values` (pixel, frame) float64 in mm, of which the first `valid` (pixel,) ascend."""
 
-    values: NDArray[np.floating]
+    values: FloatArray
     valid: IntArray
 
 
@@ -47,22 +47,18 @@ def sort_samples(block: NDArray[np.floating]) -> SortedSamples:
     with np.errstate(invalid="ignore"):
         values[~(np.abs(values) <= FARTHEST_MM)] = np.nan
     values.sort(axis=1)  # NaN last
-    return SortedSamples(values, np.count_nonzero(~np.isnan(values), axis=1).astype(np.int64))
+    valid = np.count_nonzero(~np.isnan(values), axis=1).astype(np.int64)
+    return SortedSamples(values.astype(np.float64), valid)
 
 
 @jit
 def gather(
-    values: NDArray[np.floating],
-    n: int,
-    curve_range: FloatArray,
-    curve_sigma: FloatArray,
-    value: FloatArray,
-    count: FloatArray,
+    values: FloatArray, n: int, curve_range: FloatArray, curve_sigma: FloatArray, value: FloatArray, count: FloatArray
 ) -> Readings:
     """Make `Readings` of the first `n` of ascending values, n > 0; `value` and `count` are room for as many."""
     m, width, first, last, inside, pulled = -1, -1.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
-        x = float(values[j])
+        x = values[j]
         if m >= 0 and (x == last or x - first <= width):
             inside += 1.0
             pulled += x - first

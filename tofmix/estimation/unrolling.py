@@ -100,7 +100,7 @@ def unroll(samples: SortedSamples, beam: Beam, unseen: float, length: float) -> 
     cuts, at_fold = np.zeros(len(samples.valid)), np.zeros(len(samples.valid), dtype=np.bool_)
     for pixel in range(len(samples.valid)):
         n = samples.valid[pixel]
-        values = samples.values[pixel, :n].astype(np.float64)
+        values = samples.values[pixel, :n]
         for j in range(n):
             value = values[j] - length * math.floor(values[j] / length)
             values[j] = 0.0 if value >= length else value
@@ -111,7 +111,6 @@ def unroll(samples: SortedSamples, beam: Beam, unseen: float, length: float) -> 
         lower = length if math.isfinite(beam.range_max) and cut > beam.range_max else 0.0
         if below > 0 or lower > 0.0:
             values[:] = np.concatenate((values[below:] - lower, values[:below] + (length - lower)))
-        samples.values[pixel, :n] = values
         cuts[pixel] = cut - lower
     return cuts, at_fold
 
@@ -134,7 +133,6 @@ def unrolled(samples: SortedSamples, sensor: Sensor, unambiguous_range_mm: float
         As `beam_of`.
     """
     beam = beam_of(sensor, unambiguous_range_mm)
-    samples = SortedSamples(samples.values.astype(np.float64), samples.valid)
     cuts, at_fold = unroll(samples, beam, unseen_zone(sensor, unambiguous_range_mm), unambiguous_range_mm)
     parts = []
     for chosen, its_beam in ((at_fold, beam), (~at_fold, beam_of(sensor, unambiguous_range_mm, at_fold=False))):

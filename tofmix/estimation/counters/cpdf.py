@@ -80,7 +80,7 @@ def _fill(samples: SortedSamples, edges: FloatArray, ratio: float, out: Peaks) -
     for pixel in range(len(samples.valid)):
         n = samples.valid[pixel]
         if n > 0:
-            values, place = samples.values[pixel, :n].astype(np.float64), out.place[pixel]
+            values, place = samples.values[pixel, :n], out.place[pixel]
             _count_below(values, edges, below)
             _rises(below, edges, ratio, rise)
             out.found[pixel] = _maxima(n, edges, ratio, rise, place, out.height[pixel])

@@ -87,7 +87,7 @@ def _fill(
         n = samples.valid[pixel]
         if n == 0:
             continue
-        values = samples.values[pixel, :n].astype(np.float64)
+        values = samples.values[pixel, :n]
         inside = values[(values >= low) & (values <= high + reach)]
         place, height = out.place[pixel], out.height[pixel]
         if len(inside) == 0:
