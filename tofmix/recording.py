@@ -58,6 +58,12 @@ def amplitude_source(source: SampleSource) -> AmplitudeSource | None:
     return source if isinstance(source, AmplitudeSource) and source.has_amplitude else None
 
 
+def wanted_amplitudes(source: SampleSource) -> AmplitudeSource | None:
+    """The recording's amplitudes, where its noise curve asks for them."""
+    noise = source.sensor.noise
+    return None if noise is None or noise.law is None else amplitude_source(source)
+
+
 class ArrayRecording:
     """A recording in memory.
 

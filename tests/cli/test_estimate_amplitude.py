@@ -80,7 +80,7 @@ def test_amplitude_without_effect_is_told_and_changes_nothing(tofmix: Tofmix, tm
 def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_reflective(tmp_path / "a.h5", 0.85)
     auto = ["--noise", "auto", "--window", 30]
-    for name, extra in (("x", ["--workers", 1]), ("y", ["--workers", 3, "--chunk-mb", 0.001])):
+    for name, extra in (("x", ["--workers", 1]), ("y", ["--workers", 3, "--memory", "250MB"])):
         assert tofmix("estimate", path, "-o", tmp_path / name, *auto, *extra).code == 0
     assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
 

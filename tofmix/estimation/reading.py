@@ -14,10 +14,10 @@ import numpy as np
 
 from tofmix.arrays import Float32Array
 from tofmix.grid import Cell, Grid
-from tofmix.recording import DECODED_SAMPLES, AmplitudeSource, SampleSource, amplitude_source
+from tofmix.recording import DECODED_SAMPLES, SampleSource, wanted_amplitudes
 
 SAMPLE_BYTES = 4
-"""A sample of a slab, float32."""
+"""A sample of a slab, float32; where its amplitude is read too, twice that."""
 
 _DECODING_BYTES = 10
 """A sample while it is decoded: as it is stored, and whether it is valid."""
@@ -66,20 +66,17 @@ class ReadPlan:
 
 @dataclass(frozen=True, slots=True)
 class Slab:
-    """Samples (frame, row, col) float32 in mm, NaN where invalid, from `frame` and `row` on.
-
-    Their amplitudes are there where the noise curve has a law of amplitude.
-    """
+    """Samples (frame, row, col) float32 in mm, NaN where invalid, from `frame` and `row` on, and their amplitudes."""
 
     frame: int
     row: int
     range_mm: Float32Array
     amplitude: Float32Array | None = None
 
-    def overlap(self, values: Float32Array, frames: slice, rows: slice) -> Float32Array:
-        """Those of its samples or amplitudes that lie in `frames` and `rows`."""
-        first = max(frames.start - self.frame, 0)
-        return values[first : max(frames.stop - self.frame, 0), rows.start - self.row : rows.stop - self.row]
+    def overlap(self, frames: slice, rows: slice) -> tuple[slice, slice]:
+        """Where in its arrays those samples are that lie in `frames` and `rows`."""
+        first, end = max(frames.start - self.frame, 0), max(frames.stop - self.frame, 0)
+        return slice(first, end), slice(rows.start - self.row, rows.stop - self.row)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,20 +88,14 @@ class Group:
 
     def samples(self, frames: slice, rows: slice, cols: slice) -> Float32Array:
         """Copy samples (frame, row, col) into one array."""
-        return np.concatenate([slab.overlap(slab.range_mm, frames, rows)[..., cols] for slab in self.slabs])
+        return np.concatenate([slab.range_mm[(*slab.overlap(frames, rows), cols)] for slab in self.slabs])
 
     def amplitudes(self, frames: slice, rows: slice, cols: slice) -> Float32Array | None:
-        """Copy amplitudes (frame, row, col) into one array; None where they are not wanted."""
+        """Copy the amplitudes of samples into one array, if they were read."""
         parts = [
-            slab.overlap(slab.amplitude, frames, rows)[..., cols] for slab in self.slabs if slab.amplitude is not None
+            slab.amplitude[(*slab.overlap(frames, rows), cols)] for slab in self.slabs if slab.amplitude is not None
         ]
         return np.concatenate(parts) if parts else None
-
-
-def wanted_amplitudes(source: SampleSource) -> AmplitudeSource | None:
-    """The recording's amplitudes, where its noise curve asks for them."""
-    noise = source.sensor.noise
-    return None if noise is None or noise.law is None else amplitude_source(source)
 
 
 def plan_reading(source: SampleSource, grid: Grid, *, buffer_bytes: int, workers: int) -> ReadPlan:
@@ -134,14 +125,15 @@ def plan_reading(source: SampleSource, grid: Grid, *, buffer_bytes: int, workers
     rows = grid.image[0]
     whole = [band for band in _bands(grid) if band == rows or band % source.row_step == 0]
     chunk = source.frame_step, source.row_step
+    # Amplitudes take as much as the samples.
+    times = 2 if wanted_amplitudes(source) else 1
     plans = chain(
         _plans(grid, whole, chunk, workers, rereads=False), _plans(grid, _bands(grid), (1, 1), workers, rereads=True)
     )
-    arrays = 1 if wanted_amplitudes(source) is None else 2  # amplitudes take as much again
     for plan, needed in plans:
-        if arrays * needed <= buffer_bytes:
+        if times * needed <= buffer_bytes:
             return plan
-    raise MemoryTooSmallError(arrays * needed)
+    raise MemoryTooSmallError(times * needed)
 
 
 def _plans(
@@ -241,8 +233,7 @@ class _SlabReader:
         self._kept = {key: slab for key, slab in self._kept.items() if key[0] == rows.start and key[1] >= starts[0]}
         for start in starts:
             if (rows.start, start) not in self._kept:
-                chosen = slice(start, min(start + step, end))
-                samples = self._source.read_range(chosen, rows)
-                light = None if self._amplitudes is None else self._amplitudes.read_amplitude(chosen, rows)
-                self._kept[rows.start, start] = Slab(start, rows.start, samples, light)
+                part = slice(start, min(start + step, end))
+                light = self._amplitudes.read_amplitude(part, rows) if self._amplitudes else None
+                self._kept[rows.start, start] = Slab(start, rows.start, self._source.read_range(part, rows), light)
         return tuple(self._kept[rows.start, start] for start in starts)

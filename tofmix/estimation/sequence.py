@@ -95,8 +95,8 @@ class _Work(Generic[T]):
             frames = self._grid.frames(slice(cell.windows.start + window, cell.windows.start + window + 1))
             for piece_rows, piece_cols in self._pieces(cell.rows):
                 samples = group.samples(frames, piece_rows, piece_cols)
-                amplitude = group.amplitudes(frames, piece_rows, piece_cols)
-                layers = layer_pixels(samples, self._sensor, self._options, amplitude=amplitude)
+                light = group.amplitudes(frames, piece_rows, piece_cols)
+                layers = layer_pixels(samples, self._sensor, self._options, amplitude=light)
                 place = slice(piece_rows.start - cell.rows.start, piece_rows.stop - cell.rows.start)
                 for spec in LAYER_FIELDS:
                     getattr(out, spec.name)[window, place, piece_cols] = getattr(layers, spec.name)

@@ -1,16 +1,21 @@
 """Compile every kernel ahead, by using each once: for container images and read-only installations."""
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
 
 from tofmix.estimation.counters import COUNTERS
-from tofmix.estimation.layering import warm_up
+from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.noise import measure_noise
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.io.model_file import load_model
+from tofmix.mapping.beams import beams_from_layers
+from tofmix.mapping.grid import plan_grid as grid_of_map
+from tofmix.mapping.occupancy import count_light
+from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
-from tofmix.sensor import Sensor
+from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.simulation.cast import cast_scene
 
 _RANGE_MM = 1000.0
@@ -20,6 +25,14 @@ def compile_all() -> None:
     """Compile the kernels of all commands and options, or load them from their cache."""
     for sigma, refine, counter in product(SigmaMode, Refine, COUNTERS.values()):
         warm_up(EstimateOptions(sigma=sigma, refine=refine, counter=counter()))
+    warm_up(EstimateOptions(unambiguous_range_mm=2.0 * _RANGE_MM))
     made_up = np.random.default_rng(1).normal(_RANGE_MM, 10.0, (20, 6, 6))
-    measure_noise(ArrayRecording(made_up, Sensor(name="warm-up", range_max_mm=2.0 * _RANGE_MM)))
+    amplitude = np.full(made_up.shape, 100.0)
+    sensor = Sensor(name="warm-up", range_max_mm=2.0 * _RANGE_MM, fov_horizontal_deg=10.0, fov_vertical_deg=10.0)
+    measure_noise(ArrayRecording(made_up, sensor, amplitude))
+    law = AmplitudeLaw(np.array([100.0]), np.array([50.0, 200.0]), np.array([2.0, 0.5]))
+    by_amplitude = replace(sensor, noise=NoiseCurve(np.array([_RANGE_MM]), np.array([10.0]), law))
+    layers = layer_pixels(made_up, by_amplitude, amplitude=amplitude)
+    beams = beams_from_layers(layers, by_amplitude)
+    count_light(beams, Pose(), grid_of_map(beams, Pose(), cell_mm=200.0))
     cast_scene(load_model("three-boards"))
