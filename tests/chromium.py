@@ -21,7 +21,9 @@ _FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
     "--disable-dev-shm-usage", "--hide-scrollbars", "--remote-debugging-pipe",
 )  # fmt: skip
-_HAND_OVER = "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2]), 4); os.execv(sys.argv[3], sys.argv[3:])"
+_HAND_OVER = (
+    "import os, sys; os.dup2(int(sys.argv[1]), 3); os.dup2(int(sys.argv[2]), 4); os.execv(sys.argv[3], sys.argv[3:])"
+)
 _PAST_BOTH = 10
 _KEYS = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40, "Home": 36, "End": 35, "Tab": 9}
 
@@ -136,7 +138,16 @@ def tab(browser: str, profile: Path) -> Iterator[Tab]:
     """Start a browser with one page; `profile` is a folder of its own."""
     ours, theirs = os.pipe(), os.pipe()  # what it reads, what it writes
     reads, writes = (fcntl.fcntl(fd, fcntl.F_DUPFD, _PAST_BOTH) for fd in (ours[0], theirs[1]))
-    command = [sys.executable, "-c", _HAND_OVER, str(reads), str(writes), browser, *_FLAGS, f"--user-data-dir={profile}"]
+    command = [
+        sys.executable,
+        "-c",
+        _HAND_OVER,
+        str(reads),
+        str(writes),
+        browser,
+        *_FLAGS,
+        f"--user-data-dir={profile}",
+    ]
     close: Callable[[int], None] = os.close
     with subprocess.Popen(command, pass_fds=(reads, writes), stderr=subprocess.DEVNULL) as process:
         for fd in (ours[0], theirs[1], reads, writes):

@@ -23,8 +23,16 @@ from tofmix.report.theme import DARK, LIGHT
 MOST_PIXELS = 60_000
 """Pixels of all windows of a page; one window is always there, unless it has more than `LARGEST_IMAGE`."""
 
+MOST_WINDOWS = 50
+
 LARGEST_IMAGE = 400_000
 """Pixels beyond which a page has no explorer."""
+
+MOST_TEXT = 2_400_000
+"""Characters of the data, so that a page of one full image stays below 3 MB with its pictures."""
+
+LEAST_SAMPLE_TEXT = 200_000
+"""Characters that samples may take however much the layers take."""
 
 _PIXEL_UNITS = {
     "n_modes": 1.0, "n_peaks": 1.0, "status": 1.0, "n_samples": 1.0, "weight_no_return": 1e-4, "weight_outlier": 1e-7,
@@ -78,27 +86,23 @@ def make_explorer(
     if layers.n_modes.size > LARGEST_IMAGE:
         return None
     chosen = windows_around(layers_file, window, with_samples=recording is not None)
-    packed: list[dict[str, Any]] = []
+    windows = [
+        _pack_window(layers_file, number, recording, (layers, averaged) if number == window else None)
+        for number in chosen
+    ]
     samples = None
-    for number in chosen:
-        start, stop = int(layers_file.window_start[number]), int(layers_file.window_stop[number])
-        if number == window:
-            shown, mean = layers, averaged
-        else:
-            shown = layers_file.read_window(number)
-            mean = average_layers(shown) if recording is None else average_samples(recording, start=start, stop=stop)
-        if recording is not None:
+    if recording is not None:
+        room = max(LEAST_SAMPLE_TEXT, MOST_TEXT - sum(len(held["data"]) for held in windows)) // len(windows)
+        for held in windows:
+            start, stop = held["frames"]
             noise = layers_file.provenance.sensor.noise
-            samples = pack_samples(recording, start=start, stop=stop, noise=noise, windows=len(chosen))
-        most = int(shown.n_modes.max(initial=0))
-        windowed = {"window": number, "frames": [start, stop], "most_layers": most}
-        packed.append(windowed | _pack_window(shown, mean, samples))
-    content = _settings(layers_file, scale) | {"shown": window, "averaging": averaged.averaging, "windows": packed}
+            samples = pack_samples(recording, start=start, stop=stop, noise=noise, room=room, windows=len(windows))
+            held["samples"] = None if samples is None else _pack_samples(samples)
+    most = max(held["most_layers"] for held in windows)
+    content = _settings(layers_file, scale, most) | {"shown": window, "windows": windows}
     text = json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    note = " ".join(
-        (_windows_note(chosen, layers_file.shape[0]), _samples_note(samples, recorded=recording is not None))
-    )
-    return Explorer(text=text, note=note.strip())
+    notes = _windows_note(chosen, layers_file.shape[0]), _samples_note(samples, recorded=recording is not None)
+    return Explorer(text=text, note=" ".join(note for note in notes if note))
 
 
 def windows_around(layers_file: LayersSource, window: int, *, with_samples: bool) -> range:
@@ -108,28 +112,46 @@ def windows_around(layers_file: LayersSource, window: int, *, with_samples: bool
     if with_samples:
         frames = int(layers_file.window_stop[window] - layers_file.window_start[window])
         count = min(count, MOST_SAMPLES // (rows * cols * max(1, frames)))
-    count = max(1, min(windows, count))
+    count = max(1, min(windows, count, MOST_WINDOWS))
     first = min(max(0, window - count // 2), windows - count)
     return range(first, first + count)
 
 
-def _pack_window(layers: Layers, averaged: AveragedImage, samples: PackedSamples | None) -> dict[str, Any]:
+def _pack_window(
+    layers_file: LayersSource,
+    number: int,
+    recording: SampleSource | None,
+    known: tuple[Layers, AveragedImage] | None,
+) -> dict[str, Any]:
+    start, stop = int(layers_file.window_start[number]), int(layers_file.window_stop[number])
+    if known is None:
+        layers = layers_file.read_window(number)
+        mean = average_layers(layers) if recording is None else average_samples(recording, start=start, stop=stop)
+    else:
+        layers, mean = known
     arrays = {name: (getattr(layers, name), unit) for name, unit in _PIXEL_UNITS.items()}
-    arrays["averaged"] = (averaged.range_mm, _AVERAGED_UNIT_MM)
+    arrays["averaged"] = (mean.range_mm, _AVERAGED_UNIT_MM)
     present = np.arange(layers.max_layers) < layers.n_modes[..., np.newaxis]
     arrays |= {name: (getattr(layers, name)[present], unit) for name, unit in _LAYER_UNITS.items()}
-    if samples is not None:
-        arrays["sample_counts"] = (samples.counts, 1.0)
     specs, text = pack_numbers(arrays)
-    of_samples = None
-    if samples is not None:
-        of_samples = {
-            "data": samples.text, "ranks": samples.ranks, "step": samples.step_mm, "offset": samples.offset_mm,
-        }  # fmt: skip
-    return {"arrays": specs, "data": text, "samples": of_samples}
+    most = int(layers.n_modes.max(initial=0))
+    return {
+        "window": number, "frames": [start, stop], "most_layers": most, "arrays": specs, "data": text, "samples": None
+    }  # fmt: skip
 
 
-def _settings(layers_file: LayersSource, scale: tuple[float, float]) -> dict[str, Any]:
+def _pack_samples(samples: PackedSamples) -> dict[str, Any]:
+    specs, text = pack_numbers({"counts": (samples.counts, 1.0)})
+    return {
+        "data": samples.text,
+        "ranks": samples.ranks,
+        "step": samples.step_mm,
+        "offset": samples.offset_mm,
+        "counts": {"arrays": specs, "data": text},
+    }
+
+
+def _settings(layers_file: LayersSource, scale: tuple[float, float], most: int) -> dict[str, Any]:
     sensor = layers_file.provenance.sensor
     curve = sensor.noise
     _, rows, cols = layers_file.shape
@@ -140,8 +162,8 @@ def _settings(layers_file: LayersSource, scale: tuple[float, float]) -> dict[str
         "shades": range_shades(),
         "below": BELOW,
         "above": ABOVE,
-        "counts": {"light": count_colours(LIGHT), "dark": count_colours(DARK)},
-        "countLabels": [count_label(n) for n in range(len(count_colours(LIGHT)))],
+        "counts": {"light": count_colours(most, LIGHT), "dark": count_colours(most, DARK)},
+        "countLabels": [count_label(n) for n in range(len(count_colours(most, LIGHT)))],
         "statuses": {int(s): [status_name(s).replace("_", " "), STATUS_MEANINGS[s]] for s in Status},
         "tooFew": int(Status.TOO_FEW_SAMPLES),
         "rangeMax": sensor.range_max_mm,

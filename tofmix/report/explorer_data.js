@@ -32,20 +32,24 @@ function unpacked(specs, bytes) {
 
 /** One window: layers of every pixel, averaged ranges, and samples if the page has them. */
 class WindowData {
-  constructor(packed, arrays, gaps, pixels) {
+  constructor(packed, arrays, gaps, counts, pixels) {
     this.number = packed.window;
     this.frames = packed.frames;
     this.arrays = arrays;
     this.pixels = pixels;
     this.packedSamples = packed.samples;
     this.gaps = gaps;
+    this.counts = counts; // valid samples of each pixel
     this.first = new Uint32Array(pixels + 1); // of each pixel's layers
     for (let p = 0; p < pixels; p++) this.first[p + 1] = this.first[p] + arrays.n_modes[p];
   }
 
   static async read(packed, pixels) {
     const arrays = unpacked(packed.arrays, await inflated(packed.data));
-    return new WindowData(packed, arrays, packed.samples ? await inflated(packed.samples.data) : null, pixels);
+    if (!packed.samples) return new WindowData(packed, arrays, null, null, pixels);
+    const { counts, data } = packed.samples;
+    const read = unpacked(counts.arrays, await inflated(counts.data));
+    return new WindowData(packed, arrays, await inflated(data), read.counts, pixels);
   }
 
   layers(pixel) {
@@ -65,7 +69,7 @@ class WindowData {
     if (!this.gaps) return null;
     const { ranks, step, offset } = this.packedSamples;
     const high = ranks * this.pixels;
-    const values = new Float64Array(this.arrays.sample_counts[pixel]);
+    const values = new Float64Array(this.counts[pixel]);
     let steps = 0;
     for (let k = 0; k < values.length; k++) {
       const at = k * this.pixels + pixel;

@@ -145,11 +145,11 @@ def _extent(range_mm: FloatArray) -> str:
 
 def _count_picture(layers: Layers) -> ImagePicture:
     fitted = layers.status != Status.TOO_FEW_SAMPLES
-    counts = np.bincount(layers.n_modes[fitted].ravel(), minlength=1)
+    counts = np.bincount(layers.n_modes[fitted], minlength=int(layers.n_modes.max(initial=0)) + 1)
     found = "; ".join(f"{n}: {count} pixels" for n, count in enumerate(counts.tolist()) if count)
     light, dark = (count_uri(layers.n_modes, fitted=fitted, theme=theme) for theme in (LIGHT, DARK))
     present = sorted({min(n, MANY) for n, count in enumerate(counts.tolist()) if count})
-    colours = [NO_SURFACE, *count_colours(LIGHT)[1:]]
+    colours = [NO_SURFACE, *count_colours(len(counts) - 1, LIGHT)[1:]]
     legend = [(colours[n], count_label(n)) for n in present]
     rows, cols = layers.shape
     return ImagePicture(

@@ -104,12 +104,12 @@ def range_uri(range_mm: FloatArray, *, scale: tuple[float, float]) -> str:
 def count_uri(n_modes: NDArray[np.uint8], *, fitted: NDArray[np.bool_], theme: Theme) -> str:
     """Draw the number of surfaces (row, col) as a ``data:`` URI of a PNG; transparent where nothing was fitted."""
     index = np.where(fitted, np.minimum(n_modes, MANY) + 1, _NO_DATA).astype(np.uint8)
-    return _png_uri(index, ["#000000", *count_colours(theme)])
+    return _png_uri(index, ["#000000", *count_colours(int(n_modes.max(initial=0)), theme)])
 
 
-def count_colours(theme: Theme) -> list[str]:
-    """Colours of the counts 0 to `MANY`: the ground for none, then from dark to light, far apart."""
-    steps = colormaps[COUNT_MAP](np.linspace(0.15, 1.0, MANY))
+def count_colours(most: int, theme: Theme) -> list[str]:
+    """Colours of the counts 0 to `most`, at most `MANY`: the ground for none, then from dark to light, far apart."""
+    steps = colormaps[COUNT_MAP](np.linspace(0.15, 1.0, max(3, min(MANY, most))))
     return [theme.no_surface, *(to_hex(step) for step in steps)]
 
 

@@ -18,9 +18,6 @@ from tofmix.sensor import NoiseCurve
 MOST_SAMPLES = 4_000_000
 """Samples that a page takes up at most; of longer windows every so many frames are left out."""
 
-MOST_BYTES = 1_650_000
-"""Deflated samples of a page; where it takes more, they are rounded more roughly."""
-
 LEAST_FRAMES = 16
 """Fewer samples a pixel than these show nothing."""
 
@@ -48,7 +45,7 @@ class PackedSamples:
 
 
 def pack_samples(
-    recording: SampleSource, *, start: int, stop: int, noise: NoiseCurve | None, windows: int = 1
+    recording: SampleSource, *, start: int, stop: int, noise: NoiseCurve | None, room: int, windows: int = 1
 ) -> PackedSamples | None:
     """Read and pack the samples of frames [start, stop).
 
@@ -60,8 +57,10 @@ def pack_samples(
         Frames of the window.
     noise : NoiseCurve, optional
         sigma(r): samples that are no whole mm are rounded well below it.
+    room : int
+        Characters that the text may take; where it takes more, samples are rounded more roughly.
     windows : int
-        Windows that share the room of the page.
+        Windows that share `MOST_SAMPLES`.
 
     Returns
     -------
@@ -83,7 +82,7 @@ def pack_samples(
         while (highest - offset) / step > _MOST_STEPS:
             step *= 2
         deflated = pack_gaps(_gaps(samples, offset, step))
-        if len(deflated) <= MOST_BYTES // windows:
+        if len(deflated) <= room * 3 // 4 or step > highest - offset:
             break
         step *= 2
     return PackedSamples(
