@@ -143,8 +143,8 @@ def test_a_section_and_the_neighbours_can_be_clicked(browser: Tab, page: Path, w
     assert browser.text("#x-section-alt").startswith(f"{several} of 11 pixels see more than one surface")
     browser.click("#x-neighbours tr:nth-child(1) td:nth-child(3) button")
     check_pixel(browser, windows[0], 3, 6)
-    left, right, width = 56, 1050, 1060  # of the plot
-    browser.click("#x-section", (left + (right - left) * 2.5 / COLS) / width, 0.5)
+    left, width = 56, browser.value("document.querySelector('#x-section').viewBox.baseVal.width")
+    browser.click("#x-section", (left + (width - 10 - left) * 2.5 / COLS) / width, 0.5)
     check_pixel(browser, windows[0], 3, 2)
     browser.choose("#x-along", "column")
     assert browser.text("#x-section-title") == "Section through column 2"

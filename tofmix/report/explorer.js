@@ -117,6 +117,7 @@ class Explorer {
     byId("x-reset").addEventListener("click", () => { [this.low, this.high] = this.settings.scale; this.showScale(); this.drawImage(); });
     byId("x-section").addEventListener("click", (event) => choose(this.placeInSection(event)));
     addEventListener("hashchange", async () => { await this.followLink(); this.show(); });
+    addEventListener("resize", () => { this.showPixel(); this.showSection(); });
     this.dark.addEventListener("change", () => this.drawImage());
   }
 

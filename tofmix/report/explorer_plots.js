@@ -67,6 +67,9 @@ class Plot {
   }
 }
 
+/** Width of a plot as it stands in the page, so that its text is neither large nor small. */
+const shownWidth = (svg, least) => Math.max(least, Math.round(svg.getBoundingClientRect().width));
+
 const told = (value) => String(Number(value.toPrecision(6)));
 const layerColour = (k) => `var(--layer-${(k % 3) + 1})`;
 const LINES = ["", "6 3", "2 3"]; // with the colours, so that none is needed to tell layers apart
@@ -113,7 +116,7 @@ function drawPixel(svg, { layers, samples, noReturn, settings }) {
   const density = bins && settings.noise ? densityAt(samples, places, settings.noise).map((p) => 1000 * p) : [];
   const tops = [...fitted.flat(), ...open, ...(bins ? bins.bars : []), ...density].filter(Number.isFinite);
   const top = 1.08 * (Math.max(0, ...tops) || 1);
-  const plot = new Plot(svg, { width: 500, height: 280, x: limits, y: [0, top], xLabel: "range (mm)", yLabel: "p(r)  (1/m)" });
+  const plot = new Plot(svg, { width: shownWidth(svg, 320), height: 280, x: limits, y: [0, top], xLabel: "range (mm)", yLabel: "p(r)  (1/m)" });
   if (bins) bins.bars.forEach((bar, k) => {
     const x = plot.x(limits[0] + k * bins.width);
     const width = plot.x(limits[0] + (k + 1) * bins.width) - x;
@@ -149,7 +152,7 @@ function drawSection(svg, { points, at, xLabel }) {
   const [low, high] = [Math.min(...shown), Math.max(...shown)];
   const margin = Math.max(50, 0.06 * (high - low));
   const limits = [low - margin, high + margin];
-  const plot = new Plot(svg, { width: 1060, height: 380, x: [-0.5, points.length - 0.5], y: limits, xLabel, yLabel: "range (mm)" });
+  const plot = new Plot(svg, { width: shownWidth(svg, 640), height: 380, x: [-0.5, points.length - 0.5], y: limits, xLabel, yLabel: "range (mm)" });
   plot.add("line", { class: "chosen", x1: plot.x(at), x2: plot.x(at), y1: plot.top, y2: plot.bottom });
   const marks = ["", "", ""];
   let crosses = "";
