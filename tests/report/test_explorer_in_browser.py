@@ -105,7 +105,7 @@ def test_every_pixel_can_be_reached_by_keys(browser: Tab, page: Path, windows: l
     check_pixel(browser, windows[0], 6, 1)
     browser.choose("#x-row", 99)
     check_pixel(browser, windows[0], 8, 1)
-    assert browser.value("location.hash") == "#pixel=8,1&window=0&image=layer-0&section=row"
+    assert browser.value("location.hash") == "#pixel=8,1&window=0&image=layer-0&section=row&drawn=plain"
     assert browser.said == []
 
 
@@ -133,6 +133,25 @@ def test_the_image_is_that_of_the_chosen_layer_and_window(browser: Tab, page: Pa
     assert "above 3000 mm" in browser.text("#x-legend")
     browser.click("#x-reset")
     assert float(browser.value("document.querySelector('#x-high').value")) > 3000
+    assert browser.said == []
+
+
+def test_a_section_in_space_is_clicked_along_the_beam(browser: Tab, page: Path, windows: list[Layers]) -> None:
+    browser.said.clear()
+    browser.open(page, link="#pixel=4,5&drawn=space", ready=READY)
+    assert browser.text("#x-section text:last-of-type") == "z, away from the sensor (mm)"
+    for col in (7, 1):
+        browser.choose("#x-col", col)
+        # the middle of the chosen beam, as far as it is in view
+        x, y = browser.value(
+            "(() => {const svg = document.querySelector('#x-section'), line = svg.querySelector('.chosen');"
+            " const box = svg.viewBox.baseVal, at = (name) => Number(line.getAttribute(name));"
+            " const y = box.height / 2, share = (y - at('y1')) / (at('y2') - at('y1'));"
+            " return [(at('x1') + share * (at('x2') - at('x1'))) / box.width, y / box.height];})()"
+        )
+        browser.choose("#x-col", 4)
+        browser.click("#x-section", x, y)
+        check_pixel(browser, windows[0], 4, col)
     assert browser.said == []
 
 

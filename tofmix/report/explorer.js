@@ -11,6 +11,9 @@ function filled(name, text, attributes = {}) {
   return element;
 }
 
+const nearest = (values, wanted) =>
+  values.reduce((best, value, k) => (Math.abs(value - wanted) < Math.abs(values[best] - wanted) ? k : best), 0);
+
 class Explorer {
   constructor(settings) {
     this.settings = settings;
@@ -20,6 +23,7 @@ class Explorer {
     [this.low, this.high] = settings.scale;
     this.view = "layer-0";
     this.along = "row";
+    this.shape = "plain";
   }
 
   async start() {
@@ -61,7 +65,7 @@ class Explorer {
     this.col = Math.min(cols - 1, Math.max(0, col));
   }
 
-  /** Follow #pixel=72,92&window=0&image=layer-1&section=column. */
+  /** Follow #pixel=72,92&window=0&image=layer-1&section=column&drawn=space. */
   async followLink() {
     const link = new URLSearchParams(location.hash.slice(1));
     const place = (link.get("pixel") || "").split(",").map(Number);
@@ -69,6 +73,7 @@ class Explorer {
     if (link.has("window")) await this.openWindow(Number(link.get("window")));
     const view = link.get("image");
     if ([...byId("x-view").options].some(({ value }) => value === view)) this.view = view;
+    if (link.has("drawn")) this.shape = link.get("drawn") === "space" ? "space" : "plain";
     if (link.get("section")) this.along = link.get("section") === "column" ? "column" : "row";
     return link.has("pixel");
   }
@@ -105,6 +110,7 @@ class Explorer {
     byId("x-col").addEventListener("change", (event) => choose([this.row, Math.round(event.target.valueAsNumber) || 0]));
     byId("x-view").addEventListener("change", (event) => { this.view = event.target.value; this.show(); });
     byId("x-along").addEventListener("change", (event) => { this.along = event.target.value; this.show(); });
+    byId("x-shape").addEventListener("change", (event) => { this.shape = event.target.value; this.show(); });
     byId("x-window").addEventListener("change", async (event) => { await this.openWindow(Number(event.target.value)); this.show(); });
     const scale = () => {
       const [low, high] = [byId("x-low").valueAsNumber, byId("x-high").valueAsNumber];
@@ -129,9 +135,12 @@ class Explorer {
 
   placeInSection(event) {
     const svg = byId("x-section");
-    const x = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse()).x;
-    const { left, right, limits } = this.sectionPlot;
-    const at = Math.round(limits.x[0] + ((x - left) / (right - left)) * (limits.x[1] - limits.x[0]));
+    const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+    const { left, right, top, bottom, limits } = this.sectionPlot;
+    const across = limits.x[0] + ((x - left) / (right - left)) * (limits.x[1] - limits.x[0]);
+    const away = limits.y[1] - ((y - top) / (bottom - top)) * (limits.y[1] - limits.y[0]);
+    const angles = this.shape === "space" ? this.angles() : null;
+    const at = angles ? nearest(angles, Math.atan2(across, away)) : Math.round(across);
     return this.along === "row" ? [this.row, at] : [at, this.col];
   }
 
@@ -151,11 +160,12 @@ class Explorer {
     byId("x-view").value = this.view;
     byId("x-window").value = this.window.number;
     byId("x-along").value = this.along;
+    byId("x-shape").value = this.shape;
     this.drawImage();
     this.showPixel();
     this.showSection();
     try {
-      const link = `#pixel=${this.row},${this.col}&window=${this.window.number}&image=${this.view}&section=${this.along}`;
+      const link = `#pixel=${this.row},${this.col}&window=${this.window.number}&image=${this.view}&section=${this.along}&drawn=${this.shape}`;
       history.replaceState(null, "", link);
     } catch { /* a page inside another may not name itself */ }
   }

@@ -167,6 +167,7 @@ def _settings(layers_file: LayersSource, scale: tuple[float, float], most: int) 
         "statuses": {int(s): [status_name(s).replace("_", " "), STATUS_MEANINGS[s]] for s in Status},
         "tooFew": int(Status.TOO_FEW_SAMPLES),
         "rangeMax": sensor.range_max_mm,
+        "fov": [sensor.fov_horizontal_deg, sensor.fov_vertical_deg],
         "noise": None if curve is None else [curve.range_mm.tolist(), curve.sigma_mm.tolist()],
     }
 

@@ -85,16 +85,17 @@ function pixelLimits(layers, samples) {
   if (!ends.length) return [0, 1000];
   const low = Math.min(...ends);
   const high = Math.max(...ends);
-  const margin = Math.max(20, 0.04 * (high - low));
+  const margin = Math.max(1, 0.04 * (high - low));
   return [low - margin, high + margin];
 }
 
 /** Heights in 1/m of the bars of a histogram over the limits, by Freedman and Diaconis' width within bounds. */
-function histogram(samples, [low, high]) {
+function histogram(samples, [low, high], step) {
   const last = samples.length - 1;
   const spread = samples[Math.round(0.75 * last)] - samples[Math.round(0.25 * last)];
   const wanted = (high - low) / ((2 * spread) / Math.cbrt(samples.length));
-  const count = Math.round(Math.min(80, Math.max(40, Number.isFinite(wanted) ? wanted : 80)));
+  const bounded = Math.min(80, Math.max(40, Number.isFinite(wanted) ? wanted : 80));
+  const count = Math.max(1, Math.min(Math.round(bounded), Math.floor((high - low) / step))); // no bin between two steps
   const width = (high - low) / count;
   const bars = new Array(count).fill(0);
   for (const sample of samples) {
@@ -105,14 +106,14 @@ function histogram(samples, [low, high]) {
 }
 
 /** Histogram, density and fitted components of one pixel. */
-function drawPixel(svg, { layers, samples, noReturn, settings }) {
+function drawPixel(svg, { layers, samples, step, noReturn, settings }) {
   const limits = pixelLimits(layers, samples);
   const places = Array.from({ length: 401 }, (_, k) => limits[0] + ((limits[1] - limits[0]) * k) / 400);
   const component = ({ range, sigma, weight }) => places.map((r) => (1000 * weight * bell((r - range) / sigma)) / sigma);
   const fitted = layers.map(component);
   const open = settings.rangeMax && settings.noise && noReturn > 0
     ? component({ range: settings.rangeMax, sigma: sigmaAt(settings.noise, settings.rangeMax), weight: noReturn }) : [];
-  const bins = samples && samples.length ? histogram(samples, limits) : null;
+  const bins = samples && samples.length ? histogram(samples, limits, step) : null;
   const density = bins && settings.noise ? densityAt(samples, places, settings.noise).map((p) => 1000 * p) : [];
   const tops = [...fitted.flat(), ...open, ...(bins ? bins.bars : []), ...density].filter(Number.isFinite);
   const top = 1.08 * (Math.max(0, ...tops) || 1);
@@ -144,30 +145,44 @@ const MARKS = [
   (x, y, r) => `M${x} ${y - 1.2 * r}l${1.1 * r} ${2 * r}h${-2.2 * r}Z`,
 ];
 
-/** Averaged points against layers along a row or column; points are {at, averaged, layers}. */
-function drawSection(svg, { points, at, xLabel }) {
-  const ranges = points.flatMap(({ layers }) => layers.map(({ range }) => range));
-  const averaged = points.map((point) => point.averaged).filter(Number.isFinite);
-  const shown = ranges.length ? ranges : averaged.length ? averaged : [0, 1000];
-  const [low, high] = [Math.min(...shown), Math.max(...shown)];
-  const margin = Math.max(50, 0.06 * (high - low));
-  const limits = [low - margin, high + margin];
-  const plot = new Plot(svg, { width: shownWidth(svg, 640), height: 380, x: [-0.5, points.length - 0.5], y: limits, xLabel, yLabel: "range (mm)" });
-  plot.add("line", { class: "chosen", x1: plot.x(at), x2: plot.x(at), y1: plot.top, y2: plot.bottom });
+/** Limits in x and y around some places; as large as the plot's area allows at one scale for both. */
+function equalLimits(places, width, height) {
+  const [xs, ys] = [0, 1].map((axis) => places.map((place) => place[axis]));
+  const middle = [xs, ys].map((values) => (Math.min(...values) + Math.max(...values)) / 2);
+  const extent = [xs, ys].map((values) => Math.max(...values) - Math.min(...values));
+  const scale = 1.08 * Math.max(extent[0] / width, extent[1] / height, 1 / width);
+  return [width, height].map((length, axis) => [middle[axis] - (scale * length) / 2, middle[axis] + (scale * length) / 2]);
+}
+
+/**
+ * Averaged points against layers along a row or column; points are {averaged, layers}. With `angles` in radians
+ * the points stand in space, across and away from the sensor; without, ranges stand over pixels.
+ */
+function drawSection(svg, { points, at, angles, labels }) {
+  const place = (k, range) => (angles ? [range * Math.sin(angles[k]), range * Math.cos(angles[k])] : [k, range]);
+  const ofLayers = points.flatMap(({ layers }, k) => layers.map(({ range }) => place(k, range)));
+  const ofAveraged = points.map(({ averaged }, k) => place(k, averaged)).filter(([, y]) => Number.isFinite(y));
+  const held = ofLayers.length ? ofLayers : ofAveraged.length ? ofAveraged : [[0, 0], [0, 1000]];
+  const [width, height] = [shownWidth(svg, 640), angles ? 520 : 380];
+  const ys = held.map((point) => point[1]);
+  const margin = Math.max(1, 0.06 * (Math.max(...ys) - Math.min(...ys)));
+  const [x, y] = angles ? equalLimits(held, width - 66, height - 50)
+    : [[-0.5, points.length - 0.5], [Math.min(...ys) - margin, Math.max(...ys) + margin]];
+  const plot = new Plot(svg, { width, height, x, y, xLabel: labels[0], yLabel: labels[1] });
+  const shown = ([across, away]) => [Number(plot.x(across).toFixed(1)), Number(plot.y(away).toFixed(1))];
+  const [from, to] = (angles ? [0, 2 * Math.abs(y[1])] : y).map((range) => shown(place(at, range)));
+  plot.add("line", { class: "chosen", x1: from[0], x2: to[0], y1: from[1], y2: to[1] });
   const marks = ["", "", ""];
-  let crosses = "";
   let beams = "";
-  points.forEach(({ averaged: mean, layers }, k) => {
-    const x = Number(plot.x(k).toFixed(1));
-    if (Number.isFinite(mean)) crosses += cross(x, Number(plot.y(mean).toFixed(1)));
+  points.forEach(({ layers }, k) => {
     layers.forEach(({ range, weight }, n) => {
-      const radius = (2 + 3 * Math.sqrt(weight || 0)).toFixed(1);
-      marks[n % 3] += MARKS[n % 3](x, Number(plot.y(range).toFixed(1)), Number(radius));
+      marks[n % 3] += MARKS[n % 3](...shown(place(k, range)), Number((2 + 3 * Math.sqrt(weight || 0)).toFixed(1)));
     });
-    if (layers.length > 1) beams += `M${x} ${plot.y(layers[0].range)}V${plot.y(layers[layers.length - 1].range)}`;
+    if (layers.length > 1) beams += `M${shown(place(k, layers[0].range))}L${shown(place(k, layers[layers.length - 1].range))}`;
   });
   plot.add("path", { class: "beam", d: beams });
-  plot.add("path", { class: "averaged", d: crosses });
+  plot.add("path", { class: "averaged", d: ofAveraged.map((point) => cross(...shown(point))).join("") });
   marks.forEach((d, n) => plot.add("path", { d, fill: layerColour(n), "fill-opacity": 0.6 }));
-  return { plot, outside: averaged.filter((mean) => mean < limits[0] || mean > limits[1]).length };
+  const inside = (value, [low, high]) => value >= low && value <= high;
+  return { plot, outside: ofAveraged.filter((point) => !inside(point[0], x) || !inside(point[1], y)).length };
 }

@@ -92,7 +92,7 @@ Object.assign(Explorer.prototype, {
     byId("x-pixel-title").textContent = title;
     byId("x-said").textContent = `${title}: ${found}; ${status}. Averaged ${fixed(arrays.averaged[pixel], 0)} mm.`;
     const noReturn = arrays.weight_no_return[pixel];
-    drawPixel(byId("x-mixture"), { layers, samples, noReturn, settings: this.settings });
+    drawPixel(byId("x-mixture"), { layers, samples, step: samples ? this.window.packedSamples.step : 1, noReturn, settings: this.settings });
     byId("x-mixture-alt").textContent = `${samples ? counted(samples.length, "sample") + ", their density and" : "No samples in this page;"} ${counted(layers.length, "fitted component")}. The numbers are in the table below.`;
     this.showKeys(layers, samples, noReturn);
     byId("x-layers").tBodies[0].replaceChildren(...layers.map((layer, k) => {
@@ -140,6 +140,14 @@ Object.assign(Explorer.prototype, {
     }
   },
 
+  /** Where the pixels of the section look, radians from the middle; null without a field of view. */
+  angles() {
+    const { cols, rows, fov } = this.settings;
+    const [count, view] = this.along === "row" ? [cols, fov[0]] : [rows, fov[1]];
+    if (view === null) return null;
+    return Array.from({ length: count }, (_, k) => (((k - (count - 1) / 2) * view) / count) * (Math.PI / 180));
+  },
+
   showSection() {
     const { cols, rows } = this.settings;
     const byRow = this.along === "row";
@@ -147,7 +155,12 @@ Object.assign(Explorer.prototype, {
       const pixel = byRow ? this.row * cols + k : k * cols + this.col;
       return { averaged: this.window.arrays.averaged[pixel], layers: this.window.layers(pixel) };
     });
-    const { plot, outside } = drawSection(byId("x-section"), { points, at: byRow ? this.col : this.row, xLabel: byRow ? "column" : "row" });
+    const all = this.angles();
+    byId("x-shape").disabled = all === null;
+    const angles = this.shape === "space" ? all : null;
+    const inSpace = byRow ? "x, to the right (mm)" : "y, down (mm)";
+    const labels = angles ? [inSpace, "z, away from the sensor (mm)"] : [byRow ? "column" : "row", "range (mm)"];
+    const { plot, outside } = drawSection(byId("x-section"), { points, at: byRow ? this.col : this.row, angles, labels });
     this.sectionPlot = plot;
     byId("x-section-title").textContent = `Section through ${byRow ? `row ${this.row}` : `column ${this.col}`}`;
     const several = points.filter(({ layers }) => layers.length > 1).length;
