@@ -9,7 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -148,13 +148,16 @@ def tab(browser: str, profile: Path) -> Iterator[Tab]:
         *_FLAGS,
         f"--user-data-dir={profile}",
     ]
-    close: Callable[[int], None] = os.close
     with subprocess.Popen(command, pass_fds=(reads, writes), stderr=subprocess.DEVNULL) as process:
         for fd in (ours[0], theirs[1], reads, writes):
-            close(fd)
+            os.close(fd)
         try:
             yield Tab(process, ours[1], theirs[0])
         finally:
             process.terminate()
-            close(ours[1])
-            close(theirs[0])
+            try:
+                process.wait(timeout=PATIENCE_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+            os.close(ours[1])
+            os.close(theirs[0])

@@ -9,10 +9,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 from tofmix.arrays import FloatArray
 from tofmix.layers import Layers
 from tofmix.report.tables import ordinal
-from tofmix.report.theme import LAYER_LINES, LAYER_MARKERS, RANGE_MAP, Theme
+from tofmix.report.theme import LAYER_LINES, RANGE_MAP, Theme
 from tofmix.sensor import NoiseCurve
 
-SHOWN_LAYERS = len(LAYER_MARKERS)
+SHOWN_LAYERS = len(LAYER_LINES)
 """Layers that are drawn each for itself; more cannot be told apart."""
 
 _HISTOGRAM_INCH = (5.0, 3.3)

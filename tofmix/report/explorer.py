@@ -24,6 +24,7 @@ MOST_PIXELS = 60_000
 """Pixels of all windows of a page; one window is always there, unless it has more than `LARGEST_IMAGE`."""
 
 MOST_WINDOWS = 50
+"""Windows of a page, however small."""
 
 LARGEST_IMAGE = 400_000
 """Pixels beyond which a page has no explorer."""
