@@ -6,7 +6,7 @@ Run ``python docs/pictures.py``. Both panels show the built-in model
 bytes.
 
 ``docs/images/report_page.png`` is not made here: it is a screenshot of the page
-that ``tofmix report`` writes.
+that ``tofmix report`` writes, see docs/developers.md.
 """
 
 import argparse

@@ -19,7 +19,7 @@ tofmix report boards.layers.h5 --json | python -m json.tool
 )
 @click.command(short_help="Show what an estimate found.")
 @click.argument("layers", type=PATH)
-@click.option("--recording", type=PATH, help="The recording of these layers; the page then shows its average too.")
+@click.option("--recording", type=PATH, help="The recording of these layers; the page then shows its samples too.")
 @click.option("--html", type=PATH, help="Write a self-contained page with pictures.")
 @click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window that the page shows.")
 @json_option
@@ -30,7 +30,8 @@ def report(
     """Show what an estimate found: LAYERS is a file that tofmix estimate wrote.
 
     Prints pixels by number of surfaces, the layers' ranges, shares and sigmas, and
-    pixels by status. A page (--html) shows the same in pictures.
+    pixels by status. A page (--html) shows the same in pictures, and lets you choose
+    a pixel to look into; without --recording it has no samples.
     """
     from tofmix.errors import UsageError
     from tofmix.io.layers_file import open_layers

@@ -1,88 +1,25 @@
-"""Pictures with two numeric axes: the section through a row, and histograms."""
-
-from dataclasses import dataclass
-from typing import TypeAlias
+"""Pictures with two numeric axes: histograms, and sigma against range."""
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from tofmix.arrays import FloatArray
-from tofmix.geometry import pixel_angles
 from tofmix.layers import Layers
 from tofmix.report.tables import ordinal
-from tofmix.report.theme import LAYER_LINES, LAYER_MARKERS, RANGE_MAP, Theme
+from tofmix.report.theme import LAYER_LINES, RANGE_MAP, Theme
 from tofmix.sensor import NoiseCurve
 
-SHOWN_LAYERS = len(LAYER_MARKERS)
+SHOWN_LAYERS = len(LAYER_LINES)
 """Layers that are drawn each for itself; more cannot be told apart."""
 
-_SECTION_INCH, _COLUMNS_INCH, _HISTOGRAM_INCH = (5.6, 5.4), (5.6, 3.8), (5.0, 3.3)
-_MANY_POINTS = 3000
+_HISTOGRAM_INCH = (5.0, 3.3)
 _RANGE_BINS, _WEIGHT_BINS, _SIGMA_BINS, _GAP_BINS = 80, 25, 70, 60
 _LEAST_ERRORS = 5.0
 
 _PLAIN_NUMBER = FuncFormatter(lambda value, _: f"{value:,.0f}")
-
-Place: TypeAlias = tuple[FloatArray, FloatArray]
-"""Horizontal and vertical coordinates of points, one a column of the image."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Section:
-    """One row of an image.
-
-    range_mm, weight (col, layer); averaged_mm (col,), mm; fov_horizontal_deg, None where it is not known.
-    """
-
-    range_mm: FloatArray
-    weight: FloatArray
-    averaged_mm: FloatArray
-    fov_horizontal_deg: float | None
-
-
-def section_figure(section: Section, *, theme: Theme) -> Figure:
-    """Averaged points against layers, from above in metres; over the columns where the field of view is unknown.
-
-    Pixel `col` looks along the azimuth ``(col - (cols - 1) / 2) * fov_horizontal / cols``. Markers grow with
-    the layer's share; a line joins what one pixel sees. The view holds every layer; averaged points beyond it
-    are counted in the title.
-    """
-    from_above = section.fov_horizontal_deg is not None
-    figure = Figure(figsize=_SECTION_INCH if from_above else _COLUMNS_INCH, layout="constrained")
-    axes = figure.add_subplot()
-    averaged = _place(section, section.averaged_mm)
-    layers = [_place(section, section.range_mm[:, k]) for k in range(min(SHOWN_LAYERS, section.range_mm.shape[1]))]
-    rasterised = section.range_mm.size > _MANY_POINTS
-    beams = LineCollection(
-        _beams(averaged, layers), colors=theme.hatch, linewidths=0.8, zorder=1.5, rasterized=rasterised,
-        label="one pixel's layers",
-    )  # fmt: skip
-    axes.add_collection(beams, autolim=False)
-    axes.scatter(
-        *averaged, marker="x", s=12, linewidths=0.8, color=theme.accent, label="averaged", zorder=3,
-        rasterized=rasterised,
-    )  # fmt: skip
-    for k, place in enumerate(layers):
-        area = 14.0 + 30.0 * np.nan_to_num(section.weight[:, k])
-        axes.scatter(
-            *place, s=area, marker=LAYER_MARKERS[k], color=theme.layers[k], alpha=0.6, linewidths=0,
-            label=f"{ordinal(k + 1)} layer", zorder=2, rasterized=rasterised,
-        )  # fmt: skip
-    outside = _frame(axes, averaged, layers)
-    axes.set(xlabel="x, to the right (m)" if from_above else "column (pixels)")
-    axes.set(ylabel="z, away from the sensor (m)" if from_above else "range (m)")
-    if from_above:
-        axes.set_aspect("equal", adjustable="box")
-    axes.grid(linewidth=0.6)
-    axes.set_axisbelow(True)
-    if outside:
-        axes.set_title(f"{outside} averaged points lie outside this view", loc="left", fontsize="small")
-    figure.legend(loc="outside lower center", ncols=3)
-    return figure
 
 
 def range_histogram(layers: Layers, *, theme: Theme) -> Figure:
@@ -168,43 +105,6 @@ def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme) -> 
         axes.set_title(f"{outside} layers lie outside this view", loc="left", fontsize="small")
     figure.legend(loc="outside upper center", ncols=3, columnspacing=1.0)
     return figure
-
-
-def _place(section: Section, range_mm: FloatArray) -> Place:
-    """Horizontal and vertical coordinate of one range a column: x and z in m, or column and range in m."""
-    columns = np.arange(range_mm.size, dtype=np.float64)
-    if section.fov_horizontal_deg is None:
-        return columns, range_mm / 1000.0
-    azimuth = pixel_angles(range_mm.size, section.fov_horizontal_deg)
-    return range_mm * np.sin(azimuth) / 1000.0, range_mm * np.cos(azimuth) / 1000.0
-
-
-def _beams(averaged: Place, layers: list[Place]) -> list[FloatArray]:
-    """Lines that join what one pixel sees: all its layers and its averaged point, where there are several layers."""
-    x = np.stack([averaged[0], *(place[0] for place in layers)], axis=-1)
-    y = np.stack([averaged[1], *(place[1] for place in layers)], axis=-1)
-    mixed = np.flatnonzero(np.isfinite(y[:, 1:]).sum(axis=-1) > 1)
-    lines = []
-    for col in mixed:
-        known = np.flatnonzero(np.isfinite(y[col]))
-        order = known[np.argsort(y[col, known])]
-        lines.append(np.stack([x[col, order], y[col, order]], axis=-1))
-    return lines
-
-
-def _frame(axes: Axes, averaged: Place, layers: list[Place]) -> int:
-    """Set limits around the layers (around the averaged points without any); count what they leave out."""
-    groups = layers if any(np.isfinite(y).any() for _, y in layers) else [averaged]
-    limits = []
-    for axis in (0, 1):
-        values = np.concatenate([group[axis][np.isfinite(group[1])] for group in groups])
-        low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-        margin = max(0.1, 0.06 * (high - low))
-        limits.append((low - margin, high + margin))
-    axes.set(xlim=limits[0], ylim=limits[1])
-    x, y = averaged
-    inside = (x >= limits[0][0]) & (x <= limits[0][1]) & (y >= limits[1][0]) & (y <= limits[1][1])
-    return int((np.isfinite(y) & ~inside).sum())
 
 
 def _curve_axes(xlabel: str, ylabel: str, *, log: bool = True) -> tuple[Figure, Axes]:

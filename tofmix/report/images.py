@@ -1,30 +1,26 @@
-"""Pictures over the image plane: ranges, the number of surfaces, and where two results differ.
+"""Pictures over the image plane of where two results differ, and the colour scale of ranges.
 
-Each is a figure of its own, so that a page can set them side by side or below
-one another; the colour scale is passed in, the same for all that are compared.
+Each is a figure of its own, with axes and legend. Images of ranges and counts are
+in `tofmix.report.rasters`.
 """
 
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, Normalize, to_hex
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.report.theme import COUNT_MAP, GAP_MAP, RANGE_MAP, Theme, mark_no_data, no_data_patch
+from tofmix.report.theme import GAP_MAP, Theme, mark_no_data, no_data_patch
 
 WIDTH_INCH = 5.0
-MANY = 6
-"""Counts of surfaces from here on share one colour."""
-
 _LEAST_HEIGHT, _MOST_HEIGHT = 0.8, 6.0
 _LEFT_INCH, _RIGHT_INCH, _BELOW_INCH, _ABOVE_INCH = 0.6, 1.05, 0.85, 0.1
 _BAR_GAP_INCH, _BAR_INCH = 0.1, 0.14
-_BELOW, _ABOVE = "#000a1f", "#fff7b8"  # darker and lighter than the map's own ends, so that no value hides
 _CLIPPED_PERCENT = (0.1, 99.9)
 _LEAST_GAP_MM = 0.1
 
@@ -40,72 +36,6 @@ def colour_scale(values: FloatArray, *, default: tuple[float, float]) -> tuple[f
     low, high = (float(v) for v in np.percentile(finite, _CLIPPED_PERCENT))
     margin = max(1.0, 0.02 * (high - low))
     return low - margin, high + margin
-
-
-def range_image(range_mm: FloatArray, *, scale: tuple[float, float], no_data: str, theme: Theme) -> Figure:
-    """Ranges over the image plane.
-
-    Parameters
-    ----------
-    range_mm : (row, col) float
-        Ranges in mm, NaN where there is none: hatched.
-    scale : (float, float)
-        Limits of the colour scale, mm.
-    no_data : str
-        What a hatched pixel is, for the legend.
-    theme : Theme
-        Colours.
-
-    Returns
-    -------
-    Figure
-        With a colour bar whose ends are pointed where values lie beyond it.
-    """
-    figure, axes = _image_axes(range_mm.shape)
-    mark_no_data(axes, theme)
-    norm = Normalize(*scale)
-    cmap = colormaps[RANGE_MAP].with_extremes(under=_BELOW, over=_ABOVE)
-    axes.imshow(np.ma.masked_invalid(range_mm), cmap=cmap, norm=norm, interpolation="nearest", aspect="auto")
-    finite = range_mm[np.isfinite(range_mm)]
-    bar = figure.colorbar(
-        ScalarMappable(norm=norm, cmap=cmap), cax=_bar_axes(figure, axes), extend=_extend(finite, scale),
-        label="range (mm)",
-    )  # fmt: skip
-    bar.outline.set_visible(False)
-    if finite.size < range_mm.size:
-        _legend_below(figure, [no_data_patch(theme, no_data)])
-    return figure
-
-
-def count_image(n_modes: NDArray[np.uint8], *, fitted: NDArray[np.bool_], theme: Theme) -> Figure:
-    """Draw the number of surfaces over the image plane, one colour a count.
-
-    Parameters
-    ----------
-    n_modes : (row, col) uint8
-        Surfaces found.
-    fitted : (row, col) bool
-        False where nothing was fitted: hatched.
-    theme : Theme
-        Colours.
-
-    Returns
-    -------
-    Figure
-        With a legend of the counts that occur.
-    """
-    figure, axes = _image_axes(n_modes.shape)
-    mark_no_data(axes, theme)
-    counts = np.ma.masked_array(np.minimum(n_modes, MANY), mask=~fitted)
-    present = np.unique(counts.compressed()).tolist()
-    colours = count_colours(max(present, default=0), theme)
-    norm = Normalize(-0.5, len(colours) - 0.5)
-    axes.imshow(counts, cmap=ListedColormap(colours), norm=norm, interpolation="nearest", aspect="auto")
-    entries = [Patch(facecolor=colours[n], edgecolor=theme.ink, linewidth=0.6, label=_count_label(n)) for n in present]
-    if not fitted.all():
-        entries.append(no_data_patch(theme, "not fitted"))
-    _legend_below(figure, entries)
-    return figure
 
 
 def category_image(categories: NDArray[np.uint8], *, names: tuple[str, ...], theme: Theme) -> Figure:
@@ -159,12 +89,6 @@ def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme) -> Figure:
     return figure
 
 
-def count_colours(most: int, theme: Theme) -> list[str]:
-    """Colours of the counts 0 to `most` or more: the ground for none, then from dark to light, far apart."""
-    steps = colormaps[COUNT_MAP](np.linspace(0.15, 1.0, max(3, most)))
-    return [theme.no_surface, *(to_hex(step) for step in steps)]
-
-
 def _image_axes(shape: tuple[int, ...]) -> tuple[Figure, Axes]:
     """Make a figure whose axes keep square pixels, unless the image is a mere stripe: that is stretched to be seen.
 
@@ -194,12 +118,6 @@ def _bar_axes(figure: Figure, axes: Axes) -> Axes:
 def _extend(finite: FloatArray, scale: tuple[float, float]) -> str:
     below, above = bool((finite < scale[0]).any()), bool((finite > scale[1]).any())
     return {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[below, above]
-
-
-def _count_label(count: int) -> str:
-    if count == MANY:
-        return f"{MANY} or more"
-    return "no surface" if count == 0 else f"{count} surface{'s' if count > 1 else ''}"
 
 
 def _legend_below(figure: Figure, entries: list[Patch]) -> None:

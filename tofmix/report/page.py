@@ -4,21 +4,20 @@ For the terminal use `tofmix.report.tables`, for scripts `Summary.as_dict`. This
 is the one module that needs the extra ``report``, and only when it is called.
 """
 
-from dataclasses import replace
+import base64
+import hashlib
 from importlib import import_module
-from typing import TYPE_CHECKING
 
 from tofmix.errors import UsageError
-from tofmix.layers import Layers, Provenance
+from tofmix.layers import Provenance
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
 from tofmix.report.sources import LayersSource
-from tofmix.report.summary import Summary, noise_of, summarise
+from tofmix.report.summary import Summary, summarise
 from tofmix.report.tables import ordinal
-from tofmix.report.templates import load_template
+from tofmix.report.templates import load_template, read_part
 
-if TYPE_CHECKING:
-    from tofmix.report.pictures import Gallery
+SCRIPTS = ("explorer_data.js", "explorer_plots.js", "explorer.js", "explorer_views.js")
 
 Row = tuple[str, str]
 
@@ -72,6 +71,14 @@ def render_page(
         else average_samples(recording, start=frames[0], stop=frames[1], unambiguous_range_mm=circle_mm)
     )
     summary = summary or summarise(layers_file)
+    pictures = import_module("tofmix.report.pictures")
+    rasters = import_module("tofmix.report.rasters")
+    scale: tuple[float, float] = pictures.range_scale(layers, averaged, layers_file.provenance.sensor)
+    explorer = import_module("tofmix.report.explorer").make_explorer(
+        layers_file, recording=recording, window=window, layers=layers, averaged=averaged, scale=scale
+    )
+    provenance = layers_file.provenance
+    script = page_script()
     return template.render(
         source=provenance.source,
         headline=headline(summary),
@@ -79,11 +86,16 @@ def render_page(
         averaged_text=_averaged_text(averaged, recorded=recording is not None),
         summary=summary,
         ordinal=ordinal,
-        gallery=_gallery(layers, averaged, provenance),
+        gallery=pictures.draw_gallery(layers, averaged, provenance.sensor, scale=scale),
+        explorer=explorer,
+        plane=rasters.Plane(*layers.shape),
+        script=script,
+        script_sha256=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
+        **rasters.style_colours(),
         options=[(name, str(value)) for name, value in sorted(provenance.options.items())],
         sensor=_sensor_rows(provenance),
         noise=_noise_rows(provenance),
-        provenance=_provenance_rows(summary),
+        provenance=_provenance_rows(summary, provenance.sensor.name),
     )
 
 
@@ -103,10 +115,10 @@ def percent(share: float) -> str:
     return {"0 %": "less than 1 %", "100 %": "100 %" if share == 1 else "more than 99 %"}.get(per_cent, per_cent)
 
 
-def _gallery(layers: Layers, averaged: AveragedImage, provenance: Provenance) -> "Gallery":
-    pictures = import_module("tofmix.report.pictures")
-    gallery: Gallery = pictures.draw_gallery(layers, averaged, replace(provenance.sensor, noise=noise_of(provenance)))
-    return gallery
+def page_script() -> str:
+    """Return the script of the page: its files one after the other, out of reach of anything else."""
+    parts = "".join(read_part(name) for name in SCRIPTS)
+    return f'(() => {{\n"use strict";\n{parts}}})();'
 
 
 def _window_text(summary: Summary, window: int, frames: tuple[int, int]) -> str:
@@ -143,7 +155,7 @@ def _noise_rows(provenance: Provenance) -> list[Row]:
     return [(f"{r:g}", f"{s:.3g}") for r, s in zip(curve.range_mm.tolist(), curve.sigma_mm.tolist(), strict=True)]
 
 
-def _provenance_rows(summary: Summary) -> list[Row]:
+def _provenance_rows(summary: Summary, sensor: str) -> list[Row]:
     return [
         ("recording", summary.source),
         ("SHA-256 of the recording", summary.source_sha256),
@@ -151,4 +163,6 @@ def _provenance_rows(summary: Summary) -> list[Row]:
         ("image", f"{summary.rows} rows x {summary.cols} columns"),
         ("windows", f"{summary.windows} of {summary.window_frames} frames"),
         ("frames left out at the end", f"{summary.frames_left_out}"),
+        ("options of estimate", ", ".join(f"{name} {value}" for name, value in summary.options.items()) or "none"),
+        ("sensor", sensor),
     ]

@@ -8,30 +8,37 @@ from tofmix.arrays import FloatArray
 from tofmix.flags import Status
 from tofmix.layers import Layers
 from tofmix.report.averaging import AveragedImage
-from tofmix.report.curves import (
-    SHOWN_LAYERS,
-    Section,
-    range_histogram,
-    section_figure,
-    sigma_figure,
-    weight_histogram,
-)
-from tofmix.report.images import colour_scale, count_image, range_image
+from tofmix.report.curves import SHOWN_LAYERS, range_histogram, sigma_figure, weight_histogram
+from tofmix.report.images import colour_scale
 from tofmix.report.picture import Picture, make_picture
+from tofmix.report.rasters import (
+    ABOVE,
+    BELOW,
+    MANY,
+    ImagePicture,
+    bar_labels,
+    count_colours,
+    count_label,
+    count_uri,
+    range_uri,
+)
 from tofmix.report.tables import ordinal
-from tofmix.sensor import Sensor
+from tofmix.report.theme import DARK, LIGHT
+from tofmix.sensor import NoiseCurve, Sensor
+
+NO_DATA, NO_SURFACE = "var(--hatching)", "var(--no-surface)"
+"""Grounds of the legend that the page's style knows in both themes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gallery:
-    """The pictures of a page: over the image plane, through the middle row, and histograms."""
+    """The pictures of a page: over the image plane, and histograms."""
 
-    images: tuple[Picture, ...]
-    section: tuple[Picture, ...]
+    images: tuple[ImagePicture, ...]
     histograms: tuple[Picture, ...]
 
 
-def draw_gallery(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> Gallery:
+def draw_gallery(layers: Layers, averaged: AveragedImage, sensor: Sensor, *, scale: tuple[float, float]) -> Gallery:
     """Draw every picture of a window.
 
     Parameters
@@ -41,7 +48,9 @@ def draw_gallery(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> Gal
     averaged : AveragedImage
         The averaged image of the same window.
     sensor : Sensor
-        For the field of view, the working range and the noise curve.
+        For the noise curve.
+    scale : (float, float)
+        Limits of the colours of all range images, mm; see `range_scale`.
 
     Returns
     -------
@@ -49,20 +58,24 @@ def draw_gallery(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> Gal
         All pictures; every first to third layer that the file can hold has one.
     """
     return Gallery(
-        images=(*_range_pictures(layers, averaged, sensor), _count_picture(layers)),
-        section=(_section_picture(layers, averaged, sensor),),
-        histograms=_histogram_pictures(layers, sensor),
+        images=(*_range_pictures(layers, averaged, scale), _count_picture(layers)),
+        histograms=_histogram_pictures(layers, sensor.noise),
     )
 
 
-def _range_pictures(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> list[Picture]:
+def range_scale(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> tuple[float, float]:
+    """Limits in mm of the colours of all range images of a window, by its layers if there are any."""
     default = (sensor.range_min_mm or 0.0, sensor.range_max_mm or 10_000.0)
     ranges = layers.range.astype(np.float64)
-    scale = colour_scale(ranges if np.isfinite(ranges).any() else averaged.range_mm, default=default)
+    return colour_scale(ranges if np.isfinite(ranges).any() else averaged.range_mm, default=default)
+
+
+def _range_pictures(layers: Layers, averaged: AveragedImage, scale: tuple[float, float]) -> list[ImagePicture]:
     pictures = [
-        make_picture(
-            lambda theme: range_image(averaged.range_mm, scale=scale, no_data="no data to average", theme=theme),
-            "png",
+        _range_picture(
+            averaged.range_mm,
+            scale,
+            no_data="no data to average",
             title="Averaged image",
             alt=f"Averaged range over the image plane. {_extent(averaged.range_mm)}",
             shows=f"One range a pixel, the {averaged.averaging}. The colours are those of the layers beside it;"
@@ -72,18 +85,33 @@ def _range_pictures(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> 
         )
     ]
     shown = range(min(SHOWN_LAYERS, layers.max_layers))
-    return pictures + [_layer_picture(k + 1, ranges[..., k], scale) for k in shown]
+    return pictures + [_layer_picture(k + 1, layers.range[..., k].astype(np.float64), scale) for k in shown]
 
 
-def _layer_picture(layer: int, range_mm: FloatArray, scale: tuple[float, float]) -> Picture:
+def _layer_picture(layer: int, range_mm: FloatArray, scale: tuple[float, float]) -> ImagePicture:
     name = ordinal(layer)
-    return make_picture(
-        lambda theme: range_image(range_mm, scale=scale, no_data=f"no data: no {name} layer", theme=theme),
-        "png",
+    return _range_picture(
+        range_mm,
+        scale,
+        no_data=f"no {name} layer",
         title=f"{name.capitalize()} layer",
         alt=f"Range of the {name} layer over the image plane. {_extent(range_mm)}",
         **_LAYER_WORDS[layer],
     )
+
+
+def _range_picture(range_mm: FloatArray, scale: tuple[float, float], *, no_data: str, **words: str) -> ImagePicture:
+    uri = range_uri(range_mm, scale=scale)
+    rows, cols = range_mm.shape
+    legend = [
+        (BELOW, f"below {scale[0]:.0f} mm") if bool((range_mm < scale[0]).any()) else None,
+        (ABOVE, f"above {scale[1]:.0f} mm") if bool((range_mm > scale[1]).any()) else None,
+        (NO_DATA, no_data) if bool(np.isnan(range_mm).any()) else None,
+    ]
+    entries = tuple(entry for entry in legend if entry is not None)
+    return ImagePicture(
+        light=uri, dark=uri, rows=rows, cols=cols, bar=bar_labels(scale), legend=entries, **words
+    )  # fmt: skip
 
 
 _LAYER_WORDS: dict[int, dict[str, str]] = {
@@ -115,46 +143,31 @@ def _extent(range_mm: FloatArray) -> str:
     return f"{values}; no data in {empty:.1f} % of the pixels."
 
 
-def _count_picture(layers: Layers) -> Picture:
+def _count_picture(layers: Layers) -> ImagePicture:
     fitted = layers.status != Status.TOO_FEW_SAMPLES
-    counts = np.bincount(layers.n_modes[fitted].ravel(), minlength=1)
+    counts = np.bincount(layers.n_modes[fitted], minlength=int(layers.n_modes.max(initial=0)) + 1)
     found = "; ".join(f"{n}: {count} pixels" for n, count in enumerate(counts.tolist()) if count)
-    return make_picture(
-        lambda theme: count_image(layers.n_modes, fitted=fitted, theme=theme),
-        "png",
+    light, dark = (count_uri(layers.n_modes, fitted=fitted, theme=theme) for theme in (LIGHT, DARK))
+    present = sorted({min(n, MANY) for n, count in enumerate(counts.tolist()) if count})
+    colours = [NO_SURFACE, *count_colours(len(counts) - 1, LIGHT)[1:]]
+    legend = [(colours[n], count_label(n)) for n in present]
+    rows, cols = layers.shape
+    return ImagePicture(
         title="Number of surfaces",
         alt=f"Number of surfaces in each pixel over the image plane. {found or 'nothing was fitted'}.",
         shows="How many surfaces each pixel sees.",
         good="One on surfaces, two along edges, more where edges meet.",
         bad="Twos scattered over a plain surface, or edges with one surface only.",
+        light=light,
+        dark=dark,
+        rows=rows,
+        cols=cols,
+        bar=(),
+        legend=(*legend, *(() if fitted.all() else ((NO_DATA, "not fitted"),))),
     )
 
 
-def _section_picture(layers: Layers, averaged: AveragedImage, sensor: Sensor) -> Picture:
-    row = layers.shape[0] // 2
-    section = Section(
-        range_mm=layers.range[row].astype(np.float64),
-        weight=layers.weight[row].astype(np.float64),
-        averaged_mm=averaged.range_mm[row],
-        fov_horizontal_deg=sensor.fov_horizontal_deg,
-    )
-    view = "seen from above" if sensor.fov_horizontal_deg is not None else "range over columns (field of view unknown)"
-    several = int((layers.n_modes[row] > 1).sum())
-    return make_picture(
-        lambda theme: section_figure(section, theme=theme),
-        "svg",
-        title=f"Section through row {row}",
-        alt=f"Averaged points and layers of row {row}, {view}. {several} of its {layers.shape[1]} pixels see more than "
-        f"one surface. {_extent(section.range_mm)}",
-        shows=f"The averaged points (crosses) and the layers of row {row}, {view}. Larger markers are larger shares; "
-        "a line joins what one pixel sees.",
-        good="Layers lie on the surfaces. Crosses between surfaces, the comet tail, have no layer near them.",
-        bad="Layers between surfaces, where the crosses are.",
-    )
-
-
-def _histogram_pictures(layers: Layers, sensor: Sensor) -> tuple[Picture, ...]:
-    curve = sensor.noise
+def _histogram_pictures(layers: Layers, curve: NoiseCurve | None) -> tuple[Picture, ...]:
     ranges = layers.range.astype(np.float64)
     known = layers.weight[np.isfinite(layers.weight)]
     sigma = layers.sigma[np.isfinite(layers.sigma)]

@@ -25,7 +25,7 @@ def load_template(name: str) -> "Template":
     except ImportError as error:
         raise UsageError(_MISSING_EXTRA) from error
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(_read),
+        loader=jinja2.FunctionLoader(read_part),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -35,5 +35,6 @@ def load_template(name: str) -> "Template":
     return template
 
 
-def _read(name: str) -> str:
+def read_part(name: str) -> str:
+    """Return a template, style sheet or script of this folder as text."""
     return resources.files("tofmix.report").joinpath(name).read_text(encoding="utf-8")

@@ -20,7 +20,6 @@ from matplotlib.patches import Patch
 RANGE_MAP = "cividis"
 COUNT_MAP = "viridis"
 GAP_MAP = "PuOr"
-LAYER_MARKERS = ("o", "s", "^")
 LAYER_LINES = ("-", "--", ":")
 
 _HATCH = "////"

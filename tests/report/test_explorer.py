@@ -1,0 +1,106 @@
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from unpacking import samples_of, unpack
+
+from tofmix.layers import Layers
+from tofmix.recording import SampleSource
+from tofmix.report import explorer, sample_packing
+from tofmix.report.averaging import average_layers
+from tofmix.report.explorer import Explorer, make_explorer, windows_around
+from tofmix.report.sources import LayersSource
+
+
+def made(source: LayersSource, recording: SampleSource | None = None, window: int = 0) -> Explorer | None:
+    layers = source.read_window(window)
+    return make_explorer(
+        source, recording=recording, window=window, layers=layers, averaged=average_layers(layers), scale=(700, 7000)
+    )  # fmt: skip
+
+
+def content(found: Explorer | None) -> dict[str, Any]:
+    assert found is not None
+    settings: dict[str, Any] = json.loads(found.text)
+    return settings
+
+
+def test_every_number_of_a_window_comes_back(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    layers = make_layers()
+    (window,) = content(made(make_source(layers)))["windows"]
+    arrays = unpack(window)
+    for name, unit in (("n_modes", 1), ("n_peaks", 1), ("status", 1), ("n_samples", 1), ("weight_no_return", 1e-4)):
+        found = np.array([np.nan if v is None else v for v in arrays[name]])
+        np.testing.assert_allclose(found, getattr(layers, name).ravel(), atol=0.5001 * unit)
+    present = np.arange(layers.max_layers) < layers.n_modes[..., None]
+    for name, unit in (("range", 0.01), ("range_stderr", 0.01), ("weight", 1e-4), ("sigma", 0.01)):
+        np.testing.assert_allclose(
+            np.array(arrays[name], dtype=float), getattr(layers, name)[present], rtol=1e-7, atol=0.5001 * unit
+        )
+    assert set(arrays["probability"]) == {None}  # these layers do not know it
+    assert window["samples"] is None
+
+
+def test_all_windows_are_in_a_small_page(
+    make_layers: Callable[..., Layers],
+    make_source: Callable[..., LayersSource],
+    make_recording: Callable[..., SampleSource],
+) -> None:
+    source = make_source(*(make_layers(seed=k) for k in range(3)))
+    recording = make_recording((150, 9, 11))
+    found = made(source, recording, window=1)
+    settings = content(found)
+    assert found is not None
+    assert found.note == "All 3 windows are in this page. Samples are rounded to 0.1 mm."
+    assert settings["shown"] == 1
+    assert [window["window"] for window in settings["windows"]] == [0, 1, 2]
+    samples = np.asarray(recording.read_range(slice(100, 150), slice(0, 9))).reshape(50, 99)
+    for pixel in (0, 1, 57):
+        expected = np.sort(samples[np.isfinite(samples[:, pixel]), pixel])
+        np.testing.assert_allclose(samples_of(settings["windows"][2], pixel, 99), expected, atol=0.051)
+
+
+def test_large_pages_hold_the_windows_around_the_chosen_one(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = make_source(*(make_layers() for _ in range(9)))
+    monkeypatch.setattr(explorer, "MOST_PIXELS", 3 * 99 + 50)
+    chosen = [list(windows_around(source, k, with_samples=False)) for k in (0, 4, 8)]
+    assert chosen == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
+    found = made(source, window=4)
+    assert found is not None
+    assert found.note.startswith("This page holds windows 3 to 5 of 0 to 8; --window chooses others.")
+    monkeypatch.setattr(explorer, "MOST_PIXELS", 1)
+    assert list(windows_around(source, 5, with_samples=False)) == [5]
+    monkeypatch.setattr(explorer, "MOST_PIXELS", 10_000)
+    assert list(windows_around(make_source(*[make_layers()] * 80), 5, with_samples=False)) == list(range(50))
+    monkeypatch.setattr(explorer, "MOST_SAMPLES", 2 * 50 * 99)
+    assert list(windows_around(source, 5, with_samples=True)) == [4, 5]
+
+
+def test_what_is_left_out_is_told(
+    make_layers: Callable[..., Layers],
+    make_source: Callable[..., LayersSource],
+    make_recording: Callable[..., SampleSource],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    source, recording = make_source(make_layers()), make_recording()
+    for most, expected in ((30 * 99, "Of the 50 frames of a window, 30 are shown."), (99, "too large for samples")):
+        monkeypatch.setattr(sample_packing, "MOST_SAMPLES", most)
+        found = made(source, recording)
+        assert found is not None
+        assert expected in found.note
+    monkeypatch.setattr(explorer, "LARGEST_IMAGE", 98)
+    assert made(source, recording) is None
+
+
+def test_names_cannot_end_the_script(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    found = made(make_source(make_layers()))
+    assert found is not None
+    assert "<" not in found.text
