@@ -6,6 +6,7 @@ is the one module that needs the extra ``report``, and only when it is called.
 
 import base64
 import hashlib
+from dataclasses import replace
 from importlib import import_module
 
 from tofmix.errors import UsageError
@@ -13,7 +14,7 @@ from tofmix.layers import Provenance
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
 from tofmix.report.sources import LayersSource
-from tofmix.report.summary import Summary, summarise
+from tofmix.report.summary import Summary, noise_of, summarise
 from tofmix.report.tables import ordinal
 from tofmix.report.templates import load_template, read_part
 
@@ -73,11 +74,11 @@ def render_page(
     summary = summary or summarise(layers_file)
     pictures = import_module("tofmix.report.pictures")
     rasters = import_module("tofmix.report.rasters")
-    scale: tuple[float, float] = pictures.range_scale(layers, averaged, layers_file.provenance.sensor)
+    sensor = replace(provenance.sensor, noise=noise_of(provenance))
+    scale: tuple[float, float] = pictures.range_scale(layers, averaged, sensor)
     explorer = import_module("tofmix.report.explorer").make_explorer(
         layers_file, recording=recording, window=window, layers=layers, averaged=averaged, scale=scale
     )
-    provenance = layers_file.provenance
     script = page_script()
     return template.render(
         source=provenance.source,
@@ -86,7 +87,7 @@ def render_page(
         averaged_text=_averaged_text(averaged, recorded=recording is not None),
         summary=summary,
         ordinal=ordinal,
-        gallery=pictures.draw_gallery(layers, averaged, provenance.sensor, scale=scale),
+        gallery=pictures.draw_gallery(layers, averaged, sensor, scale=scale),
         explorer=explorer,
         plane=rasters.Plane(*layers.shape),
         script=script,
