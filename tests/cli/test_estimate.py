@@ -71,8 +71,10 @@ def test_windows_and_the_frames_left_out(tofmix: Tofmix, recording: Path, tmp_pa
 def test_every_option_does_something(
     tofmix: Tofmix, recording: Path, tmp_path: Path, option: str, value: object, changes: str
 ) -> None:
-    tofmix("estimate", recording, "-o", tmp_path / "plain")
-    outcome = tofmix("estimate", recording, "-o", tmp_path / "changed", option, value)
+    # Counted by likelihood, surfaces so far apart are at their end after two steps.
+    more = ["--refine", "none"] if option == "--tol" else []
+    tofmix("estimate", recording, "-o", tmp_path / "plain", *more)
+    outcome = tofmix("estimate", recording, "-o", tmp_path / "changed", option, value, *more)
     assert outcome.code == 0, outcome.err
     plain, changed = _read(tmp_path / "plain"), _read(tmp_path / "changed")
     assert not np.array_equal(plain[changes], changed[changes], equal_nan=True)
