@@ -1,0 +1,217 @@
+"""The list of cases, and how one is built: a pure function of its name and the half's master seed.
+
+A case's name says what it is (`wiggling-clear-2-4`: kind, level, scene slot, seed), and `build` draws everything else.
+Half of the names belong to the open half, half to the sealed one.
+"""
+
+import tomllib
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from blind.calibrate import calibrated
+from blind.camera import Device, Mechanism, Recording, record
+from blind.effects import Effect, Place, SecondCamera
+from blind.eligible import CLOSED, EVERY, FAMILIES
+from blind.geometry import Array, Surface, cast
+from blind.reference import NoiseTable
+from blind.scenes import draw_scene
+from blind.strangers import STRANGERS, make_stranger
+from blind.strength import KINDS, make
+
+OPEN_SEED = 20080922
+DEVICES = 10
+PAIRS: tuple[tuple[str, str], ...] = (
+    ("wiggling", "temperature_drift"), ("range_offset", "excess_noise"), ("wiggling", "stuck_pixels"),
+    ("scattering", "dropout"), ("amplitude_walk", "temporal_correlation"), ("surface_pose", "vignetting"),
+    ("multipath", "interference"), ("fixed_pattern", "temperature_drift"), ("flying_pixels", "excess_noise"),
+    ("pixel_crosstalk", "outliers"), ("saturation", "wiggling"), ("motion", "outliers"),
+    ("quantisation", "range_offset"), ("phase_wrapping", "excess_noise"), ("temporal_correlation", "dropout"),
+    ("interference", "vignetting"), ("fixed_pattern", "wiggling"), ("surface_pose", "temperature_drift"),
+    ("multipath", "stuck_pixels"), ("scattering", "temporal_correlation"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One recording with something hidden in it, or nothing."""
+
+    name: str
+    sort: str  # single, pair, none, nearly, stranger
+    kinds: tuple[str, ...]
+    level: str
+    slot: int
+    seed: int
+    half: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Built:
+    """A case with everything drawn."""
+
+    case: Case
+    device: Device
+    noise: NoiseTable  # as the model file has it
+    scenes: tuple[list[Surface], list[Surface]]  # as they are, first and second
+    models: tuple[list[Surface], list[Surface]]  # as the model files have them
+    families: tuple[str, str]
+    mechanisms: tuple[Mechanism, ...]
+    seeds: tuple[int, ...]  # of the recordings, below
+
+    def record(self, which: int = 0, *, ideal: bool = False) -> Recording:
+        """Record: 0 what reconcile gets, 1 the second scene; 2 and 3 the first scene again, 4 and 5 the second.
+
+        `ideal`: without effects.
+        """
+        scene = self.scenes[1 if which in (1, 4, 5) else 0]
+        return record(self.device, scene, () if ideal else self.mechanisms, seed=self.seeds[which])
+
+    def place(self, which: int = 0) -> Place:
+        """Where its mechanisms act."""
+        surfaces = self.scenes[which]
+        return Place(device=self.device, surfaces=surfaces, beams=cast(surfaces, self.device.view))
+
+    def truth(self) -> dict[str, Any]:
+        """What is hidden, physically and in the model files' terms."""
+        place = self.place()
+        effects: list[dict[str, Any]] = [
+            {"kind": m.kind, "mechanism": type(m).__name__, "physical": m.physical(),
+             "parameters": m.equivalent(place)}
+            for m in self.mechanisms if isinstance(m, Effect)
+        ]  # fmt: skip
+        out: dict[str, Any] = {
+            "case": self.case.name, "sort": self.case.sort, "level": self.case.level, "half": self.case.half,
+            "kinds": list(self.case.kinds), "effects": effects, "scenes": list(self.families),
+        }  # fmt: skip
+        for effect, mechanism in zip(effects, self.mechanisms, strict=False):
+            if isinstance(mechanism, SecondCamera):  # few bursts: what came, not what was to be expected
+                effect["parameters"]["probability"] = float(mechanism.bursts(self.device.frames, self.seeds[0]).mean())
+        if self.case.sort == "stranger":
+            (stranger,) = self.mechanisms
+            out["stranger"] = {"name": self.case.kinds[0], "axes": list(getattr(stranger, "axes", ())),
+                               "size": getattr(stranger, "size", 0.0)}  # fmt: skip
+            out["kinds"] = []
+        return out
+
+    def maps(self) -> dict[str, Array]:
+        """The device's own maps (row, col) by kind."""
+        found = {m.kind: m.map(self.device) for m in self.mechanisms if isinstance(m, Effect)}
+        return {kind: values for kind, values in found.items() if values is not None}
+
+
+def _half(number: int) -> str:
+    return "open" if number % 2 == 0 else "sealed"
+
+
+def all_cases() -> list[Case]:
+    """Every case of both halves, in a fixed order."""
+    out = []
+    for kind in KINDS:
+        for level in ("faint", "clear"):
+            for slot in range(3):
+                for seed in range(5):
+                    name = f"{kind}-{level}-{slot}-{seed}"
+                    half = _half(slot * 5 + seed + (level == "faint"))
+                    out.append(Case(name=name, sort="single", kinds=(kind,), level=level, slot=slot, seed=seed,
+                                    half=half))  # fmt: skip
+    for k, pair in enumerate(PAIRS):
+        out.append(Case(name=f"pair-{k}", sort="pair", kinds=pair, level="clear", slot=k, seed=k, half=_half(k)))
+    out += [
+        Case(name=f"{sort}-{k}", sort=sort, kinds=(), level="", slot=k, seed=k, half=_half(k))
+        for sort in ("none", "nearly")
+        for k in range(30)
+    ]
+    out += [
+        Case(name=f"{name}-{k}", sort="stranger", kinds=(name,), level="clear", slot=k, seed=k, half=_half(k))
+        for name in STRANGERS
+        for k in range(4)
+    ]
+    return out
+
+
+@lru_cache(maxsize=1)
+def strengths() -> dict[str, dict[str, float]]:
+    """`found`, `faint` and `clear` of each kind."""
+    table: dict[str, dict[str, float]] = tomllib.loads((Path(__file__).parent / "strengths.toml").read_text())
+    return table
+
+
+def draw_device(master: int, number: int, *, far: bool = False) -> Device:
+    """One of the cameras of a half."""
+    rng = np.random.default_rng([master, number, int(far), 31])
+    rows, cols = [(48, 64), (56, 72), (64, 80)][number % 3]
+    return Device(
+        name=f"camera {number + 1}", rows=rows, cols=cols,
+        fov_horizontal_deg=round(float(rng.uniform(56, 62)), 2), fov_vertical_deg=round(float(rng.uniform(44, 50)), 2),
+        frequency_hz=float(rng.choice([19.0e6, 20.0e6, 21.0e6])),
+        integration_time_ms=float(rng.choice([0.8, 1.2, 2.0])),
+        frame_rate_hz=float(rng.choice([15.0, 25.0, 30.0])), frames=int(rng.choice([200, 250, 300])),
+        range_min_mm=300.0, range_max_mm=11200.0 if far else 7200.0,
+        noise_linear=round(float(rng.uniform(1.5, 2.5)), 3),
+        noise_square=round(float(rng.uniform(0.8, 1.0) if far else rng.uniform(1.1, 1.8)), 3),
+    )  # fmt: skip
+
+
+def _families(case: Case, rng: np.random.Generator) -> tuple[str, str]:
+    """First and second scene: families on which all kinds can be told apart."""
+    if "phase_wrapping" in case.kinds:
+        return "far_gate" if case.level == "faint" else "far_hall", "far_hall"
+    static = case.kinds[:1] in (("other_period",), ("kink",), ("dark_noise",))
+    fit: tuple[str, ...] = CLOSED if static else EVERY
+    for kind in case.kinds:
+        fit = tuple(f for f in fit if f in FAMILIES.get(kind, fit))
+    start = int(rng.integers(len(fit)))
+    if case.sort == "single":  # three scenes a kind, as far apart in the list as can be
+        start = case.slot * max(1, len(fit) // 3) + case.seed // 3
+    return fit[start % len(fit)], fit[(start + 1) % len(fit)]
+
+
+def build(case: Case, master: int) -> Built:
+    """Draw everything of a case from its name and the half's master seed."""
+    key = [master, crc32(case.name.encode())]
+    rng = np.random.default_rng([*key, 41])
+    far = "phase_wrapping" in case.kinds
+    device = draw_device(master, int(rng.integers(DEVICES)) % (3 if far else DEVICES), far=far)
+    if "temperature_drift" in case.kinds:
+        device = replace(device, frame_rate_hz=float(rng.choice([0.5, 1.0, 2.0])))
+    families = _families(case, rng)
+    scenes = [draw_scene(family, [*key, k], device.view).surfaces for k, family in enumerate(families)]
+    noise = calibrated(replace(device, name="", frame_rate_hz=25.0, frames=1))
+    mechanisms = tuple(_mechanisms(case, rng, device, scenes[0]))
+    models = (scenes[0], scenes[1])
+    if case.sort == "nearly":
+        models = (nearly(scenes[0], device, rng), nearly(scenes[1], device, rng))
+        noise = NoiseTable(range_mm=noise.range_mm, sigma_mm=noise.sigma_mm * (1 + 0.01 * float(rng.choice([-1, 1]))))
+    return Built(
+        case=case, device=device, noise=noise, scenes=(scenes[0], scenes[1]), models=models, families=families,
+        mechanisms=mechanisms, seeds=tuple(int(s) for s in rng.integers(2**31, size=6)),
+    )  # fmt: skip
+
+
+def _mechanisms(case: Case, rng: np.random.Generator, device: Device, surfaces: list[Surface]) -> list[Mechanism]:
+    if case.sort == "stranger":
+        return [make_stranger(case.kinds[0], int(rng.integers(2**31)))]
+    place = Place(device=device, surfaces=surfaces, beams=cast(surfaces, device.view))
+    out: list[Mechanism] = []
+    for kind in case.kinds:
+        size = strengths()[kind][case.level] * float(np.exp(rng.uniform(-0.15, 0.15)))
+        out.append(make(kind, size, rng, place))
+    return out
+
+
+def nearly(surfaces: list[Surface], device: Device, rng: np.random.Generator) -> list[Surface]:
+    """A model that is off as models are: each pose by a tenth of sigma, each reflectivity by 5 %."""
+    out = []
+    for s in surfaces:
+        moved = s.shifted(0.1 * pose_sigma(s, device) * float(rng.choice([-1, 1])))
+        out.append(replace(moved, reflectivity=s.reflectivity * (1 + 0.05 * float(rng.choice([-1, 1])))))
+    return out
+
+
+def pose_sigma(surface: Surface, device: Device) -> float:
+    """The sigma in whose units a surface's pose is uncertain: that at its plane's distance."""
+    return float(device.design_sigma(abs(surface.axes()[:, 2] @ np.array(surface.center_mm))))

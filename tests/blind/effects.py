@@ -1,0 +1,492 @@
+"""One physical mechanism for each effect kind of the model files, and its equivalent in the model files' terms.
+
+Each mechanism is what happens in a camera (`physical`); `equivalent` says which parameters of the effect kind come
+nearest to it, derived here and checked against the camera itself in the tests.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from blind.camera import Device, Exposure, Mechanism
+from blind.geometry import Array, Beams, Surface
+
+Parameters = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where a mechanism acts: camera, true scene, what its beams meet."""
+
+    device: Device
+    surfaces: list[Surface]
+    beams: Beams
+
+    def amplitudes(self) -> Array:
+        """Reported amplitudes of the image's surfaces, one for each (layer, pixel) with a share over a half."""
+        reflectivity = np.array([s.reflectivity for s in self.surfaces])
+        main = self.beams.share > 0.5
+        gloss = reflectivity[self.beams.surface[main]] * self.beams.cosine[main]
+        return np.asarray(self.device.amplitude(self.beams.range_mm[main], gloss) * self.device.amplitude_unit)
+
+
+class Effect(Mechanism):
+    """A mechanism with a kind of the model files."""
+
+    def physical(self) -> Parameters:
+        """Its physical parameters."""
+        return {name: getattr(self, name) for name in self.__dataclass_fields__}  # type: ignore[attr-defined]
+
+    def equivalent(self, place: Place) -> Parameters:
+        """The parameters of `kind` that come nearest."""
+        raise NotImplementedError
+
+    def map(self, device: Device) -> Array | None:  # noqa: ARG002
+        """The device's own map (row, col), if the mechanism has one."""
+        return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CableDelay(Effect):
+    """A trigger line that is longer than the calibration says."""
+
+    delay_ps: float
+    kind = "range_offset"
+
+    def clock(self, x: Exposure) -> None:
+        x.delay(self.delay_ps * 0.0299792458 * 5)
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return {"offset_mm": self.delay_ps * 0.0299792458 * 5}  # c / 2 in mm/ps is 0.1499
+
+
+@dataclass(frozen=True, kw_only=True)
+class MisplacedBoard(Effect):
+    """A board that stands elsewhere than the plan says."""
+
+    surface: str
+    shift_mm: float
+    kind = "surface_pose"
+
+    def scene(self, surfaces: list[Surface], time_s: float) -> list[Surface]:  # noqa: ARG002
+        return [s.shifted(self.shift_mm) if s.name == self.surface else s for s in surfaces]
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return self.physical()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Harmonics(Effect):
+    """Third and fifth harmonic of the modulation, as shares of the fundamental.
+
+    Four taps see e^(i phi) + h3 e^(-i (3 phi + p3)) + h5 e^(i (5 phi + p5)): relative to the fundamental both turn
+    with 4 phi, and the phase error is -h3 sin(4 phi + p3) + h5 sin(4 phi + p5).
+    """
+
+    third: float
+    third_phase: float
+    fifth: float
+    fifth_phase: float
+    kind = "wiggling"
+
+    def clock(self, x: Exposure) -> None:
+        x.harmonics = {3: (self.third, self.third_phase), 5: (self.fifth, self.fifth_phase)}
+
+    def equivalent(self, place: Place) -> Parameters:
+        wave = -self.third * np.exp(1j * self.third_phase) + self.fifth * np.exp(1j * self.fifth_phase)
+        return {
+            "amplitude_mm": float(place.device.unambiguous_mm / (2 * np.pi) * abs(wave)),
+            "phase_rad": float(np.angle(wave)),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChargeLag(Effect):
+    """Transit to the taps by self-induced drift: few electrons are late, t = t0 / (1 + n / n0).
+
+    For n far above n0 that is the power law with exponent 1; the equivalent is the power law's fit over the amplitudes
+    of the image, and is compared as a curve.
+    """
+
+    late_mm: float  # c t0 / 2
+    knee_amplitude: float  # n0, in reported amplitude
+    kind = "amplitude_walk"
+
+    def bias(self, amplitude: Array) -> Array:
+        """Range bias, mm, at reported amplitudes."""
+        return np.asarray(self.late_mm / (1 + amplitude / self.knee_amplitude))
+
+    def clock(self, x: Exposure) -> None:
+        x.delay(self.bias(np.abs(x.z) * x.device.amplitude_unit))
+
+    def equivalent(self, place: Place) -> Parameters:
+        amplitude = place.amplitudes()
+        reference = float(np.exp(np.log(amplitude).mean()))
+        ratio, wanted = reference / amplitude, self.bias(amplitude)
+        best, scale, exponent = np.inf, 0.0, 1.0
+        for trial in np.linspace(0.2, 1.2, 101):
+            power = ratio**trial
+            size = float(power @ wanted / (power @ power))
+            error = float(((wanted - size * power) ** 2).sum())
+            if error < best:
+                best, scale, exponent = error, size, float(trial)
+        return {"scale_mm": scale, "reference_amplitude": reference, "exponent": exponent}
+
+
+@dataclass(frozen=True, kw_only=True)
+class WarmUp(Effect):
+    """A driver whose delay follows its temperature, which nears its end value exponentially."""
+
+    delay_mm_per_kelvin: float
+    rise_kelvin: float
+    time_constant_s: float
+    kind = "temperature_drift"
+
+    def clock(self, x: Exposure) -> None:
+        warmer = self.rise_kelvin * -np.expm1(-x.time_s / self.time_constant_s)
+        x.temperature_c = (24.0 + warmer).astype(np.float32)
+        x.delay(self.delay_mm_per_kelvin * warmer[:, None])
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return {
+            "amplitude_mm": self.delay_mm_per_kelvin * self.rise_kelvin,
+            "time_constant_s": self.time_constant_s,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class DelayLines(Effect):
+    """Each pixel's own delay, and those of the lines that feed columns and rows."""
+
+    pixel_mm: float
+    column_mm: float
+    row_mm: float
+    wafer: int  # seed of this device's delays
+    kind = "fixed_pattern"
+
+    def map(self, device: Device) -> Array:
+        rng = np.random.default_rng([self.wafer, 51])
+        out = self.pixel_mm * rng.standard_normal((device.rows, device.cols))
+        out += self.column_mm * rng.standard_normal(device.cols)
+        out += self.row_mm * rng.standard_normal(device.rows)[:, None]
+        return np.asarray(out)
+
+    def clock(self, x: Exposure) -> None:
+        x.delay(self.map(x.device).reshape(1, -1))
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return {"pixel_sigma_mm": self.pixel_mm, "column_sigma_mm": self.column_mm, "row_sigma_mm": self.row_mm}
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrayLight(Effect):
+    """Light that the lens scatters over the whole image, before the taps: phasor and charge."""
+
+    share: float
+    kind = "scattering"
+
+    def light(self, x: Exposure) -> None:
+        lit = ~x.empty
+        veil = x.z.mean(axis=1, keepdims=True)
+        x.charge += np.float32(self.share) * np.where(lit, x.charge, 0).mean(axis=1, keepdims=True)
+        x.z = np.where(lit, x.z + np.float32(self.share) * veil, x.z)
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return self.physical()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SecondBounce(Effect):
+    """Light that reaches one surface by way of another: a second path, longer in all by `extra_path_mm`."""
+
+    surface: str
+    share: float
+    extra_path_mm: float
+    kind = "multipath"
+
+    def light(self, x: Exposure) -> None:
+        number = [s.name for s in x.surfaces].index(self.surface)
+        on = x.surface == number
+        turned = self.share * x.device.phasor(np.array(self.extra_path_mm / 2))
+        x.charge[on] += np.float32(self.share) * np.abs(x.z[on])
+        x.z[on] *= np.complex64(1 + turned)
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return self.physical()
+
+
+@dataclass(frozen=True, kw_only=True)
+class OneFrequency(Effect):
+    """A camera whose second frequency is off: nothing tells the turn, and ranges beyond d_u fold."""
+
+    kind = "phase_wrapping"
+
+    def word(self, x: Exposure, range_mm: Array, amplitude: Array) -> None:  # noqa: ARG002
+        lit = ~x.empty
+        range_mm[lit] = np.mod(range_mm[lit], np.float32(x.device.unambiguous_mm))
+
+    def equivalent(self, place: Place) -> Parameters:
+        return {"unambiguous_range_mm": place.device.unambiguous_mm}
+
+
+@dataclass(frozen=True, kw_only=True)
+class WholeBeam(Effect):
+    """Frames in which a pixel integrates its whole beam: the phasors of all surfaces add by area."""
+
+    probability: float
+    kind = "flying_pixels"
+
+    def light(self, x: Exposure) -> None:
+        for k, (share, z, charge) in enumerate(x.layers()):
+            beams = x.key_beams[k]
+            several = np.flatnonzero((share > 0).sum(axis=0) > 1)
+            frames = np.flatnonzero(x.key == k)
+            dark = x.device.charge(np.array(x.device.range_max_mm), np.array(0.5))
+            total = (share * z).sum(axis=0)[several]
+            held = (np.where(share > 0, share * charge, 0).sum(axis=0) + beams.nothing * dark)[several]
+            block = np.ix_(frames, several)
+            hit = (x.rng.random((frames.size, several.size)) < self.probability) & (x.layer[block] >= 0)
+            x.z[block] = np.where(hit, total, x.z[block])
+            x.charge[block] = np.where(hit, held, x.charge[block])
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return self.physical()
+
+
+@dataclass(frozen=True, kw_only=True)
+class AmbientLight(Effect):
+    """More sun than on the day of the calibration: so many times the ambient electrons, the signal as it was."""
+
+    times: float
+    kind = "excess_noise"
+
+    def light(self, x: Exposure) -> None:
+        own = np.abs(x.z)
+        x.charge += np.float32(self.times - 1) * np.maximum(x.charge - own, 0)
+        x.ambient_gain *= math.sqrt(self.times)
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return {"factor": math.sqrt(self.times)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class FallingIllumination(Effect):
+    """A lamp that is weaker off its axis, as cos(angle)^power."""
+
+    power: float
+    kind = "vignetting"
+
+    @staticmethod
+    def axis_cosine(device: Device) -> Array:
+        """Cosine (pixel,) of the angle to the axis."""
+        azimuth, elevation = device.view.angles()
+        return np.asarray(np.cos(azimuth) * np.cos(elevation))
+
+    def light(self, x: Exposure) -> None:
+        x.z *= (self.axis_cosine(x.device) ** self.power).astype(np.float32)
+
+    def equivalent(self, place: Place) -> Parameters:
+        return {"corner_factor": float(self.axis_cosine(place.device).min() ** -self.power)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class WildValues(Effect):
+    """Upsets of the converter: any value in the working range."""
+
+    probability: float
+    kind = "outliers"
+
+    def output(self, x: Exposure, range_mm: Array) -> None:
+        hit = x.rng.random(range_mm.shape, dtype=np.float32) < self.probability
+        range_mm[hit] = x.rng.uniform(x.device.range_min_mm, x.device.range_max_mm, int(hit.sum()))
+        x.lost[hit] = False
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return self.physical()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeadTaps(Effect):
+    """Pixels whose taps hold a fixed charge: one phase for ever."""
+
+    share: float
+    value_mm: float
+    wafer: int
+    kind = "stuck_pixels"
+
+    def map(self, device: Device) -> Array:
+        dead = np.random.default_rng([self.wafer, 52]).random((device.rows, device.cols)) < self.share
+        if not dead.any():
+            dead[device.rows // 3, device.cols // 3] = True
+        return np.where(dead, self.value_mm, np.nan)
+
+    def output(self, x: Exposure, range_mm: Array) -> None:
+        values = self.map(x.device).ravel()
+        dead = np.isfinite(values)
+        range_mm[:, dead] = values[dead]
+        x.lost[:, dead] = False
+
+    def equivalent(self, place: Place) -> Parameters:
+        return {"share": float(np.isfinite(self.map(place.device)).mean()), "value_mm": self.value_mm}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LostSamples(Effect):
+    """Lost packets, and a comparator that rejects what it measures as too weak."""
+
+    packet_loss: float
+    threshold: float
+    comparator_noise: float
+    kind = "dropout"
+
+    def word(self, x: Exposure, range_mm: Array, amplitude: Array) -> None:
+        measured = amplitude + np.float32(self.comparator_noise) * x.rng.standard_normal(range_mm.shape, np.float32)
+        if self.threshold > 0:
+            x.lost |= measured < self.threshold
+        x.lost |= x.rng.random(range_mm.shape, dtype=np.float32) < self.packet_loss
+
+    def equivalent(self, place: Place) -> Parameters:
+        """The measured amplitude's own noise at the threshold adds to the comparator's."""
+        if self.threshold <= 0:
+            return {"probability": self.packet_loss, "threshold": 0.0, "threshold_noise": 0.0}
+        beams, device = place.beams, place.device
+        main = beams.share > 0.5
+        near = np.argsort(np.abs(np.log(place.amplitudes() / self.threshold)))[:200]
+        phase_noise = device.design_sigma(beams.range_mm[main][near]) * 2 * np.pi / device.unambiguous_mm
+        own = self.threshold * float(np.sqrt(np.mean(phase_noise**2)))
+        return {
+            "probability": self.packet_loss,
+            "threshold": self.threshold,
+            "threshold_noise": math.hypot(own, self.comparator_noise),
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Memory(Effect):
+    """Electrons' noise that lingers from frame to frame."""
+
+    coefficient: float
+    kind = "temporal_correlation"
+
+    def noise(self, normal: Array, rng: np.random.Generator) -> None:  # noqa: ARG002
+        keep, fresh = np.float32(self.coefficient), np.float32(math.sqrt(1 - self.coefficient**2))
+        for frame in range(1, len(normal)):
+            normal[frame] *= fresh
+            normal[frame] += keep * normal[frame - 1]
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return self.physical()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SecondCamera(Effect):
+    """Another camera beside this one, in bursts: its light returns from the same surfaces with a phase at random."""
+
+    strength: float  # its amplitude as a share of our own
+    share_of_frames: float
+    burst_frames: int
+    kind = "interference"
+
+    def bursts(self, frames: int, seed: int) -> Array:
+        """Which frames (frame,) of a recording it lights: bursts of the length, two at either side, gaps at random."""
+        rng = np.random.default_rng([seed, 53])
+        on = np.zeros(frames, dtype=bool)
+        gap = self.burst_frames * (1 - self.share_of_frames) / self.share_of_frames
+        frame = int(rng.uniform(0, gap)) - int(rng.integers(0, self.burst_frames))
+        while frame < frames:
+            length = int(rng.integers(self.burst_frames - 2, self.burst_frames + 3))
+            on[max(frame, 0) : max(frame + length, 0)] = True
+            frame += length + 1 + int(rng.exponential(max(gap - 1, 0.1)))
+        return on
+
+    def light(self, x: Exposure) -> None:
+        on = np.flatnonzero(self.bursts(len(x.time_s), x.seed))
+        shape = (on.size, x.z.shape[1])
+        other = x.rng.standard_normal(shape, np.float32) + 1j * x.rng.standard_normal(shape, np.float32)
+        x.z[on] += np.float32(self.strength / math.sqrt(2)) * np.abs(x.z[on]) * other
+
+    def equivalent(self, place: Place) -> Parameters:
+        return {
+            "probability": self.share_of_frames,
+            "sigma_mm": float(place.device.unambiguous_mm / (2 * np.pi) * self.strength / math.sqrt(2)),
+            "burst_frames": self.burst_frames,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class FullWell(Effect):
+    """Wells behind the background suppression that fill with the signal's own charge."""
+
+    capacity_electrons: float
+    kind = "saturation"
+
+    def word(self, x: Exposure, range_mm: Array, amplitude: Array) -> None:  # noqa: ARG002
+        own = np.abs(x.z)
+        own = own + np.sqrt(own) * x.rng.standard_normal(own.shape, np.float32)
+        x.lost |= own > self.capacity_electrons
+
+    def equivalent(self, place: Place) -> Parameters:
+        return {"full_well_amplitude": self.capacity_electrons * place.device.amplitude_unit}
+
+
+@dataclass(frozen=True, kw_only=True)
+class MovingBoard(Effect):
+    """A board that moves along its normal while the camera records."""
+
+    surface: str
+    velocity_mm_s: float
+    kind = "motion"
+    moves = True
+
+    def scene(self, surfaces: list[Surface], time_s: float) -> list[Surface]:
+        return [s.shifted(self.velocity_mm_s * time_s) if s.name == self.surface else s for s in surfaces]
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return self.physical()
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoarsePhase(Effect):
+    """A phase register of few levels a turn."""
+
+    levels: int
+    kind = "quantisation"
+
+    def step(self, device: Device) -> float:
+        """Range of one level, mm."""
+        return device.unambiguous_mm / self.levels
+
+    def output(self, x: Exposure, range_mm: Array) -> None:
+        step = self.step(x.device)
+        range_mm[...] = np.rint(range_mm.astype(np.float64) / step) * step
+
+    def equivalent(self, place: Place) -> Parameters:
+        return {"step_mm": self.step(place.device)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class LeakyPixels(Effect):
+    """Charge that diffuses to the four neighbours before the taps: signal and background alike."""
+
+    share: float
+    kind = "pixel_crosstalk"
+
+    def mixed(self, image: Array) -> Array:
+        """An image (frame, row, col) after the leak; at its edge a pixel gives to itself."""
+        wide = np.pad(image, ((0, 0), (1, 1), (1, 1)), mode="edge")
+        near = wide[:, :-2, 1:-1] + wide[:, 2:, 1:-1] + wide[:, 1:-1, :-2] + wide[:, 1:-1, 2:]
+        return np.asarray(image + np.float32(self.share) * (near - 4 * image))
+
+    def light(self, x: Exposure) -> None:
+        lit = ~x.empty
+        shape = x.z.shape
+        for start in range(0, shape[0], 25):
+            part = slice(start, start + 25)
+            z = self.mixed(x.image(x.z[part])).reshape(-1, shape[1])
+            x.z[part] = np.where(lit[part], z, x.z[part])
+            x.charge[part] = self.mixed(x.image(x.charge[part])).reshape(-1, shape[1])
+
+    def equivalent(self, place: Place) -> Parameters:  # noqa: ARG002
+        return self.physical()

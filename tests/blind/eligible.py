@@ -1,0 +1,49 @@
+"""On which scenes an effect can be told from its rivals in principle, and on which it cannot.
+
+Read from the physics, and held by a test that fits each rival's template to each effect's on every family.
+"""
+
+EVERY = ("boards", "slanted_wall", "corridor", "corner", "near_far", "stairs", "room", "open_hall")
+CLOSED = ("boards", "slanted_wall", "corner", "near_far", "stairs", "room")  # no open space to speak of
+
+# A constant on every surface, a sine over range or a power of amplitude are told apart by surfaces that span range
+# and angle: every family has one slanted panel, and one or more others.
+FAMILIES: dict[str, tuple[str, ...]] = {
+    "range_offset": ("boards", "slanted_wall", "corner", "near_far", "stairs", "room", "corridor"),
+    "surface_pose": ("boards", "near_far", "stairs", "slanted_wall", "corner", "room"),
+    "wiggling": ("slanted_wall", "corridor", "room", "stairs", "corner"),
+    "amplitude_walk": ("near_far", "room", "corridor", "slanted_wall"),
+    "temperature_drift": EVERY,
+    "fixed_pattern": EVERY,
+    "scattering": ("near_far", "boards", "room"),
+    "multipath": ("boards", "near_far", "stairs", "slanted_wall", "corner", "room"),
+    "phase_wrapping": ("far_hall", "far_gate"),
+    "flying_pixels": ("boards", "near_far", "stairs", "room"),
+    "excess_noise": EVERY,
+    "vignetting": EVERY,
+    "outliers": EVERY,
+    "stuck_pixels": EVERY,
+    "dropout": CLOSED,
+    "temporal_correlation": EVERY,
+    "interference": EVERY,
+    "saturation": ("near_far", "room", "slanted_wall", "boards"),
+    "motion": ("boards", "near_far", "stairs", "slanted_wall", "corner", "room"),
+    "quantisation": EVERY,
+    "pixel_crosstalk": ("boards", "near_far", "stairs", "room"),
+}
+
+# What no recording of such a scene can tell apart; such cases are not in the bench.
+INSEPARABLE: tuple[tuple[str, str, str], ...] = (
+    ("range_offset", "surface_pose", "one flat surface that faces the camera: its place and a delay are one number"),
+    ("range_offset", "multipath", "a second bounce on every surface alike, if the amplitude's scale is unknown"),
+    ("surface_pose", "multipath", "a small board that faces the camera, if its reflectivity is unknown"),
+    ("wiggling", "surface_pose", "boards that face the camera, each at one range: a sine has any value at each"),
+    ("amplitude_walk", "surface_pose", "boards that face the camera, each of one amplitude"),
+    ("temperature_drift", "motion", "one surface: it moves, or all ranges do"),
+    ("scattering", "range_offset", "surfaces at one range and of one amplitude: the veil has their own phase"),
+    ("flying_pixels", "pixel_crosstalk", "no edges in the image: neither does anything"),
+    ("phase_wrapping", "surface_pose", "all of the scene beyond the turn, and its distance unknown"),
+    ("dropout", "saturation", "one amplitude in the whole image: lost samples do not tell which side is cut"),
+    ("excess_noise", "vignetting", "a narrow field of view: the fall is the same everywhere"),
+    ("stuck_pixels", "fixed_pattern", "a surface at the stuck value, quieter than a millimetre"),
+)

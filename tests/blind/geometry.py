@@ -1,0 +1,213 @@
+"""Flat rectangles before a pinhole of angular cells: what each pixel's beam meets, in which shares.
+
+Use `cast` once a scene. Cells that an edge crosses are divided again and again, down to 1/256 of a pixel, so that
+shares are right to 0.001; a cell whose corners and centre all meet one surface counts as that surface's.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[Any]
+
+FIRST_CELLS = 4  # cells along a pixel's side before any is divided
+LAST_CELLS = 128  # and after; each of these is then sampled at four points
+MIN_SHARE = 1.0e-4
+_LEAF = ((-0.125, -0.375), (0.375, -0.125), (0.125, 0.375), (-0.375, 0.125))  # four points, no two in line
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Surface:
+    """A flat rectangle in the sensor's frame: x right, y down, z forward, mm."""
+
+    name: str
+    center_mm: tuple[float, float, float]
+    size_mm: tuple[float, float]
+    yaw_deg: float = 0.0
+    pitch_deg: float = 0.0
+    reflectivity: float = 0.6
+
+    def axes(self) -> Array:
+        """The rectangle's u, v and normal axes as columns: yaw about y first, then pitch about x."""
+        yaw, pitch = math.radians(self.yaw_deg), math.radians(self.pitch_deg)
+        about_y = np.array([[math.cos(yaw), 0, math.sin(yaw)], [0, 1, 0], [-math.sin(yaw), 0, math.cos(yaw)]])
+        about_x = np.array([[1, 0, 0], [0, math.cos(pitch), -math.sin(pitch)], [0, math.sin(pitch), math.cos(pitch)]])
+        axes: Array = about_x @ about_y
+        return axes
+
+    def shifted(self, shift_mm: float) -> "Surface":
+        """The same rectangle, moved along its own normal R (0, 0, 1)."""
+        center = np.array(self.center_mm) + shift_mm * self.axes()[:, 2]
+        return replace(self, center_mm=(float(center[0]), float(center[1]), float(center[2])))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """The image: rows and columns of equal angular cells, and how far the camera sees."""
+
+    rows: int
+    cols: int
+    fov_horizontal_deg: float
+    fov_vertical_deg: float
+    range_max_mm: float
+
+    @property
+    def pixels(self) -> int:
+        """Number of pixels."""
+        return self.rows * self.cols
+
+    @property
+    def cell_rad(self) -> tuple[float, float]:
+        """A pixel's extent in azimuth and elevation, rad."""
+        return math.radians(self.fov_horizontal_deg) / self.cols, math.radians(self.fov_vertical_deg) / self.rows
+
+    def angles(self) -> tuple[Array, Array]:
+        """Azimuth and elevation (pixel,) of the pixels' centres, rad."""
+        wide, high = self.cell_rad
+        azimuth = (np.arange(self.cols) - (self.cols - 1) / 2) * wide
+        elevation = (np.arange(self.rows) - (self.rows - 1) / 2) * high
+        return np.tile(azimuth, self.rows), np.repeat(elevation, self.cols)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beams:
+    """What each pixel's beam meets, from near to far; L is the largest number of surfaces in one beam.
+
+    Parameters
+    ----------
+    share : (L, pixel) float64
+        Area shares; 0 where a beam has fewer surfaces.
+    range_mm : (L, pixel) float64
+        Mean range of each surface's part of the beam.
+    cosine : (L, pixel) float64
+        Mean cosine of incidence.
+    surface : (L, pixel) int64
+        Number of the surface; -1 where there is none.
+    nothing : (pixel,) float64
+        The share that meets no surface.
+    """
+
+    share: Array
+    range_mm: Array
+    cosine: Array
+    surface: Array
+    nothing: Array
+
+
+def direction(azimuth: Array, elevation: Array) -> Array:
+    """Unit directions (3, ...) of beams."""
+    return np.stack([np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)])
+
+
+def first_hit(surfaces: list[Surface], azimuth: Array, elevation: Array, range_max_mm: float) -> tuple[Array, ...]:
+    """Surface number (-1: none), range and cosine of incidence of thin beams, each of the angles' shape."""
+    beam = direction(azimuth, elevation)
+    number = np.full(azimuth.shape, -1, dtype=np.int64)
+    nearest = np.full(azimuth.shape, np.inf)
+    cosine = np.zeros(azimuth.shape)
+    for k, surface in enumerate(surfaces):
+        axes, center = surface.axes(), np.array(surface.center_mm)
+        slope = np.tensordot(axes[:, 2], beam, 1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            away = (axes[:, 2] @ center) / slope
+            inside = (away > 0) & (away <= range_max_mm) & (away < nearest)
+            for axis in (0, 1):
+                along = away * np.tensordot(axes[:, axis], beam, 1) - axes[:, axis] @ center
+                inside &= np.abs(along) <= surface.size_mm[axis] / 2
+        number[inside], nearest[inside], cosine[inside] = k, away[inside], np.abs(slope[inside])
+    return number, nearest, cosine
+
+
+class _Sums:
+    """Share, share x range and share x cosine of each (surface, pixel)."""
+
+    def __init__(self, surfaces: list[Surface], view: View) -> None:
+        self.surfaces, self.view = surfaces, view
+        self.total = np.zeros((3, len(surfaces) * view.pixels))
+
+    def hit(self, azimuth: Array, elevation: Array) -> tuple[Array, ...]:
+        return first_hit(self.surfaces, azimuth, elevation, self.view.range_max_mm)
+
+    def add(self, pixel: Array, hits: tuple[Array, ...], share: float) -> None:
+        number, away, cosine = hits
+        met = number >= 0
+        index = number[met] * self.view.pixels + pixel[met]
+        for row, weight in enumerate((np.ones(index.size), away[met], cosine[met])):
+            self.total[row] += share * np.bincount(index, weight, self.total.shape[1])
+
+
+def cast(surfaces: list[Surface], view: View) -> Beams:
+    """Cast all beams of a scene; the last scenes are kept, so change nothing in what it returns."""
+    return _cast(tuple(surfaces), view)
+
+
+@lru_cache(maxsize=64)
+def _cast(surfaces: tuple[Surface, ...], view: View) -> Beams:
+    sums = _Sums(list(surfaces), view)
+    wide, high = view.cell_rad
+    pixel, x, y = _first_cells(sums)
+    cells = 2 * FIRST_CELLS
+    while pixel.size and cells <= LAST_CELLS:
+        center = sums.hit(x, y)
+        mixed = np.zeros(pixel.size, dtype=bool)
+        for i, j in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)):
+            mixed |= sums.hit(x + i * wide / cells, y + j * high / cells)[0] != center[0]
+        sums.add(pixel[~mixed], tuple(part[~mixed] for part in center), cells**-2)
+        pixel, x, y = _divided(view, pixel[mixed], x[mixed], y[mixed], cells)
+        cells *= 2
+    sums.add(pixel, sums.hit(x, y), cells**-2)
+    return _sorted_beams(sums.total.reshape(3, len(surfaces), view.pixels))
+
+
+def _first_cells(sums: _Sums) -> tuple[Array, Array, Array]:
+    """Cast the first cells of all pixels, which share their corners; the pixel and angles of those to divide."""
+    view = sums.view
+    wide, high = view.cell_rad
+    down, across = view.rows * FIRST_CELLS, view.cols * FIRST_CELLS
+    edge_x = (np.arange(across + 1) - across / 2) * wide / FIRST_CELLS
+    edge_y = (np.arange(down + 1) - down / 2) * high / FIRST_CELLS
+    corner = sums.hit(*np.meshgrid(edge_x, edge_y))[0]
+    x, y = np.meshgrid(edge_x[:-1] + wide / FIRST_CELLS / 2, edge_y[:-1] + high / FIRST_CELLS / 2)
+    center = sums.hit(x, y)
+    mixed = np.zeros(x.shape, dtype=bool)
+    for part in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]):
+        mixed |= part != center[0]
+    row, col = np.indices(x.shape) // FIRST_CELLS
+    pixel = row * view.cols + col
+    sums.add(pixel[~mixed], tuple(part[~mixed] for part in center), FIRST_CELLS**-2)
+    return _divided(view, pixel[mixed], x[mixed], y[mixed], FIRST_CELLS)
+
+
+def _divided(view: View, pixel: Array, x: Array, y: Array, cells: int) -> tuple[Array, Array, Array]:
+    """Four quarters of each cell; of the smallest cells four points, no two in line."""
+    wide, high = view.cell_rad
+    points = _LEAF if cells == LAST_CELLS else tuple((i, j) for i in (-0.25, 0.25) for j in (-0.25, 0.25))
+    return (
+        np.tile(pixel, 4),
+        np.concatenate([x + i * wide / cells for i, _ in points]),
+        np.concatenate([y + j * high / cells for _, j in points]),
+    )
+
+
+def _sorted_beams(total: Array) -> Beams:
+    """Near to far, without shares below `MIN_SHARE`; the others fill the beam."""
+    share = np.where(total[0] >= MIN_SHARE, total[0], 0.0)
+    nothing = 1.0 - total[0].sum(axis=0)
+    nothing[nothing < MIN_SHARE] = 0.0
+    whole = share.sum(axis=0) + nothing
+    with np.errstate(divide="ignore", invalid="ignore"):
+        away = np.where(share > 0, total[1] / total[0], np.inf)
+        cosine = np.where(share > 0, total[2] / total[0], 0.0)
+    order = np.argsort(away, axis=0, kind="stable")[: max(1, int((share > 0).sum(axis=0).max()))]
+    near = np.take_along_axis(away, order, 0)
+    return Beams(
+        share=np.take_along_axis(share / whole, order, 0),
+        range_mm=np.where(np.isfinite(near), near, 0.0),
+        cosine=np.take_along_axis(cosine, order, 0),
+        surface=np.where(np.isfinite(near), order, -1),
+        nothing=nothing / whole,
+    )

@@ -1,0 +1,166 @@
+"""Score one case: run the command on copies under neutral names, and measure by the bench's own panel what it closed.
+
+Use `score` for one case; `blind.bench` for all. The command sees `model.toml` and `measured.h5` in a folder whose name
+says nothing. The gap is measured on a third recording, which nobody else has.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from blind.camera import Recording
+from blind.cases import Built
+from blind.judge import judge
+from blind.panel import Statistic, compare, gap
+from blind.write import model_text, read_recording, write_recording
+
+SIMULATE = (sys.executable, "-m", "tofmix", "simulate")
+RECONCILE = (sys.executable, "-m", "tofmix", "reconcile")
+_LIMIT_S = 1800
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What is done with a case.
+
+    Parameters
+    ----------
+    reconcile : command that gets MODEL MEASURED -o FOLDER; None: gaps and ceiling alone.
+    ceiling : whether to simulate the true effect too.
+    second : whether to go to the second scene.
+    """
+
+    reconcile: tuple[str, ...] | None = RECONCILE
+    ceiling: bool = True
+    second: bool = True
+
+
+def simulate(model: Path, seed: int) -> Recording:
+    """What `tofmix simulate` makes of a model file."""
+    output = model.with_suffix(f".{seed}.h5")
+    _run([*SIMULATE, str(model), "-o", str(output), "--seed", str(seed)])
+    recording = read_recording(output)
+    output.unlink()
+    return recording
+
+
+def _run(command: Sequence[str]) -> None:
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"{' '.join(command[:4])}: exit {done.returncode}: {done.stderr.strip()[-400:]}")
+
+
+def score(built: Built, work: Path, plan: Plan) -> dict[str, Any]:
+    """Score one case in a working folder, which is removed afterwards.
+
+    Returns
+    -------
+    dict
+        What JSON can hold: the case, the truth, the panel before, gaps before, after, floor and ceiling, and what the
+        reconciliation said.
+    """
+    folder = work / f"{crc32(built.case.name.encode()) ^ built.seeds[0]:08x}"
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    try:
+        return _score(built, folder, plan)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _score(built: Built, folder: Path, plan: Plan) -> dict[str, Any]:
+    model = folder / "model.toml"
+    model.write_text(model_text(built.device, built.models[0], built.noise), encoding="utf-8")
+    third = built.record(2)
+    panel = compare(third, simulate(model, 101))
+    out: dict[str, Any] = {
+        "case": built.case.name, "half": built.case.half, "sort": built.case.sort, "level": built.case.level,
+        "truth": built.truth(), "frames": built.device.frames, "image": [built.device.rows, built.device.cols],
+        "panel": [[s.statistic, s.axis, round(s.distance, 4), round(s.z, 3)] for s in panel],
+        "before": gap(panel), "floor": gap(compare(third, built.record(3))),
+    }  # fmt: skip
+    if plan.ceiling and built.truth()["kinds"]:
+        true_model = folder / "true.toml"
+        text = model_text(built.device, built.models[0], built.noise, effects=true_effects(built, folder))
+        true_model.write_text(text, encoding="utf-8")
+        ceiling = compare(third, simulate(true_model, 102))
+        out["ceiling"] = _closed(out["before"], gap(ceiling), out["floor"])
+        out["ceiling_rest"] = _largest(ceiling)
+    if plan.reconcile is not None:
+        out |= _reconcile(built, folder, plan, third, (out["before"], out["floor"]))
+    return out
+
+
+def _largest(panel: list[Statistic]) -> list[list[Any]]:
+    worst = sorted(panel, key=lambda s: -s.z)[:3]
+    return [[s.statistic, s.axis, round(s.z, 1)] for s in worst]
+
+
+def _closed(before: float, after: float, floor: float) -> float | None:
+    """Share of the gap that is closed; None where there is none to speak of."""
+    return None if before - floor < 0.15 else (before - after) / (before - floor)
+
+
+def true_effects(built: Built, folder: Path) -> list[dict[str, Any]]:
+    """The hidden effects as [[effect]] tables; the device's own maps beside the model."""
+    maps = built.maps()
+    out = []
+    for effect in built.truth()["effects"]:
+        kind, parameters = effect["kind"], effect["parameters"]
+        if kind in maps:
+            np.save(folder / f"true_{kind}.npy", maps[kind].astype(np.float32))
+            parameters = {"map": f"true_{kind}.npy"}
+        out.append({"kind": kind, **parameters})
+    return out
+
+
+def _reconcile(built: Built, folder: Path, plan: Plan, third: Recording, gaps: tuple[float, float]) -> dict[str, Any]:
+    variant = crc32(built.case.name.encode()) % (3 if "temperature_drift" in built.case.kinds else 4)
+    measured, result = folder / "measured.h5", folder / "result"
+    write_recording(measured, built.record(0), built.device, built.noise, variant=variant)
+    assert plan.reconcile is not None
+    started, used = time.perf_counter(), os.times()
+    try:
+        _run([*plan.reconcile, str(folder / "model.toml"), str(measured), "-o", str(result)])
+        said = json.loads((result / "gap.json").read_text(encoding="utf-8"))
+    except (RuntimeError, OSError, ValueError, subprocess.TimeoutExpired) as error:
+        return {"failed": str(error)[-600:], "seconds": time.perf_counter() - started}
+    now = os.times()
+    out = judge(said, built, result)
+    out["seconds"] = time.perf_counter() - started
+    out["cpu_seconds"] = now.children_user + now.children_system - used.children_user - used.children_system
+    out["said"] = {"gap": said.get("gap"), "effects": said.get("effects", [])}
+    if not out["named"]:
+        return out | {"after": gaps[0], "closed": _closed(gaps[0], gaps[0], gaps[1])}
+    try:
+        out["after"] = gap(compare(third, simulate(result / "model.toml", 103)))
+        out["closed"] = _closed(gaps[0], out["after"], gaps[1])
+        if plan.second:
+            out["second_scene"] = _second_scene(built, result)
+    except RuntimeError as error:
+        out["failed"] = str(error)
+    return out
+
+
+def _second_scene(built: Built, result: Path) -> dict[str, Any]:
+    """What the refined effects close on the other scene."""
+    refined = tomllib.loads((result / "model.toml").read_text(encoding="utf-8")).get("effect", [])
+    gaps = []
+    measured = built.record(4)
+    for name, effects in (("plain", []), ("refined", refined)):
+        model = result / f"second_{name}.toml"
+        model.write_text(model_text(built.device, built.models[1], built.noise, effects=effects), encoding="utf-8")
+        gaps.append(gap(compare(measured, simulate(model, 104))))
+    floor = gap(compare(measured, built.record(5)))
+    return {"before": gaps[0], "after": gaps[1], "floor": floor, "closed": _closed(gaps[0], gaps[1], floor)}
