@@ -29,7 +29,7 @@ R = TypeVar("R")
 
 config: Any = numba.config  # its settings are made at run time, unknown to a type checker
 _PACKAGE = Path(__file__).parent
-_KERNEL_FOLDERS = ("estimation", "simulation")
+_KERNEL_FOLDERS = ("estimation", "simulation", "reconcile")
 
 
 def jit(function: Callable[P, R]) -> Callable[P, R]:
