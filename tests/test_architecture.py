@@ -12,9 +12,10 @@ PACKAGE = Path(tofmix.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 MAY_IMPORT = {
-    "cli": {"cli", "io", "report", "estimation", "simulation", "sensors"},
+    "cli": {"cli", "io", "report", "reconcile", "estimation", "simulation", "sensors"},
     "io": {"io", "simulation"},
-    "report": {"report"},
+    "report": {"report", "reconcile"},
+    "reconcile": {"reconcile", "simulation"},
     "estimation": {"estimation"},
     "simulation": {"simulation", "sensors"},
     "sensors": {"sensors"},

@@ -10,6 +10,7 @@ import click
 
 from tofmix import __version__
 from tofmix.cli.estimate import estimate
+from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
@@ -49,7 +50,7 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report):
+for _command in (simulate, estimate, report, reconcile):
     main.add_command(_command)
 
 

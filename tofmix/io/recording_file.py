@@ -54,6 +54,25 @@ class RecordingFile:
         self._amplitude = _samples(root, "amplitude", path) if "amplitude" in root else None
         if self._amplitude is not None and self._amplitude.shape != self.shape:
             raise BadInputError(f"{path}: amplitude: shape {self._amplitude.shape} differs from range {self.shape}")
+        self._time = hdf5.checked_dataset(root, "time", path) if "time" in root else None
+        if self._time is not None and (self._time.shape != (frames,) or self._time.dtype.kind not in "iuf"):
+            raise BadInputError(f"{path}: time: expected a number for each of {frames} frames")
+
+    def read_time(self) -> FloatArray | None:
+        """Read the start of each frame (frame,) float64 in s; None if the recording has none.
+
+        Raises
+        ------
+        BadInputError
+            If it cannot be read, or does not ascend.
+        """
+        if self._time is None:
+            return None
+        with hdf5.reading(self.path, "time"):
+            time_s = np.asarray(self._time[...], dtype=np.float64)
+        if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0).all()):
+            raise BadInputError(f"{self.path}: time: the frames' times do not ascend")
+        return time_s
 
     @property
     def has_amplitude(self) -> bool:

@@ -13,11 +13,15 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Likelihood, Part, State
+from tofmix.reconcile.links import whitened
 from tofmix.reconcile.mixture import Mixture
+from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
 SHAPES = ("bias", "spread", "skew", "tails")
 _BINS = 12
 _ENOUGH = 200  # samples of a bin
+_FAR = np.float32(4.0)  # scores beyond count as this: fourth powers must not hang on one sample
+_SMOOTH_MM = 2.0  # a density of this sigma is smooth over three mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -117,16 +121,27 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
         The state's, if it is at hand.
     """
     m = likelihood.scene.mixture(state.effects) if mixture is None else mixture
-    z = likelihood.scores(state, part, seed, m)[part[0]][:, part[1]]
+    z = _own_scores(likelihood, state, part, seed, m)
     axes = list(_axes(likelihood.evidence, m, part))
+    z = np.clip(z, -_FAR, _FAR)
     curves = [*_shapes(z, axes, m, part), *_in_time(z, likelihood.evidence, part, m)]
     curves += _invalid(likelihood.evidence, m, state, axes, part)
     curves += _neighbours(z, likelihood.evidence, part)
-    curves += _discreteness(likelihood.evidence, part, state)
+    curves += _discreteness(likelihood.evidence, part, m, state)
     pattern = np.full(likelihood.evidence.shape[1], np.nan)
     with np.errstate(invalid="ignore"):
         pattern[part[1]] = np.nansum(z, axis=0) / np.maximum(np.isfinite(z).sum(axis=0), 1)
     return Compared(curves=tuple(curves), pattern=pattern, part=part)
+
+
+def _own_scores(likelihood: Likelihood, state: State, part: Part, seed: int, m: Mixture) -> Float32Array:
+    """Scores of a part; given the frame before where the noise has a memory."""
+    memory = [e for e in state.effects if isinstance(e, TemporalCorrelation)]
+    if not memory:
+        return likelihood.scores(state, part, seed, m)[part[0]][:, part[1]]
+    everything = np.arange(likelihood.evidence.shape[0]), part[1]
+    z = likelihood.scores(state, everything, seed, m)
+    return np.asarray(whitened(z, m, memory[0].coefficient)[part[0]][:, part[1]])
 
 
 def _axes(evidence: Evidence, m: Mixture, part: Part) -> Iterator[_Axis]:
@@ -288,10 +303,20 @@ def _neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Cur
                     value=np.array([value]), variance=np.array([1.0 / n]), unit="1", scale_mm=np.ones(1))  # fmt: skip
 
 
-def _discreteness(evidence: Evidence, part: Part, state: State) -> Iterator[Curve]:
-    """Second differences of the histogram of whole mm: 0 by chance where the density is smooth."""
-    use = part[1][state.working[part[1]]]
+def _discreteness(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator[Curve]:
+    """Second differences of the histogram of whole mm: 0 by chance where the density is smooth.
+
+    Where the model has a lattice already: the share of samples that are not on it.
+    """
+    use = part[1][(state.working & (m.of_main(m.sigma) > _SMOOTH_MM))[part[1]]]
     count = np.bincount(evidence.samples[part[0]][:, use].ravel(), minlength=65_536)[1:].astype(np.float64)
+    if m.step > 0:
+        value = np.arange(1.0, 65_536.0)
+        off = float(count[np.rint(np.rint(value / m.step) * m.step) != value].sum())
+        n = max(float(count.sum()), 1.0)
+        yield Curve(statistic="discreteness", axis="all", lower=np.zeros(1), upper=np.ones(1), value=np.array([off / n]),
+                    variance=np.array([max(off, 1.0) / n**2]), unit="1", scale_mm=np.ones(1))  # fmt: skip
+        return
     curl = count[1:-1] - (count[:-2] + count[2:]) / 2
     variance = count[1:-1] + (count[:-2] + count[2:]) / 4
     full = variance >= _ENOUGH

@@ -187,11 +187,11 @@ def _saturation(s: _Setting) -> Iterator[Problem]:
     yield Problem(make=make, starts=tuple((math.log(level),) for level in levels), steps=(0.02,))
 
 
-def _nothing_free(kind: str) -> _Maker:
-    def problems(s: _Setting) -> Iterator[Problem]:  # noqa: ARG001
-        yield Problem(make=lambda _: EFFECTS[kind](), starts=((),), steps=())
-
-    return problems
+def _wrapping(s: _Setting) -> Iterator[Problem]:
+    """At the camera's own turn (a free one takes up an offset), and only where something is near enough to it."""
+    reach = np.where(s.mixture.lit & (s.mixture.weight > 0), s.mixture.mean + 4 * s.mixture.sigma, 0.0)
+    if reach.max() > s.turn:
+        yield Problem(make=lambda _: EFFECTS["phase_wrapping"](), starts=((),), steps=())
 
 
 PROBLEMS: dict[str, _Maker] = {
@@ -203,7 +203,7 @@ PROBLEMS: dict[str, _Maker] = {
     "temperature_drift": _drift,
     "scattering": _simple("scattering", "share", (0.002, 0.02, 0.1), log=True),
     "multipath": _multipath,
-    "phase_wrapping": _nothing_free("phase_wrapping"),
+    "phase_wrapping": _wrapping,
     "flying_pixels": _simple("flying_pixels", "probability", (0.01, 0.1, 0.6), log=True),
     "pixel_crosstalk": _simple("pixel_crosstalk", "share", (0.003, 0.03), log=True),
     "vignetting": _vignetting,

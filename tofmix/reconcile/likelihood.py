@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
 from scipy.special import ndtri
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
@@ -239,10 +240,16 @@ class PixelBiases:
 
 
 def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> PixelBiases:
-    """Find each pixel's bias by expectation maximisation, on top of the state's."""
-    bias = state.pixel_bias.copy()
+    """Find each pixel's bias by expectation maximisation, on top of the state's.
+
+    A bias of many sigma cannot be reached step by step: the median of a pixel's samples is another start.
+    """
     first = likelihood.sums(mixture, state, part)
-    sums = first
+    far = state.pixel_bias + _median_bias(likelihood.evidence, mixture, state, part)
+    other = likelihood.sums(mixture, state, part, bias=far)
+    better = other.by_pixel[:, 0] > first.by_pixel[:, 0]
+    bias = np.where(better, far, state.pixel_bias)
+    sums = Sums(np.where(better[:, None], other.by_pixel, first.by_pixel), first.by_frame)
     for _ in range(_STEPS):
         bias = bias + sums.by_pixel[:, 1] / np.maximum(sums.by_pixel[:, 2], 1e-12)
         sums = likelihood.sums(mixture, state, part, bias=bias)
@@ -254,6 +261,21 @@ def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: P
         information=np.where(inside, sums.by_pixel[:, 2], 0.0),
         gain=np.where(inside, sums.by_pixel[:, 0] - first.by_pixel[:, 0], 0.0),
     )
+
+
+def _median_bias(evidence: Evidence, mixture: Mixture, state: State, part: Part) -> FloatArray:
+    """Median of a pixel's samples less what its main surface has, mm; 0 where it has no return or no sample."""
+    frames, pixels = part
+    values = evidence.samples[frames][:, pixels].astype(np.float32)
+    values -= mixture.frame_bias[frames, None].astype(np.float32)
+    valid = evidence.samples[frames][:, pixels] > 0
+    middle = np.zeros(evidence.shape[1])
+    some = valid.any(axis=0)
+    middle[pixels[some]] = np.nanmedian(np.where(valid, values, np.nan)[:, some], axis=0)
+    known = np.zeros(middle.size, dtype=bool)
+    known[pixels[some]] = True
+    usable = known & mixture.of_main(mixture.lit).astype(bool)
+    return np.where(usable, middle - mixture.of_main(mixture.mean) - state.pixel_bias, 0.0)
 
 
 def marginal_pattern(
@@ -295,9 +317,10 @@ def marginal_pattern(
     prior = np.concatenate([np.full(cols, by_col), np.full(rows, by_row)])
     inner = np.diag(1.0 / prior) + cross
     pulled = np.concatenate([np.bincount(col, b / d, minlength=cols), np.bincount(row, b / d, minlength=rows)])
-    lines = np.linalg.solve(inner, pulled)
+    root = cho_factor(inner, lower=True, check_finite=False)
+    lines = cho_solve(root, pulled, check_finite=False)
     quadratic = float((b * b / d).sum() - pulled @ lines)
-    logdet = float(np.log(d / noise).sum() + np.linalg.slogdet(inner)[1] + np.log(prior).sum())
+    logdet = float(np.log(d / noise).sum() + 2 * np.log(np.diag(root[0])).sum() + np.log(prior).sum())
     gain = float(found.gain[use].sum()) - 0.5 * (quadratic + logdet)
     stripes = lines[col] + lines[cols + row]
     pattern = np.zeros(found.bias.size)

@@ -143,22 +143,34 @@ def fit_pattern(
 def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[FixedPattern, PixelBiases] | None:
     """The spreads that make each pixel's bias, and its noise, most likely."""
     use = found.information > 0
-    if use.sum() < 4 * sum(image):
+    if use.sum() < 4 * sum(image) or not _beyond_chance(found, image):
         return None
     size = max(float(np.median(np.abs(found.bias[use])) / 0.67), 1e-3)
 
     def cost(x: FloatArray) -> float:
-        spreads = tuple(math.exp(min(max(v, -8.0), 7.0)) for v in x)
+        spreads = tuple(math.exp(min(max(v, -8.0), 6.9)) for v in x)
         return -marginal_pattern(found, image, spreads)[0]
 
-    best = None
-    for share in (0.15, 0.6):
-        start = np.log(np.array([size, size * share, size * share]))
-        trial = minimize(cost, start, method="Nelder-Mead", options={"maxfev": 80, "fatol": 0.1, "xatol": 0.02})
-        best = trial if best is None or trial.fun < best.fun else best
-    assert best is not None
-    pixel, column, row = (float(math.exp(min(max(v, -8.0), 7.0))) for v in best.x)
+    start = np.log(np.array([size, size * 0.3, size * 0.3]))
+    simplex = np.vstack([start, start + 0.5 * np.eye(3)])
+    options = {"maxfev": 80, "fatol": 0.1, "xatol": 0.02, "initial_simplex": simplex}
+    best = minimize(cost, start, method="Nelder-Mead", options=options)
+    pixel, column, row = (float(math.exp(min(max(v, -8.0), 6.9))) for v in best.x)
     return FixedPattern(pixel_sigma_mm=pixel, column_sigma_mm=column, row_sigma_mm=row), found
+
+
+def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:
+    """Whether pixels, columns or rows differ by more than two standard deviations of chance."""
+    use = np.flatnonzero(found.information > 0)
+    row, col = np.divmod(use, image[1])
+    pulled, weight = found.bias[use] * found.information[use], found.information[use]
+    deviates = [(2 * float(found.gain[use].sum()) - use.size) / math.sqrt(2 * use.size)]
+    for line in (row, col):
+        total, noise = np.bincount(line, pulled), np.bincount(line, weight)
+        full = noise > 0
+        chi2 = float((total[full] ** 2 / noise[full]).sum())
+        deviates.append((chi2 - full.sum()) / math.sqrt(2 * full.sum()))
+    return max(deviates) > 2
 
 
 def pattern_map(likelihood: Likelihood, mixture: Mixture, state: State, effect: FixedPattern, frames: IntArray) -> FloatArray:

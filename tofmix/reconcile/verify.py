@@ -1,0 +1,142 @@
+"""Step 5: simulate the refined model with fresh seeds, and say what the effects explain.
+
+`floor` is the gap of two simulations of the refined model that differ in their seed, `before` and `after` that of
+the recording. The verdict weighs what the effects gained against the largest disagreement that is left.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.reconcile import links
+from tofmix.reconcile.add import Added, Settings, held_out
+from tofmix.reconcile.compare import Compared, Curve, compare
+from tofmix.reconcile.evidence import Evidence
+from tofmix.reconcile.likelihood import Likelihood, State
+from tofmix.reconcile.localise import disagreements
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.model import Model
+from tofmix.simulation.render import render_blocks
+
+EXPLAINED = 0.9
+"""Share of gain and largest remaining disagreement that the gain must be."""
+
+_WITHIN_CHANCE = 0.05  # of a gap
+_SETTLED, _UNTOUCHED = 0.97, 0.7
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verified:
+    """What verification says.
+
+    Parameters
+    ----------
+    verdict : str
+        ``agree``, ``explained``, ``partly_explained`` or ``unexplained``.
+    state : State
+        The model that is written: without effects that do not explain.
+    before, after, floor : Compared
+        Panels of the model as given, of the refined one, and of a simulation of it.
+    gain : float
+        Held-out gain of all effects, nats.
+    left : float
+        The largest disagreement that is left, nats.
+    """
+
+    verdict: str
+    state: State
+    before: Compared
+    after: Compared
+    floor: Compared
+    gain: float
+    left: float
+
+    @property
+    def closed(self) -> float | None:
+        """Share of the gap that is closed; None where there is none beyond chance."""
+        room = self.before.gap - self.floor.gap
+        return None if room < _WITHIN_CHANCE else (self.before.gap - self.after.gap) / room
+
+
+def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified:
+    """Judge what was added.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recording and the scene.
+    added : Added
+        The outcome of the search.
+    settings : Settings
+        How.
+    """
+    held = held_out(likelihood, settings)
+    start = likelihood.start()
+    before = compare(likelihood, start, held, seed=settings.seed)
+    loud = disagreements(added.panel, settings.alpha)
+    left = max((c.excess_nats for c in loud), default=0.0)
+    gain = _gain(likelihood, added, settings)
+    verdict = _verdict(added, before, loud, gain, left)
+    state = start if verdict in ("agree", "unexplained") else added.state
+    after = before if state is start else compare(likelihood, state, held, seed=settings.seed)
+    return Verified(
+        verdict=verdict, state=state, before=before, after=after, floor=_floor(likelihood, state, settings),
+        gain=gain, left=left,
+    )  # fmt: skip
+
+
+def _gain(likelihood: Likelihood, added: Added, settings: Settings) -> float:
+    """Gains by candidates, which count latent states and memory too, scaled from the part they were scored on."""
+    part = likelihood.evidence.part(fit=False, split=settings.split)
+    held = held_out(likelihood, settings)
+    scale = len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1)
+    return scale * sum(c.gain for c in added.chosen)
+
+
+def _verdict(added: Added, before: Compared, loud: list[Curve], gain: float, left: float) -> str:
+    if not added.chosen:
+        return "unexplained" if loud else "agree"
+    if not loud or gain >= EXPLAINED * (gain + left):
+        return "explained"
+    return "partly_explained" if _settled(added, before, loud) else "unexplained"
+
+
+def _settled(added: Added, before: Compared, loud: list[Curve]) -> bool:
+    """Whether what is left stands on other curves than what was explained, and was there before."""
+    was = {(c.statistic, c.axis): c.excess_nats for c in before.curves}
+    now = {(c.statistic, c.axis): c.excess_nats for c in added.panel.curves}
+    top = max(was, key=lambda name: was[name])
+    settled = now.get(top, 0.0) < (1 - _SETTLED) * was[top]
+    return settled and all(c.excess_nats > _UNTOUCHED * was.get((c.statistic, c.axis), 0.0) for c in loud[:3])
+
+
+def refined_model(likelihood: Likelihood, state: State) -> Model:
+    """The model with a state's effects."""
+    model = likelihood.scene.model
+    effects: tuple[Effect, ...] = (*model.effects, *state.effects)
+    return replace(model, effects=effects)
+
+
+def _floor(likelihood: Likelihood, state: State, settings: Settings) -> Compared:
+    evidence = likelihood.evidence
+    model = refined_model(likelihood, state)
+    simulated = simulate_like(model, evidence, seed=settings.seed + 1)
+    again = Likelihood(simulated, likelihood.scene)
+    for effect in state.effects:
+        if isinstance(effect, Interference):
+            mixture = likelihood.scene.mixture(state.effects)
+            bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
+            state = replace(state, disturbed=links.disturbed_frames(again, mixture, bare, effect))
+    return compare(again, state, held_out(likelihood, settings), seed=settings.seed + 1)
+
+
+def simulate_like(model: Model, evidence: Evidence, *, seed: int) -> Evidence:
+    """A simulation with the frames of a recording."""
+    frames, pixels = evidence.shape
+    samples = np.empty((frames, pixels), dtype=np.uint16)
+    truth = cast_scene(model)
+    for block in render_blocks(model, truth, n_frames=frames, seed=seed, threads=2):
+        samples[block.start : block.stop] = block.range_mm.reshape(-1, pixels)
+    return replace(evidence, samples=samples)
