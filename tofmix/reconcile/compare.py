@@ -20,6 +20,7 @@ from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 SHAPES = ("bias", "spread", "skew", "tails")
 _BINS = 12
 _ENOUGH = 200  # samples of a bin
+_ENOUGH_IN_FRAME = 30
 _FAR = np.float32(4.0)  # scores beyond count as this: fourth powers must not hang on one sample
 _SMOOTH_MM = 2.0  # a density of this sigma is smooth over three mm
 
@@ -200,7 +201,7 @@ def _shapes(z: Float32Array, axes: list[_Axis], m: Mixture, part: Part) -> Itera
         enough = count >= _ENOUGH / 10
         value = total[enough] / count[enough]
         number = part[1][enough].astype(np.float64)
-        yield Curve(statistic="pattern" if name == "bias" else f"{name}", axis="pixel", lower=number, upper=number + 1,
+        yield Curve(statistic="pattern" if name == "bias" else f"{name}_pattern", axis="all", lower=number, upper=number + 1,
                     value=value, variance=1.0 / count[enough], unit="1", scale_mm=sigma[enough])  # fmt: skip
 
 
@@ -221,7 +222,9 @@ def _in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Ite
     count = ok.sum(axis=0)
     flat = np.where(ok, z - np.nansum(z, axis=0) / np.maximum(count, 1), np.float32(0))
     n = ok.sum(axis=1)
-    some = n >= _ENOUGH
+    some = n >= _ENOUGH_IN_FRAME
+    if not some.any():
+        return
     sigma = np.full(int(some.sum()), float(np.median(m.of_main(m.sigma)[part[1]])))
     mean = flat.sum(axis=1, dtype=np.float64)[some] / n[some]
     square = ((flat**2).sum(axis=1, dtype=np.float64)[some] / n[some] - _mean_square(flat, ok)) / np.sqrt(2)

@@ -24,6 +24,7 @@ from tofmix.simulation.effects.interference import Interference
 
 _CHUNKS = 4  # fixed, so that sums do not depend on the number of threads
 _THREADS = 2
+_LEAST = 1.0e-100
 _STEPS = 6  # of the iteration for pixels' biases
 
 Part = tuple[IntArray, IntArray]
@@ -201,7 +202,8 @@ def forward(
     step = np.array([[1 - start, start], [stop, 1 - stop]])
     emit = np.stack([quiet, loud], axis=1)
     top = emit.max(axis=1)
-    emit = np.exp(emit - top[:, None])
+    emit = np.maximum(np.exp(emit - top[:, None]), _LEAST)  # no state is ever ruled out: nothing divides by 0
+    step = (step + _LEAST) / (1 + 2 * _LEAST)
     gaps = np.diff(frames, prepend=frames[0])
     alpha = np.empty_like(emit)
     scale = np.empty(len(frames))

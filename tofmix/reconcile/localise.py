@@ -17,8 +17,10 @@ from tofmix.reconcile.compare import Compared, Curve
 LEAST_SIZE = 0.02
 """Disagreements smaller than this, in sigma, are none (the contract)."""
 
-_IN_SIGMA = ("bias", "spread", "skew", "tails", "pattern", "common_mode", "bursts", "trend", "memory",
+_IN_SIGMA = ("bias", "spread", "skew", "tails", "pattern", "spread_pattern", "skew_pattern", "tails_pattern", "common_mode", "bursts", "trend", "memory",
              "neighbour_correlation")  # fmt: skip
+_ORDER = {"spread": 2, "bursts": 2, "skew": 3, "tails": 4}
+_DISCOUNT = 3.0
 _SMALLEST_P = 1.0e-300
 _MOST_BINS = 60
 
@@ -79,13 +81,20 @@ def localise(compared: Compared, alpha: float) -> list[Place]:
 
 
 def _by_weight(curves: Iterable[Curve]) -> list[Curve]:
-    """By what an explanation could gain for each bin it needs: an axis that says it in fewer bins comes first."""
-    return sorted(curves, key=lambda c: -(c.excess_nats - 0.5 * c.dof * math.log(max(c.dof, 1))))
+    """By what an explanation could gain for each bin it needs: an axis that says it in fewer bins comes first.
+
+    Where means and spreads are far off, so are all higher moments, and by more: they count for less.
+    """
+
+    def weight(curve: Curve) -> float:
+        order = _ORDER.get(curve.statistic.removesuffix("_pattern"), 1)
+        return curve.excess_nats / _DISCOUNT ** (order - 1) - 0.5 * curve.dof * math.log(max(curve.dof, 1))
+
+    return sorted(curves, key=lambda c: -weight(c))
 
 
 def _strongest(curve: Curve, looked_at: int) -> Place:
-    keep = slice(None) if curve.dof <= _MOST_BINS else slice(0, curve.dof)
-    weight = 1 / curve.variance[keep]
+    weight = 1 / curve.variance
     total, mass = np.concatenate([[0], np.cumsum(curve.value * weight)]), np.concatenate([[0], np.cumsum(weight)])
     best, where = -1.0, (0, curve.dof)
     longest = curve.dof if curve.dof <= _MOST_BINS * 10 else 1
@@ -95,6 +104,8 @@ def _strongest(curve: Curve, looked_at: int) -> Place:
         if z[at] > best:
             best, where = float(z[at]), (at, at + length)
     a, b = where
+    whole = curve.statistic.endswith("pattern")  # pixels have no order: no interval of them is a place
+    a, b = (0, curve.dof) if whole else where
     value = (total[b] - total[a]) / (mass[b] - mass[a])
     tests = looked_at * curve.dof * (min(longest, curve.dof) + 1) / 2
     # The whole curve may say more than its best interval: a sine has none
@@ -102,7 +113,8 @@ def _strongest(curve: Curve, looked_at: int) -> Place:
     in_mm = curve.statistic in ("bias", "trend", "common_mode", "pattern")
     scale = float(np.average(curve.scale_mm[a:b], weights=weight[a:b])) if in_mm else 1.0
     return Place(
-        axis=curve.axis, statistic=curve.statistic, interval=(float(curve.lower[a]), float(curve.upper[b - 1])),
-        size=float(value * scale), unit="mm" if in_mm else "1",
+        axis=curve.axis, statistic=curve.statistic,
+        interval=(0.0, 1.0) if whole else (float(curve.lower[a]), float(curve.upper[b - 1])),
+        size=float((curve.size if whole else value) * scale), unit="mm" if in_mm else "1",
         p_value=max(min(math.exp(max(min(log_p, 0.0), -690.0)), 1.0), _SMALLEST_P), z=best,
     )  # fmt: skip

@@ -23,6 +23,9 @@ from tofmix.simulation.render import render_blocks
 EXPLAINED = 0.9
 """Share of gain and largest remaining disagreement that the gain must be."""
 
+CLOSED = 0.85
+"""Share of the panel's gap that the effects must close, unless what is left is within chance and tolerance."""
+
 _WITHIN_CHANCE = 0.05  # of a gap
 _SETTLED, _UNTOUCHED = 0.97, 0.7
 
@@ -78,9 +81,13 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     loud = disagreements(added.panel, settings.alpha)
     left = max((c.excess_nats for c in loud), default=0.0)
     gain = _gain(likelihood, added, settings)
-    verdict = _verdict(added, before, loud, gain, left)
-    state = start if verdict in ("agree", "unexplained") else added.state
-    after = before if state is start else compare(likelihood, state, held, seed=settings.seed)
+    after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
+    enough = gain >= EXPLAINED * (gain + left) and _closes(before, after)
+    verdict = _verdict(added, before, loud, enough=enough)
+    if verdict in ("agree", "unexplained"):
+        state, after = start, before
+    else:
+        state = added.state
     return Verified(
         verdict=verdict, state=state, before=before, after=after, floor=_floor(likelihood, state, settings),
         gain=gain, left=left,
@@ -95,10 +102,15 @@ def _gain(likelihood: Likelihood, added: Added, settings: Settings) -> float:
     return scale * sum(c.gain for c in added.chosen)
 
 
-def _verdict(added: Added, before: Compared, loud: list[Curve], gain: float, left: float) -> str:
+def _closes(before: Compared, after: Compared) -> bool:
+    """Whether the refined model closes most of the gap above chance, which is 1."""
+    return after.gap - 1.0 <= (1 - CLOSED) * max(before.gap - 1.0, _WITHIN_CHANCE)
+
+
+def _verdict(added: Added, before: Compared, loud: list[Curve], *, enough: bool) -> str:
     if not added.chosen:
         return "unexplained" if loud else "agree"
-    if not loud or gain >= EXPLAINED * (gain + left):
+    if not loud or enough:
         return "explained"
     return "partly_explained" if _settled(added, before, loud) else "unexplained"
 

@@ -12,7 +12,6 @@ from tofmix.reconcile.workflow import Reconciliation
 from tofmix.report.theme import Theme, drawn, mark_no_data
 
 _MOST = 8
-_PIXEL_CURVES = "pixel"
 _DIVERGING = "PuOr"
 
 
@@ -31,7 +30,7 @@ def curve_pictures(result: Reconciliation) -> list[GapPicture]:
     """The statistics that disagree most before, each with what it is after."""
     v = result.verified
     after = {(c.statistic, c.axis): c for c in v.after.curves}
-    drawable = [c for c in v.before.curves if c.dof > 1 and c.axis != _PIXEL_CURVES]
+    drawable = [c for c in v.before.curves if c.dof > 1 and not c.statistic.endswith("pattern")]
     top = sorted(drawable, key=lambda c: -c.z)[:_MOST]
     return [_picture(_words(c), _curve(c, after.get((c.statistic, c.axis)), named=bool(result.named))) for c in top]
 
