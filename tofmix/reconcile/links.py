@@ -143,7 +143,7 @@ def fit_pattern(
 def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[FixedPattern, PixelBiases] | None:
     """The spreads that make each pixel's bias, and its noise, most likely."""
     use = found.information > 0
-    if use.sum() < 4 * sum(image) or not _beyond_chance(found, image):
+    if use.sum() < 2 * sum(image) or not _beyond_chance(found, image):
         return None
     size = max(float(np.median(np.abs(found.bias[use])) / 0.67), 1e-3)
 
