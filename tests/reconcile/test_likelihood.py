@@ -4,26 +4,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from recordings import MAKE, Record
 from scipy.stats import multivariate_normal, norm
 
 from tofmix.reconcile.likelihood import Likelihood, PixelBiases, forward, marginal_pattern
 from tofmix.reconcile.mixture import Scene
 from tofmix.simulation.cast import cast_scene
-from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.model import Model
 from tofmix.simulation.prediction import predict
 
-from recordings import Record
-
 ACTING = (
-    EFFECTS["range_offset"](offset_mm=7.0),
-    EFFECTS["wiggling"](amplitude_mm=12.0, phase_rad=1.0),
-    EFFECTS["scattering"](share=0.02),
-    EFFECTS["flying_pixels"](probability=0.3),
-    EFFECTS["dropout"](probability=0.1),
-    EFFECTS["outliers"](probability=0.01),
-    EFFECTS["quantisation"](step_mm=7.0),
+    MAKE["range_offset"](offset_mm=7.0),
+    MAKE["wiggling"](amplitude_mm=12.0, phase_rad=1.0),
+    MAKE["scattering"](share=0.02),
+    MAKE["flying_pixels"](probability=0.3),
+    MAKE["dropout"](probability=0.1),
+    MAKE["outliers"](probability=0.01),
+    MAKE["quantisation"](step_mm=7.0),
 )
 
 
@@ -86,7 +85,7 @@ def test_bursts_are_integrated_out_over_all_states(rng: np.random.Generator) -> 
 def test_frames_bias_moves_every_lit_component(model: Model, record: Record) -> None:
     evidence = record()
     scene = Scene(model, evidence.time_s)
-    drift = EFFECTS["temperature_drift"](amplitude_mm=20.0, time_constant_s=4.0)
+    drift = MAKE["temperature_drift"](amplitude_mm=20.0, time_constant_s=4.0)
     bias = scene.mixture((drift,)).frame_bias
     np.testing.assert_allclose(bias, 20.0 * (1 - np.exp(-evidence.time_s / 4.0)))
     assert norm.cdf(0) == 0.5

@@ -5,15 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from recordings import MAKE, Record
 
 from tofmix.reconcile.add import Settings
 from tofmix.reconcile.fits import numeric
 from tofmix.reconcile.name import KINDS
 from tofmix.reconcile.workflow import Reconciliation, reconcile
-from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.model import Model
-
-from recordings import Record
 
 HIDDEN: tuple[tuple[str, dict[str, Any]], ...] = (
     ("range_offset", {"offset_mm": 15.0}),
@@ -29,7 +27,7 @@ HIDDEN: tuple[tuple[str, dict[str, Any]], ...] = (
 
 @pytest.mark.parametrize(("kind", "parameters"), HIDDEN, ids=[kind for kind, _ in HIDDEN])
 def test_a_hidden_effect_is_named(model: Model, record: Record, kind: str, parameters: dict[str, Any]) -> None:
-    result = reconcile(model, record(EFFECTS[kind](**parameters)), Settings(kinds=_few(kind)))
+    result = reconcile(model, record(MAKE[kind](**parameters)), Settings(kinds=_few(kind)))
     assert result.verified.verdict == "explained"
     assert [n.effect.kind for n in result.named] == [kind]
     found, errors = numeric(result.named[0].effect), result.named[0].stderr
@@ -55,9 +53,7 @@ def test_a_right_model_is_left_alone(model: Model, record: Record) -> None:
 
 def test_a_model_within_its_tolerance_is_left_alone(model: Model, record: Record) -> None:
     nearly = tuple(replace(s, reflectivity=s.reflectivity * 1.04) for s in model.surfaces)
-    off = tuple(
-        EFFECTS["surface_pose"](surface=s.name, shift_mm=d) for s, d in zip(nearly, (0.4, -0.7, 1.5), strict=True)
-    )
+    off = tuple(MAKE["surface_pose"](surface=s.name, shift_mm=d) for s, d in zip(nearly, (0.4, -0.7, 1.5), strict=True))
     result = reconcile(replace(model, surfaces=nearly), record(*off), Settings(kinds=KINDS))
     assert result.verified.verdict == "agree"
 
@@ -73,7 +69,7 @@ def test_what_no_effect_is_gets_no_name_but_a_place(model: Model, record: Record
 
 
 def test_the_same_seed_gives_the_same_outcome(model: Model, record: Record) -> None:
-    evidence = record(EFFECTS["outliers"](probability=0.02))
+    evidence = record(MAKE["outliers"](probability=0.02))
 
     def run() -> dict[str, Any]:
         result: Reconciliation = reconcile(model, evidence, Settings(kinds=("outliers", "excess_noise")))

@@ -9,7 +9,6 @@ import click
 from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar
 
 if TYPE_CHECKING:
-    from tofmix.arrays import FloatArray
     from tofmix.reconcile.evidence import Evidence
     from tofmix.reconcile.workflow import Reconciliation
     from tofmix.simulation.model import Model
@@ -75,11 +74,13 @@ def reconcile(
     check_folder(output, overwrite=overwrite)
     scene = load_model(model)
     evidence = _read(scene, measured)
-    settings = Settings(
-        kinds=kinds, max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split, seed=seed
-    )
+    settings = Settings(kinds=kinds, max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split, seed=seed)
     with progress_bar(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
-        result = run(scene, evidence, settings, lambda _: bar.update(1))
+
+        def tick(_: str) -> None:
+            bar.update(1)
+
+        result = run(scene, evidence, settings, tick)
     _write(result, model, measured, output, overwrite)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
@@ -111,7 +112,7 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
 
     with open_recording(measured) as file:
         every = slice(0, None)
-        amplitude: FloatArray | None = file.read_amplitude(every, every) if file.has_amplitude else None
+        amplitude = file.read_amplitude(every, every) if file.has_amplitude else None
         try:
             return make_evidence(scene, file.read_range(every, every), time_s=file.read_time(), amplitude=amplitude)
         except BadInputError as error:
@@ -121,17 +122,15 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
 def _write(result: "Reconciliation", model: str, measured: Path, output: Path, overwrite: bool) -> None:
     from tofmix.io.reconciliation import write_folder
     from tofmix.reconcile.words import effect_tables
-    from tofmix.reconcile.workflow import map_values
+    from tofmix.reconcile.workflow import maps_of
     from tofmix.report.gap_page import render_gap
 
     text = result.model.text.rstrip("\n") + "\n"
     tables = effect_tables(result)
     text = f"{text}\n{tables}" if tables else text
-    maps = {
-        effect.map.path: values
-        for effect in (*result.model.effects, *(named.effect for named in result.named))
-        if (values := map_values(effect)) is not None
-    }
+    maps = {}
+    for effect in (*result.model.effects, *(named.effect for named in result.named)):
+        maps.update(maps_of(effect))
     page = render_gap(result, source=measured.name)
     inputs = tuple(path for path in (Path(model), measured) if path.exists())
     write_folder(

@@ -8,6 +8,7 @@ pattern, which can stand for any static bias, must leave every structured effect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 
@@ -175,8 +176,7 @@ def _with_pattern(trial: Trial, other: Candidate, pattern: Candidate) -> float:
     """Held-out gain of a structured effect and a pattern together."""
     mixture = trial.likelihood.scene.mixture(other.state.effects)
     fitted = links.fit_pattern(trial.likelihood, mixture, other.state, trial.fit_part)
-    effect = fitted[0] if fitted is not None else pattern.effect
-    assert isinstance(effect, FixedPattern)
+    effect = fitted[0] if fitted is not None else cast("FixedPattern", pattern.effect)
     return other.gain + pattern_gain(trial, other.state, mixture, effect)
 
 
@@ -231,21 +231,23 @@ def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> Sta
         if isinstance(effect, FixedPattern):
             bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
             fitted = links.fit_pattern(likelihood, mixture, bare, part)
-            effects[k] = effect if fitted is None else fitted[0]
-            pattern = links.pattern_map(likelihood, mixture, bare, effects[k], frames)
+            spread = effect if fitted is None else fitted[0]
+            effects[k] = spread
+            pattern = links.pattern_map(likelihood, mixture, bare, spread, frames)
             state = replace(state, pixel_bias=pattern)
         elif isinstance(effect, Interference):
             bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
             fitted_bursts = links.fit_interference(likelihood, mixture, bare, part)
-            effects[k] = effect if fitted_bursts is None else fitted_bursts
-            disturbed = links.disturbed_frames(likelihood, mixture, bare, effects[k])
+            bursts = effect if fitted_bursts is None else fitted_bursts
+            effects[k] = bursts
+            disturbed = links.disturbed_frames(likelihood, mixture, bare, bursts)
             state = replace(state, disturbed=disturbed, effects=tuple(effects))
     return replace(state, effects=tuple(effects))
 
 
 def _drop(search: _Search) -> None:
     """Drop what no longer earns its place beside the newest effect."""
-    if len(search.chosen) < 2:
+    if len(search.chosen) <= 1:
         return
     likelihood = search.likelihood
     part = likelihood.evidence.part(fit=False, split=search.settings.split)

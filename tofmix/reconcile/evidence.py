@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.errors import BadInputError
 from tofmix.simulation.model import Model
 
@@ -63,10 +63,10 @@ class Evidence:
 
 def make_evidence(
     model: Model,
-    range_mm: FloatArray,
+    range_mm: FloatArray | Float32Array,
     *,
     time_s: FloatArray | None = None,
-    amplitude: FloatArray | None = None,
+    amplitude: FloatArray | Float32Array | None = None,
     temperature_c: FloatArray | None = None,
 ) -> Evidence:
     """Hold a recording for reconciliation.
@@ -92,7 +92,8 @@ def make_evidence(
     frames, rows, cols = range_mm.shape
     if (rows, cols) != (model.sensor.rows, model.sensor.cols):
         raise BadInputError(
-            f"range: an image of {rows} x {cols} pixels; the model's camera has {model.sensor.rows} x {model.sensor.cols}"
+            f"range: an image of {rows} x {cols} pixels; the model's camera has "
+            f" {model.sensor.rows} x {model.sensor.cols}"
         )
     if frames < _LEAST_FRAMES:
         raise BadInputError(f"range: {frames} frames; at least {_LEAST_FRAMES} are needed, to hold some out")
@@ -113,7 +114,7 @@ def make_evidence(
     )
 
 
-def _mean_amplitude(amplitude: FloatArray, valid: BoolArray) -> FloatArray:
+def _mean_amplitude(amplitude: FloatArray | Float32Array, valid: BoolArray) -> FloatArray:
     total = np.where(valid, amplitude, 0.0).sum(axis=0, dtype=np.float64)
     count = valid.sum(axis=0)
     return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))

@@ -5,9 +5,10 @@ One entry of `PROBLEMS` for each kind whose likelihood is that of the mixture; k
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -18,8 +19,13 @@ from tofmix.reconcile.mixture import Mixture
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import refuse_without_phase
 
+MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
+"""Makes an effect of a kind from its parameters."""
+
 _LEAST_PIXELS = 12  # that a surface must fill, for effects of its own
 _MOST_CALLS = 90
+_MOSTLY = 0.5
+_UNIT = (0.3, 3.0)  # a drop of the log-likelihood that counts as 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -74,7 +80,7 @@ def _simple(kind: str, name: str, sizes: tuple[float, ...], *, log: bool) -> _Ma
     """One number, in logarithms or in multiples of sigma."""
 
     def make(scale: float, x: FloatArray) -> Effect:
-        return EFFECTS[kind](**{name: math.exp(_bounded(x[0], -25, 12)) if log else float(x[0]) * scale})
+        return MAKE[kind](**{name: math.exp(_bounded(x[0], -25, 12)) if log else float(x[0]) * scale})
 
     def problems(s: _Setting) -> Iterator[Problem]:
         starts = tuple((math.log(size) if log else size,) for size in sizes)
@@ -86,7 +92,7 @@ def _simple(kind: str, name: str, sizes: tuple[float, ...], *, log: bool) -> _Ma
 def _wiggling(s: _Setting) -> Iterator[Problem]:
     def make(x: FloatArray) -> Effect:
         size, phase = math.hypot(x[0], x[1]) * s.sigma, math.atan2(x[1], x[0])
-        return EFFECTS["wiggling"](amplitude_mm=size, phase_rad=phase)
+        return MAKE["wiggling"](amplitude_mm=size, phase_rad=phase)
 
     turns = np.linspace(0, 2 * np.pi, 6, endpoint=False)
     yield Problem(make=make, starts=tuple((0.7 * math.cos(t), 0.7 * math.sin(t)) for t in turns), steps=(0.3, 0.3))
@@ -99,7 +105,7 @@ def _walk(s: _Setting) -> Iterator[Problem]:
     reference = float(f"{math.exp(np.log(lit).mean()):.4g}")
 
     def make(x: FloatArray) -> Effect:
-        return EFFECTS["amplitude_walk"](
+        return MAKE["amplitude_walk"](
             scale_mm=float(x[0]) * s.sigma, reference_amplitude=reference, exponent=_bounded(x[1], 0.05, 4.0)
         )
 
@@ -111,7 +117,7 @@ def _drift(s: _Setting) -> Iterator[Problem]:
     def make(x: FloatArray) -> Effect:
         tau = math.exp(_bounded(x[1], math.log(s.duration / 100), math.log(s.duration * 30)))
         reached = -math.expm1(-s.duration / tau)  # searched by what is reached, which tau does not change
-        return EFFECTS["temperature_drift"](amplitude_mm=float(x[0]) * s.sigma / reached, time_constant_s=tau)
+        return MAKE["temperature_drift"](amplitude_mm=float(x[0]) * s.sigma / reached, time_constant_s=tau)
 
     starts = tuple((size, math.log(part * s.duration)) for size in (-1.0, 1.0) for part in (0.1, 0.4, 1.5))
     yield Problem(make=make, starts=starts, steps=(0.3, 0.4))
@@ -119,7 +125,7 @@ def _drift(s: _Setting) -> Iterator[Problem]:
 
 def _per_surface(kind: str, name: str, sizes: tuple[float, ...], *, by_time: bool) -> _Maker:
     def make(surface: str, scale: float, x: FloatArray) -> Effect:
-        return EFFECTS[kind](surface=surface, **{name: float(x[0]) * scale})
+        return MAKE[kind](surface=surface, **{name: float(x[0]) * scale})
 
     def problems(s: _Setting) -> Iterator[Problem]:
         for surface, sigma, _ in s.surfaces:
@@ -132,7 +138,7 @@ def _per_surface(kind: str, name: str, sizes: tuple[float, ...], *, by_time: boo
 def _multipath(s: _Setting) -> Iterator[Problem]:
     def make(surface: str, x: FloatArray) -> Effect:
         path = _bounded(x[1], 0.02, 1.98) * s.turn
-        return EFFECTS["multipath"](surface=surface, share=math.exp(_bounded(x[0], -9, -0.01)), extra_path_mm=path)
+        return MAKE["multipath"](surface=surface, share=math.exp(_bounded(x[0], -9, -0.01)), extra_path_mm=path)
 
     for surface, sigma, _ in s.surfaces:
         share = min(0.3, max(0.01, 2 * math.pi * sigma / s.turn * 1.5))
@@ -143,7 +149,7 @@ def _multipath(s: _Setting) -> Iterator[Problem]:
 
 def _vignetting(s: _Setting) -> Iterator[Problem]:  # noqa: ARG001
     def make(x: FloatArray) -> Effect:
-        return EFFECTS["vignetting"](corner_factor=math.exp(_bounded(x[0], 0, 4)))
+        return MAKE["vignetting"](corner_factor=math.exp(_bounded(x[0], 0, 4)))
 
     yield Problem(make=make, starts=((0.05,), (0.3,), (0.8,)), steps=(0.1,))
 
@@ -155,11 +161,11 @@ def _dropout(s: _Setting) -> Iterator[Problem]:
         return
 
     def by_chance(x: FloatArray) -> Effect:
-        return EFFECTS["dropout"](probability=math.exp(_bounded(x[0], -20, -0.01)))
+        return MAKE["dropout"](probability=math.exp(_bounded(x[0], -20, -0.01)))
 
     def weak(x: FloatArray) -> Effect:
         threshold = math.exp(x[0])
-        return EFFECTS["dropout"](
+        return MAKE["dropout"](
             probability=math.exp(_bounded(x[1], -20, -0.01)),
             threshold=threshold,
             threshold_noise=threshold * math.exp(_bounded(x[2], -7, 1)),
@@ -179,9 +185,9 @@ def _saturation(s: _Setting) -> Iterator[Problem]:
         return
 
     def make(x: FloatArray) -> Effect:
-        return EFFECTS["saturation"](full_well_amplitude=math.exp(x[0]))
+        return MAKE["saturation"](full_well_amplitude=math.exp(x[0]))
 
-    hit = (s.shares > 0.5) & (s.amplitudes > 0)
+    hit = (s.shares > _MOSTLY) & (s.amplitudes > 0)
     spare = np.quantile(s.amplitudes[s.amplitudes > 0], (0.5, 0.8, 0.9, 0.95, 0.98, 0.995))
     levels = np.concatenate([np.quantile(s.amplitudes[hit], (0.0, 0.02, 0.1)) if hit.any() else spare[:0], spare])
     yield Problem(make=make, starts=tuple((math.log(level),) for level in levels), steps=(0.02,))
@@ -191,7 +197,7 @@ def _wrapping(s: _Setting) -> Iterator[Problem]:
     """At the camera's own turn (a free one takes up an offset), and only where something is near enough to it."""
     reach = np.where(s.mixture.lit & (s.mixture.weight > 0), s.mixture.mean + 4 * s.mixture.sigma, 0.0)
     if reach.max() > s.turn:
-        yield Problem(make=lambda _: EFFECTS["phase_wrapping"](), starts=((),), steps=())
+        yield Problem(make=lambda _: MAKE["phase_wrapping"](), starts=((),), steps=())
 
 
 PROBLEMS: dict[str, _Maker] = {
@@ -256,7 +262,9 @@ class Fitted:
     value: float
 
 
-def fit(problem: Problem, likelihood: Likelihood, state: State, part: Part, *, start: FloatArray | None = None) -> Fitted:
+def fit(
+    problem: Problem, likelihood: Likelihood, state: State, part: Part, *, start: FloatArray | None = None
+) -> Fitted:
     """Maximise the log-likelihood of a part over the parameters of one more effect.
 
     Parameters
@@ -288,15 +296,13 @@ def fit(problem: Problem, likelihood: Likelihood, state: State, part: Part, *, s
     if problem.steps and math.isfinite(value):
         steps = np.array(problem.steps)
         simplex = np.vstack([best, best + np.diag(steps)])
-        options = {"initial_simplex": simplex, "maxfev": _MOST_CALLS, "xatol": 1e-4, "fatol": 0.02}
+        options: Any = {"initial_simplex": simplex, "maxfev": _MOST_CALLS, "xatol": 1e-4, "fatol": 0.02}
         found = minimize(cost, best, method="Nelder-Mead", options=options)
         best, value = np.asarray(found.x), float(found.fun)
     return Fitted(effect=problem.make(best), vector=best, problem=problem, value=-value)
 
 
-def standard_errors(
-    fitted: Fitted, likelihood: Likelihood, state: State, part: Part
-) -> dict[str, float]:
+def standard_errors(fitted: Fitted, likelihood: Likelihood, state: State, part: Part) -> dict[str, float]:
     """Standard errors of an effect's numbers from the curvature of the log-likelihood.
 
     Parameters
@@ -317,7 +323,7 @@ def standard_errors(
             return -math.inf
 
     top = value(x0)
-    steps = np.array([_unit_drop(value, x0, k, fitted.problem.steps[k], top) for k in range(n)])
+    steps: FloatArray = np.array([_unit_drop(value, x0, k, fitted.problem.steps[k], top) for k in range(n)])
     hessian = np.zeros((n, n))
     unit = np.diag(steps)
     single = [(value(x0 + unit[k]), value(x0 - unit[k])) for k in range(n)]
@@ -329,7 +335,7 @@ def standard_errors(
     if not np.isfinite(hessian).all():
         hessian = np.diag(np.where(np.isfinite(np.diag(hessian)), np.diag(hessian), 1.0))
     covariance = np.linalg.pinv(hessian + 1e-6 * np.eye(n))
-    return _to_parameters(fitted, covariance, steps)
+    return _to_parameters(fitted, np.asarray(covariance, dtype=np.float64), steps)
 
 
 def _unit_drop(value: Callable[[FloatArray], float], x0: FloatArray, k: int, step: float, top: float) -> float:
@@ -343,7 +349,7 @@ def _unit_drop(value: Callable[[FloatArray], float], x0: FloatArray, k: int, ste
             h *= 0.2
         elif drop <= 0:
             h *= 5
-        elif not 0.3 < drop < 3:
+        elif not _UNIT[0] < drop < _UNIT[1]:
             h *= min(max(drop**-0.5, 0.02), 20.0)
         else:
             break

@@ -9,13 +9,15 @@ pixel. Arrays are documented in `tofmix.reconcile.mixture`; use them through
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.jit import jit
 
 _FLOOR = 1.0e-12  # probability of what the model rules out: one impossible sample must not decide alone
 _INVALID_FLOOR = 1.0e-6
 _ROOT2 = math.sqrt(2.0)
+_FAR = 40.0  # exp(-40) adds nothing
 _FINE = 0.7  # a cell narrower than this many sigma: its probability is density times width (Sheppard's correction)
 
 
@@ -32,7 +34,7 @@ def _inside(lower: float, upper: float, mean: float, sigma: float) -> float:
         variance = sigma * sigma + width * width / 12.0
         away = 0.5 * (lower + upper) - mean
         exponent = away * away / (2.0 * variance)
-        if exponent > 40.0:
+        if exponent > _FAR:
             return 0.0
         return width * math.exp(-exponent) / math.sqrt(2.0 * math.pi * variance)
     below, above = (lower - mean) / sigma, (upper - mean) / sigma
@@ -56,10 +58,12 @@ def _cell(value: float, step: float) -> tuple[float, float]:
 
 
 @jit
-def log_likelihood(
-    samples, pixels, frames, key, since, frame_bias, extra_variance, pixel_bias,
-    weight, mean, sigma, rate, lit, invalid, random_density, step, period, by_pixel, by_frame,
-):  # fmt: skip
+def log_likelihood(  # noqa: C901  one pass, kept in one place
+    samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
+    frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
+    sigma: FloatArray, rate: FloatArray, lit: BoolArray, invalid: FloatArray, random_density: float, step: float,
+    period: float, by_pixel: FloatArray, by_frame: FloatArray,
+) -> None:  # fmt: skip
     """Add up log-likelihoods and their slopes against a bias.
 
     Parameters
@@ -158,9 +162,11 @@ def _component_cdf(x: float, m: float, s: float, folds: bool, period: float) -> 
 
 @jit
 def transform(
-    samples, pixels, frames, key, since, frame_bias, extra_variance, pixel_bias,
-    weight, mean, sigma, rate, lit, invalid, random_share, low, high, step, period, seed, out,
-):  # fmt: skip
+    samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
+    frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
+    sigma: FloatArray, rate: FloatArray, lit: BoolArray, random_share: float, low: float, high: float, step: float,
+    period: float, seed: int, out: Float32Array,
+) -> None:  # fmt: skip
     """Probability integral transform of each sample, drawn within its cell, given that it is valid; NaN where not.
 
     Parameters as for `log_likelihood`; random values have the share `random_share` between `low` and `high`, and

@@ -8,10 +8,9 @@ these stand the latent states: whether a frame is disturbed (hidden Markov chain
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import ndtri
 
@@ -21,6 +20,9 @@ from tofmix.reconcile.kernel import empty_sums, log_likelihood, transform
 from tofmix.reconcile.mixture import Mixture, Scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.interference import Interference
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _CHUNKS = 4  # fixed, so that sums do not depend on the number of threads
 _THREADS = 2
@@ -172,7 +174,7 @@ class Likelihood:
         def run(some: IntArray) -> None:
             transform(
                 self.evidence.samples, pixels, some, m.key, m.since, m.frame_bias, added, state.pixel_bias, m.weight,
-                m.mean, m.sigma, m.rate, m.lit, m.invalid, m.outlier, m.low, m.high, m.step, m.period, seed, out,
+                m.mean, m.sigma, m.rate, m.lit, m.outlier, m.low, m.high, m.step, m.period, seed, out,
             )  # fmt: skip
 
         with ThreadPoolExecutor(_THREADS) as pool:
@@ -182,9 +184,7 @@ class Likelihood:
         return out
 
 
-def forward(
-    quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Interference
-) -> tuple[float, FloatArray]:
+def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Interference) -> tuple[float, FloatArray]:
     """Log-likelihood of frames that a hidden Markov chain disturbs, and the probability (n,) that each one is.
 
     Parameters

@@ -6,6 +6,7 @@ it. Their gains are worked out in `tofmix.reconcile.name`.
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
@@ -27,13 +28,18 @@ VALUE_NATS = math.log(65_534.0)  # price of a stuck pixel's value, any whole mm 
 _LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0
 _ON_LATTICE = 0.985
 _MAIN = 0.95
+_FULL = 5.0  # counts of a mm that has a density
+_FAR = 5.0  # sigma: random values have no memory
+_LEAST_PAIRS = 1000
+_CHANCE = 2.0  # standard deviations
+_MOST_FRAMES = 0.9  # that bursts may fill
 
 
 def find_stuck(likelihood: Likelihood, mixture: Mixture, state: State) -> State | None:
     """Pixels that return one value in every frame, which the model does not explain even with a bias of their own."""
     evidence = likelihood.evidence
     x = evidence.samples
-    frames, pixels = evidence.shape
+    frames, _pixels = evidence.shape
     constant = (x == x[0]).all(axis=0) & (x[0] > 0)
     if not constant.any() or constant.mean() > _MOST_STUCK:
         return None
@@ -54,7 +60,7 @@ def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
     count[0] = 0
     total = count.sum()
     smooth = np.convolve(count, np.ones(9) / 9, mode="same")
-    comb = np.where(smooth >= 5, np.clip((count - smooth) / np.sqrt(np.maximum(smooth, 1)), -6, 6), 0.0)
+    comb = np.where(smooth >= _FULL, np.clip((count - smooth) / np.sqrt(np.maximum(smooth, 1)), -6, 6), 0.0)
     length = 1 << 20
     power = np.abs(np.fft.rfft(comb, length))
     frequency = np.arange(power.size) / length
@@ -91,7 +97,6 @@ def _held(step: float, values: IntArray, weights: FloatArray) -> float:
 def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> Interference | None:
     """Share, length and noise of bursts, each frame's state integrated out."""
     sigma = float(np.median(mixture.of_main(mixture.sigma)))
-    best: tuple[float, Interference] | None = None
 
     def at(size: float, start: tuple[float, float]) -> tuple[float, Interference]:
         pair = likelihood.frame_pair(mixture, state, part, size)
@@ -100,28 +105,27 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
             p = 1 / (1 + math.exp(-min(max(x[0], -7.0), 3.0)))
             return Interference(probability=p, sigma_mm=size, burst_frames=1 + math.exp(min(max(x[1], -2.0), 4.0)))
 
+        options: Any = {"maxfev": 60, "xatol": 1e-2, "fatol": 0.05}
         found = minimize(
-            lambda x: -forward(*pair, part[0], make(x))[0], np.array(start), method="Nelder-Mead",
-            options={"maxfev": 60, "xatol": 1e-2, "fatol": 0.05},
-        )  # fmt: skip
+            lambda x: -forward(*pair, part[0], make(x))[0], np.array(start), method="Nelder-Mead", options=options
+        )
         return -float(found.fun), make(found.x)
 
     sizes = [sigma * f for f in (0.25, 0.5, 1.0, 2.0, 4.0)]
-    for size in sizes:
-        value, effect = at(size, (-1.5, 1.2))
-        if best is None or value > best[0]:
-            best = value, effect
-    assert best is not None
+    best = max((at(size, (-1.5, 1.2)) for size in sizes), key=lambda pair: pair[0])
     span = 0.5
     for _ in range(4):
         centre = best[1].sigma_mm
-        start = (math.log(best[1].probability / (1 - best[1].probability)), math.log(max(best[1].burst_frames - 1, 0.14)))
+        start = (
+            math.log(best[1].probability / (1 - best[1].probability)),
+            math.log(max(best[1].burst_frames - 1, 0.14)),
+        )
         for size in (centre * (1 - span / 2), centre * (1 + span / 2)):
             value, effect = at(size, start)
             if value > best[0]:
                 best = value, effect
         span /= 2
-    return best[1] if best[1].probability < 0.9 else None
+    return best[1] if best[1].probability < _MOST_FRAMES else None
 
 
 def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: State, effect: Interference) -> FloatArray:
@@ -148,12 +152,12 @@ def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[FixedPatter
     size = max(float(np.median(np.abs(found.bias[use])) / 0.67), 1e-3)
 
     def cost(x: FloatArray) -> float:
-        spreads = tuple(math.exp(min(max(v, -8.0), 6.9)) for v in x)
-        return -marginal_pattern(found, image, spreads)[0]
+        pixel, column, row = (math.exp(min(max(v, -8.0), 6.9)) for v in x)
+        return -marginal_pattern(found, image, (pixel, column, row))[0]
 
     start = np.log(np.array([size, size * 0.3, size * 0.3]))
     simplex = np.vstack([start, start + 0.5 * np.eye(3)])
-    options = {"maxfev": 80, "fatol": 0.1, "xatol": 0.02, "initial_simplex": simplex}
+    options: Any = {"maxfev": 80, "fatol": 0.1, "xatol": 0.02, "initial_simplex": simplex}
     best = minimize(cost, start, method="Nelder-Mead", options=options)
     pixel, column, row = (float(math.exp(min(max(v, -8.0), 6.9))) for v in best.x)
     return FixedPattern(pixel_sigma_mm=pixel, column_sigma_mm=column, row_sigma_mm=row), found
@@ -170,10 +174,12 @@ def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:
         full = noise > 0
         chi2 = float((total[full] ** 2 / noise[full]).sum())
         deviates.append((chi2 - full.sum()) / math.sqrt(2 * full.sum()))
-    return max(deviates) > 2
+    return max(deviates) > _CHANCE
 
 
-def pattern_map(likelihood: Likelihood, mixture: Mixture, state: State, effect: FixedPattern, frames: IntArray) -> FloatArray:
+def pattern_map(
+    likelihood: Likelihood, mixture: Mixture, state: State, effect: FixedPattern, frames: IntArray
+) -> FloatArray:
     """The pattern (pixel,), mm, shrunk by its noise, from all pixels of some frames."""
     part = (frames, np.arange(likelihood.evidence.shape[1]))
     found = pixel_biases(likelihood, mixture, state, part)
@@ -218,7 +224,7 @@ def _pairs(z: Float32Array, mixture: Mixture, part: Part) -> tuple[FloatArray, F
     wanted[part[0]] = True
     both = np.flatnonzero(wanted[1:] & wanted[:-1]) + 1
     now, before = flat[both], flat[both - 1]
-    good = np.isfinite(now) & np.isfinite(before) & (np.abs(now) < 5) & (np.abs(before) < 5)
+    good = np.isfinite(now) & np.isfinite(before) & (np.abs(now) < _FAR) & (np.abs(before) < _FAR)
     near = np.broadcast_to(attenuation(mixture)[pixels], now.shape)
     return now[good].astype(np.float64), before[good].astype(np.float64), near[good]
 
@@ -226,7 +232,7 @@ def _pairs(z: Float32Array, mixture: Mixture, part: Part) -> tuple[FloatArray, F
 def fit_memory(z: Float32Array, mixture: Mixture, part: Part) -> TemporalCorrelation | None:
     """The correlation of neighbours in time."""
     now, before, near = _pairs(z, mixture, part)
-    if now.size < 1000:
+    if now.size < _LEAST_PAIRS:
         return None
     spread = float((now**2).mean() + (before**2).mean()) / 2
     rho = float((near * now * before).sum() / (near**2).sum()) / spread

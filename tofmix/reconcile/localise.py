@@ -12,13 +12,16 @@ import numpy as np
 from scipy.special import log_ndtr
 from scipy.stats import norm
 
-from tofmix.reconcile.compare import Compared, Curve
+from tofmix.reconcile.compare import Compared
+from tofmix.reconcile.panel import Curve
 
 LEAST_SIZE = 0.02
 """Disagreements smaller than this, in sigma, are none (the contract)."""
 
-_IN_SIGMA = ("bias", "spread", "skew", "tails", "pattern", "spread_pattern", "skew_pattern", "tails_pattern", "common_mode", "bursts", "trend", "memory",
-             "neighbour_correlation")  # fmt: skip
+_IN_SIGMA = (
+    "bias", "spread", "skew", "tails", "pattern", "spread_pattern", "skew_pattern", "tails_pattern", "common_mode",
+    "bursts", "trend", "memory", "neighbour_correlation",
+)  # fmt: skip
 _ORDER = {"spread": 2, "bursts": 2, "skew": 3, "tails": 4}
 _DISCOUNT = 3.0
 _SMALLEST_P = 1.0e-300

@@ -5,11 +5,13 @@ biases, stuck pixels, memory) is left to `tofmix.reconcile.likelihood`; all else
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from tofmix.arrays import FloatArray, IntArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.motion import Motion
@@ -58,7 +60,7 @@ class Mixture:
     mean: FloatArray
     sigma: FloatArray
     rate: FloatArray
-    lit: FloatArray
+    lit: BoolArray
     surface: IntArray
     amplitude: FloatArray
     true_range: FloatArray
@@ -77,7 +79,7 @@ class Mixture:
         """The heaviest component (pixel,) at the first time."""
         return np.asarray(self.weight[0].argmax(axis=0))
 
-    def of_main(self, values: FloatArray) -> FloatArray:
+    def of_main(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (time, component, pixel) of the heaviest component, (pixel,)."""
         return np.asarray(np.take_along_axis(values[0], self.main[None], axis=0)[0])
 
@@ -172,7 +174,9 @@ class Scene:
         for e in effects:
             if isinstance(e, Motion):
                 velocity[self.names.index(e.surface)] += e.velocity_mm_s / self.distance[self.names.index(e.surface)]
-        key = np.clip((self.time_s * len(times) / max(float(self.time_s[-1]), 1e-9)).astype(np.int64), 0, len(times) - 1)
+        key = np.clip(
+            (self.time_s * len(times) / max(float(self.time_s[-1]), 1e-9)).astype(np.int64), 0, len(times) - 1
+        )
         bias = np.zeros(len(self.time_s))
         for drift in drifts:
             bias += drift.amplitude_mm * -np.expm1(-self.time_s / drift.time_constant_s)

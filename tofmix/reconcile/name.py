@@ -146,7 +146,9 @@ def _by_search(trial: Trial, kind: str) -> list[Candidate]:
             continue
         state = replace(trial.state, effects=(*trial.state.effects, fitted.effect))
         gain = trial.likelihood.value(state, trial.test_part) - trial.base
-        out.append(Candidate(effect=fitted.effect, gain=gain, parameters=problem.parameters, state=state, fitted=fitted))
+        out.append(
+            Candidate(effect=fitted.effect, gain=gain, parameters=problem.parameters, state=state, fitted=fitted)
+        )
     return out
 
 
@@ -259,9 +261,7 @@ def _poses(likelihood: Likelihood, shifts: FloatArray) -> tuple[Effect, ...]:
     return tuple(SurfacePose(surface=n, shift_mm=float(d)) for n, d in zip(names, shifts, strict=True) if d)
 
 
-def _newton(
-    likelihood: Likelihood, state: State, part: Part, shifts: FloatArray, tolerance: float
-) -> FloatArray:
+def _newton(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray, tolerance: float) -> FloatArray:
     m = likelihood.scene.mixture(state.effects)
     sums = likelihood.sums(m, state, part).by_pixel
     surface, single = m.of_main(m.surface), m.of_main(m.weight) > 0.9 * (1 - m.invalid[0])

@@ -5,20 +5,24 @@ the recording. The verdict weighs what the effects gained against the largest di
 """
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tofmix.reconcile import links
 from tofmix.reconcile.add import Added, Settings, held_out
-from tofmix.reconcile.compare import Compared, Curve, compare
+from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import disagreements
+from tofmix.reconcile.panel import Curve
 from tofmix.simulation.cast import cast_scene
-from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
+
+if TYPE_CHECKING:
+    from tofmix.simulation.effects import Effect
 
 EXPLAINED = 0.9
 """Share of gain and largest remaining disagreement that the gain must be."""

@@ -30,6 +30,8 @@ from tofmix.simulation.effects.stuck_pixels import StuckPixels
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 from tofmix.simulation.model import Model
 
+_LIKELY = 0.5
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NamedEffect:
@@ -107,7 +109,8 @@ class Reconciliation:
             "where": [_place(p) for p in self.where],
             "left": [_place(p) for p in self.left],
             "candidates": [
-                {"kind": c.kind, "heldout_gain_nats": _short(c.gain), "parameters": c.parameters} for c in self.candidates
+                {"kind": c.kind, "heldout_gain_nats": _short(c.gain), "parameters": c.parameters}
+                for c in self.candidates
             ],
             "aliases": [
                 {"kinds": [c.kind for c in group], "gains": [_short(c.gain) for c in group],
@@ -176,9 +179,7 @@ def reconcile(
     return Reconciliation(model=model, named=named, where=where, left=left, added=added, verified=verified)
 
 
-def _named(
-    likelihood: Likelihood, added: Added, verified: Verified, settings: Settings
-) -> tuple[NamedEffect, ...]:
+def _named(likelihood: Likelihood, added: Added, verified: Verified, settings: Settings) -> tuple[NamedEffect, ...]:
     """The effects that stand, with maps from all frames, and their standard errors."""
     if verified.verdict in ("agree", "unexplained"):
         return ()
@@ -198,13 +199,16 @@ def _named(
     return tuple(out)
 
 
-def _latent(likelihood: Likelihood, state: State, effect: Effect, settings: Settings) -> tuple[Effect, dict[str, float]]:
+def _latent(
+    likelihood: Likelihood, state: State, effect: Effect, settings: Settings
+) -> tuple[Effect, dict[str, float]]:
     """Effects with latent states: their maps, and errors in closed form."""
     frames, pixels = likelihood.evidence.shape
     if isinstance(effect, FixedPattern):
-        values = state.pixel_bias.reshape(likelihood.evidence.image)
-        errors = {name: v / np.sqrt(2.0 * n) for (name, v), n in zip(
-            numeric(effect).items(), (pixels, likelihood.evidence.image[1], likelihood.evidence.image[0]), strict=True)}  # fmt: skip
+        values = state.pixel_bias.reshape(likelihood.evidence.image).astype(np.float32)
+        rows, cols = likelihood.evidence.image
+        counts = (pixels, cols, rows)
+        errors = {name: v / np.sqrt(2.0 * n) for (name, v), n in zip(numeric(effect).items(), counts, strict=True)}
         return replace(effect, map=PixelMap("fixed_pattern.npy", values)), errors
     if isinstance(effect, StuckPixels):
         return effect, {}
@@ -226,7 +230,7 @@ def _bursts(likelihood: Likelihood, state: State, effect: Interference) -> tuple
     share = float(np.clip(state.disturbed.mean(), 1e-4, 0.99))
     frames = state.disturbed.size
     mixture = likelihood.scene.mixture(state.effects)
-    part = np.flatnonzero(state.disturbed > 0.5), np.arange(likelihood.evidence.shape[1])
+    part = np.flatnonzero(state.disturbed > _LIKELY), np.arange(likelihood.evidence.shape[1])
     step = 0.02 * effect.sigma_mm
     bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
 
@@ -243,7 +247,7 @@ def _bursts(likelihood: Likelihood, state: State, effect: Interference) -> tuple
     return replace(effect, probability=share), errors
 
 
-def map_values(effect: Effect) -> FloatArray | None:
-    """The map (row, col) of an effect; None if it has none."""
+def maps_of(effect: Effect) -> dict[str, FloatArray]:
+    """The maps (row, col) of an effect by their paths beside the model."""
     plane = getattr(effect, "map", None)
-    return None if plane is None else np.asarray(plane.values)
+    return {} if plane is None else {plane.path: np.asarray(plane.values, dtype=np.float64)}

@@ -1,17 +1,21 @@
 """Pictures of a reconciliation: statistics against their axes before and after, and maps of what is left."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from tofmix.arrays import FloatArray
-from tofmix.reconcile.compare import Compared, Curve
+from tofmix.reconcile.panel import Curve
 from tofmix.reconcile.workflow import Reconciliation
 from tofmix.report.theme import Theme, drawn, mark_no_data
 
+if TYPE_CHECKING:
+    from tofmix.reconcile.compare import Compared
+
 _MOST = 8
+_MANY = 40  # bins: no marker for each
 _DIVERGING = "PuOr"
 
 
@@ -50,9 +54,14 @@ def _curve(before: Curve, after: Curve | None, *, named: bool) -> Callable[[Them
         axes = figure.add_subplot()
         error = 2 * np.sqrt(before.variance)
         at = (before.lower + before.upper) / 2
-        many = before.dof > 40
+        many = before.dof > _MANY
         axes.fill_between(at, -error, error, color=theme.grid, label="chance, 2 standard errors", linewidth=0)
-        shape = {"linestyle": "-", "marker": "" if many else "o", "markersize": 4, "linewidth": 0.8 if many else 1.5}
+        shape: dict[str, Any] = {
+            "linestyle": "-",
+            "marker": "" if many else "o",
+            "markersize": 4,
+            "linewidth": 0.8 if many else 1.5,
+        }
         axes.plot(at, before.value, color=theme.accent, label="before", **shape)
         if after is not None and named:
             middle = (after.lower + after.upper) / 2
