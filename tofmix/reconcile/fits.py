@@ -195,7 +195,7 @@ def _saturation(s: _Setting) -> Iterator[Problem]:
 
 def _wrapping(s: _Setting) -> Iterator[Problem]:
     """At the camera's own turn (a free one takes up an offset), and only where something is near enough to it."""
-    reach = np.where(s.mixture.lit & (s.mixture.weight > 0), s.mixture.mean + 4 * s.mixture.sigma, 0.0)
+    reach = np.where(s.mixture.lit & (s.mixture.weight > 0), s.mixture.true_range, 0.0) + 4 * s.sigma
     if reach.max() > s.turn:
         yield Problem(make=lambda _: MAKE["phase_wrapping"](), starts=((),), steps=())
 

@@ -106,9 +106,11 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
             return Interference(probability=p, sigma_mm=size, burst_frames=1 + math.exp(min(max(x[1], -2.0), 4.0)))
 
         options: Any = {"maxfev": 60, "xatol": 1e-2, "fatol": 0.05}
-        found = minimize(
-            lambda x: -forward(*pair, part[0], make(x))[0], np.array(start), method="Nelder-Mead", options=options
-        )
+
+        def cost(x: FloatArray) -> float:
+            return -forward(*pair, part[0], make(x))[0]
+
+        found = minimize(cost, np.array(start, dtype=np.float64), method="Nelder-Mead", options=options)
         return -float(found.fun), make(found.x)
 
     sizes = [sigma * f for f in (0.25, 0.5, 1.0, 2.0, 4.0)]
@@ -185,6 +187,11 @@ def pattern_map(
     found = pixel_biases(likelihood, mixture, state, part)
     spreads = (effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm)
     return marginal_pattern(found, likelihood.evidence.image, spreads)[1]
+
+
+def with_map(effect: FixedPattern, pattern: FloatArray, image: tuple[int, int]) -> FixedPattern:
+    """The effect with a map (pixel,), mm; it keeps the spreads."""
+    return replace(effect, map=PixelMap("fixed_pattern.npy", pattern.reshape(image).astype(np.float32)))
 
 
 def whitened(z: Float32Array, mixture: Mixture, coefficient: float) -> Float32Array:

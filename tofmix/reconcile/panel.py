@@ -236,7 +236,8 @@ def invalid(evidence: Evidence, m: Mixture, state: State, axes: list[_Axis], par
     by_frame = lost[:, working].sum(axis=1) - expected[working].sum() / len(part[0])
     level = max(float(lost[:, working].sum(axis=1).mean()), 1.0)
     size = float(working.sum())
-    yield Curve(statistic="invalid", axis="frame", lower=part[0].astype(np.float64), upper=part[0].astype(np.float64) + 1,
+    frame = part[0].astype(np.float64)
+    yield Curve(statistic="invalid", axis="frame", lower=frame, upper=frame + 1,
                 value=by_frame / size, variance=np.full(len(part[0]), level / size**2), unit="1",
                 scale_mm=np.ones(len(part[0])))  # fmt: skip
 
@@ -268,7 +269,8 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: State) -> It
         off = float(count[np.rint(np.rint(value / m.step) * m.step) != value].sum())
         n = max(float(count.sum()), 1.0)
         yield Curve(statistic="discreteness", axis="all", lower=np.zeros(1), upper=np.ones(1),
-                    value=np.array([off / n]), variance=np.array([max(off, 1.0) / n**2]), unit="1", scale_mm=np.ones(1))  # fmt: skip
+                    value=np.array([off / n]), variance=np.array([max(off, 1.0) / n**2]), unit="1",
+                    scale_mm=np.ones(1))  # fmt: skip
         return
     curl = count[1:-1] - (count[:-2] + count[2:]) / 2
     variance = count[1:-1] + (count[:-2] + count[2:]) / 4

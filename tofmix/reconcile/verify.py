@@ -30,6 +30,32 @@ EXPLAINED = 0.9
 CLOSED = 0.85
 """Share of the panel's gap that the effects must close, unless what is left is within chance and tolerance."""
 
+SIGNATURES: dict[str, tuple[str, ...]] = {
+    "range_offset": ("bias", "trend", "common_mode", "pattern"),
+    "surface_pose": ("bias", "trend", "common_mode", "pattern"),
+    "wiggling": ("bias", "pattern"),
+    "amplitude_walk": ("bias", "pattern"),
+    "scattering": ("bias", "pattern"),
+    "multipath": ("bias", "pattern", "spread"),
+    "fixed_pattern": ("bias", "pattern"),
+    "temperature_drift": ("trend", "common_mode"),
+    "motion": ("trend", "common_mode"),
+    "interference": ("bursts", "common_mode", "spread"),
+    "temporal_correlation": ("memory", "neighbour_correlation", "common_mode"),
+    "excess_noise": ("spread", "tails", "skew", "spread_pattern", "memory"),
+    "vignetting": ("spread", "tails", "skew", "spread_pattern", "memory"),
+    "outliers": ("tails", "skew", "spread", "memory"),
+    "flying_pixels": ("bias", "skew", "spread"),
+    "pixel_crosstalk": ("bias", "spread"),
+    "dropout": ("invalid",),
+    "saturation": ("invalid",),
+    "quantisation": ("discreteness",),
+}
+"""The statistics in which each kind must show, so that none of them is left open where it is named."""
+
+OPEN = 0.03
+"""Share of an effect's gain that may be left in its own statistics: no law of ours is exact."""
+
 _WITHIN_CHANCE = 0.05  # of a gap
 _SETTLED, _UNTOUCHED = 0.97, 0.7
 
@@ -86,7 +112,7 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     left = max((c.excess_nats for c in loud), default=0.0)
     gain = _gain(likelihood, added, settings)
     after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
-    enough = gain >= EXPLAINED * (gain + left) and _closes(before, after)
+    enough = gain >= EXPLAINED * (gain + left) and _closes(before, after) and _signed(likelihood, added, loud, settings)
     verdict = _verdict(added, before, loud, enough=enough)
     if verdict in ("agree", "unexplained"):
         state, after = start, before
@@ -100,10 +126,24 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
 
 def _gain(likelihood: Likelihood, added: Added, settings: Settings) -> float:
     """Gains by candidates, which count latent states and memory too, scaled from the part they were scored on."""
+    return _scale(likelihood, settings) * sum(c.gain for c in added.chosen)
+
+
+def _scale(likelihood: Likelihood, settings: Settings) -> float:
     part = likelihood.evidence.part(fit=False, split=settings.split)
     held = held_out(likelihood, settings)
-    scale = len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1)
-    return scale * sum(c.gain for c in added.chosen)
+    return len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1)
+
+
+def _signed(likelihood: Likelihood, added: Added, loud: list[Curve], settings: Settings) -> bool:
+    """Whether no effect leaves the statistic open in which it must show."""
+    scale = _scale(likelihood, settings)
+    for candidate in added.chosen:
+        own = SIGNATURES.get(candidate.kind, ())
+        open_ = max((c.excess_nats for c in loud if c.statistic in own), default=0.0)
+        if open_ > OPEN * scale * candidate.gain:
+            return False
+    return True
 
 
 def _closes(before: Compared, after: Compared) -> bool:

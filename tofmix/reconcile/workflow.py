@@ -205,11 +205,10 @@ def _latent(
     """Effects with latent states: their maps, and errors in closed form."""
     frames, pixels = likelihood.evidence.shape
     if isinstance(effect, FixedPattern):
-        values = state.pixel_bias.reshape(likelihood.evidence.image).astype(np.float32)
         rows, cols = likelihood.evidence.image
         counts = (pixels, cols, rows)
         errors = {name: v / np.sqrt(2.0 * n) for (name, v), n in zip(numeric(effect).items(), counts, strict=True)}
-        return replace(effect, map=PixelMap("fixed_pattern.npy", values)), errors
+        return effect, {name: float(v) for name, v in errors.items()}
     if isinstance(effect, StuckPixels):
         return effect, {}
     if isinstance(effect, Interference):
