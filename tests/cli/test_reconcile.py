@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from commandline import Tofmix
 
+SAMPLES = Path(__file__).parents[2] / "sample_data"
 MODEL = """\
 [sensor]
 profile = "sr4000"
@@ -54,6 +55,19 @@ def test_it_writes_a_folder_whose_model_runs(tofmix: Tofmix, files: tuple[Path, 
     again = tofmix("reconcile", *files, "-o", folder)
     assert again.code == 2
     assert "--overwrite" in again.err
+
+
+def test_it_finds_what_is_hidden_in_the_sample_recording(tofmix: Tofmix, tmp_path: Path) -> None:
+    files = SAMPLES / "hidden_effect_model.toml", SAMPLES / "hidden_effect.h5"
+    rivals = "wiggling,fixed_pattern,range_offset,amplitude_walk"
+    done = tofmix("reconcile", *files, "-o", tmp_path / "gap", "--effects", rivals)
+    assert done.code == 0, done.err
+    gap = json.loads((tmp_path / "gap" / "gap.json").read_text())
+    assert [e["kind"] for e in gap["effects"]] == ["wiggling"]
+    found, errors = gap["effects"][0]["parameters"], gap["effects"][0]["stderr"]
+    for name, hidden in (("amplitude_mm", 13.2459), ("phase_rad", -2.11915)):  # tests/benchmarks/hidden_effect.py
+        assert abs(found[name] - hidden) < 4 * errors[name]
+    assert gap["gap"]["closed"] > 0.95
 
 
 def test_it_refuses_a_recording_of_another_image(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ _TITLES = {
     "unexplained": "unexplained: none of the known effects explains it",
 }
 _AXES = {"surfaces_in_pixel": "surfaces in the pixel", "neighbour_contrast": "contrast to the neighbours"}
+_NO_DOUBT = 1.0e-99
 _UNITS = {"range": "mm", "time": "s", "radius": "pixels", "neighbour_contrast": "mm"}
 
 
@@ -49,6 +50,11 @@ def where_text(place: Place, result: Reconciliation) -> str:
     return f"at {axis} {low:.4g} to {high:.4g}{' ' if unit else ''}{unit} ({size})"
 
 
+def p_text(place: Place) -> str:
+    """The corrected p-value in words; what is beyond all doubt is not given in digits."""
+    return f"p = {place.p_value:.1g}" if place.p_value > _NO_DOUBT else f"p < {_NO_DOUBT:g}"
+
+
 def effect_text(named: NamedEffect) -> str:
     """An effect and its numbers with their errors, such as ``wiggling (amplitude_mm 11.8 +- 0.2)``."""
     shown = [
@@ -70,9 +76,9 @@ def summary_lines(result: Reconciliation) -> list[str]:
     v = result.verified
     lines = [headline(result), "", f"verdict      {v.verdict}"]
     lines += [f"effect       {effect_text(n)}, held-out gain {n.heldout_gain_nats:.0f} nats" for n in result.named]
-    lines += [f"where        {where_text(p, result)}, p = {p.p_value:.1g}" for p in result.where[:2]]
+    lines += [f"where        {where_text(p, result)}, {p_text(p)}" for p in result.where[:2]]
     if result.named and result.left:
-        lines.append(f"left         {where_text(result.left[0], result)}, p = {result.left[0].p_value:.1g}")
+        lines.append(f"left         {where_text(result.left[0], result)}, {p_text(result.left[0])}")
     ranking = ", ".join(f"{c.kind} {c.gain:.0f}" for c in result.candidates[:4])
     lines += [f"candidates   {ranking}"] if ranking else []
     for group in result.as_dict()["aliases"]:

@@ -4,7 +4,7 @@ from importlib import import_module, resources
 from typing import TYPE_CHECKING
 
 from tofmix.errors import UsageError
-from tofmix.reconcile.words import effect_tables, effect_text, headline, where_text
+from tofmix.reconcile.words import effect_tables, effect_text, headline, p_text, where_text
 from tofmix.reconcile.workflow import Reconciliation
 
 if TYPE_CHECKING:
@@ -42,8 +42,8 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
         verdict=said["verdict"].replace("_", " "),
         gap=said["gap"],
         effects=[(effect_text(n), n.effect.explain(), n.heldout_gain_nats) for n in result.named],
-        where=[(where_text(p, result), p.p_value) for p in result.where[:6]],
-        left=[(where_text(p, result), p.p_value) for p in result.left[:6]] if result.named else [],
+        where=[(where_text(p, result), p_text(p)) for p in result.where[:6]],
+        left=[(where_text(p, result), p_text(p)) for p in result.left[:6]] if result.named else [],
         candidates=said["candidates"],
         aliases=said["aliases"],
         added=effect_tables(result),
