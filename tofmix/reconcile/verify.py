@@ -56,6 +56,7 @@ SIGNATURES: dict[str, tuple[str, ...]] = {
 OPEN = 0.03
 """Share of an effect's gain that may be left in its own statistics: no law of ours is exact."""
 
+_FEW = 0.1
 _WITHIN_CHANCE = 0.05  # of a gap
 _SETTLED, _UNTOUCHED = 0.97, 0.7
 
@@ -109,7 +110,7 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     start = likelihood.start()
     before = compare(likelihood, start, held, seed=settings.seed)
     loud = disagreements(added.panel, settings.alpha)
-    left = max((c.excess_nats for c in loud), default=0.0)
+    left = max((_weight(c) for c in loud), default=0.0)
     gain = _gain(likelihood, added, settings)
     after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
     enough = gain >= EXPLAINED * (gain + left) and _closes(before, after) and _signed(likelihood, added, loud, settings)
@@ -133,6 +134,12 @@ def _scale(likelihood: Likelihood, settings: Settings) -> float:
     part = likelihood.evidence.part(fit=False, split=settings.split)
     held = held_out(likelihood, settings)
     return len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1)
+
+
+def _weight(curve: Curve) -> float:
+    """What a curve that is left counts for: third and fourth powers of single pixels hang on few samples."""
+    few = curve.statistic in ("skew_pattern", "tails_pattern")
+    return curve.excess_nats * (_FEW if few else 1.0)
 
 
 def _signed(likelihood: Likelihood, added: Added, loud: list[Curve], settings: Settings) -> bool:
