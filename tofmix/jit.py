@@ -32,7 +32,7 @@ R = TypeVar("R")
 
 config: Any = numba.config  # its settings are made at run time, unknown to a type checker
 _PACKAGE = Path(__file__).parent
-_KERNEL_FOLDERS = ("estimation", "mapping", "simulation")
+_KERNEL_FOLDERS = ("estimation", "mapping", "reconcile", "simulation")
 _WITHOUT_KERNELS = ("reading.py", "sequence.py")
 """Modules above the kernels, which no kernel takes a constant from."""
 

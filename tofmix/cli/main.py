@@ -17,6 +17,7 @@ from tofmix.cli.info import info
 from tofmix.cli.inspect import inspect
 from tofmix.cli.map import map_
 from tofmix.cli.merge import merge
+from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
 from tofmix.cli.warmup import warmup
@@ -57,7 +58,7 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report, inspect, info, compare, import_, export, map_, merge, warmup):
+for _command in (simulate, estimate, report, reconcile, inspect, info, compare, import_, export, map_, merge, warmup):
     main.add_command(_command)
 
 

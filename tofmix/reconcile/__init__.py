@@ -1,0 +1,6 @@
+"""Where a simulation and a recording disagree, and which effect explains it.
+
+The five steps are five modules: `compare`, `localise`, `name`, `add`, `verify`;
+`workflow` runs them. The likelihood that all of them share is in `kernel`,
+`mixture` and `likelihood`.
+"""

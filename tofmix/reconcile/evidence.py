@@ -1,0 +1,122 @@
+"""What reconciliation holds of a recording in memory, and which of it a fit may see.
+
+Frames are held out in short blocks, because in long ones a rare burst falls on one side; pixels in square blocks,
+because an effect that gives each pixel its own bias would else explain everything static.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.errors import BadInputError
+from tofmix.simulation.model import Model
+
+BLOCK_FRAMES = 5
+BLOCK_PIXELS = 4
+_LEAST_FRAMES = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Evidence:
+    """A recording, as (frame, pixel).
+
+    Parameters
+    ----------
+    samples : (frame, pixel) uint16
+        Whole mm, 0 where invalid.
+    time_s : (frame,) float64
+        Time since the first frame, s.
+    amplitude : (pixel,) float64 or None
+        Mean amplitude of each pixel's valid samples; None if the recording has none.
+    temperature_c : (frame,) float64 or None
+        Temperature, degrees Celsius.
+    image : (int, int)
+        Rows, columns.
+    fit_frames : (frame,) bool
+        Frames that fits may see.
+    fit_pixels : (pixel,) bool
+        Pixels that fits may see before gains are scored.
+    """
+
+    samples: NDArray[np.uint16]
+    time_s: FloatArray
+    amplitude: FloatArray | None
+    temperature_c: FloatArray | None
+    image: tuple[int, int]
+    fit_frames: BoolArray
+    fit_pixels: BoolArray
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Frames, pixels."""
+        frames, pixels = self.samples.shape
+        return frames, pixels
+
+    def part(self, *, fit: bool, split: str = "frames,pixels") -> tuple[IntArray, IntArray]:
+        """Frames and pixels of a half: those that fits see, or those that they do not."""
+        frames = self.fit_frames == fit if "frames" in split else np.ones(self.shape[0], dtype=bool)
+        pixels = self.fit_pixels == fit if "pixels" in split else np.ones(self.shape[1], dtype=bool)
+        return np.flatnonzero(frames), np.flatnonzero(pixels)
+
+
+def make_evidence(
+    model: Model,
+    range_mm: FloatArray | Float32Array,
+    *,
+    time_s: FloatArray | None = None,
+    amplitude: FloatArray | Float32Array | None = None,
+    temperature_c: FloatArray | None = None,
+) -> Evidence:
+    """Hold a recording for reconciliation.
+
+    Parameters
+    ----------
+    model : Model
+        The model it is held against.
+    range_mm : (frame, row, col) float
+        Samples in mm, NaN where invalid.
+    time_s : (frame,), optional
+        Start of each frame, s; by the model's frame rate if left out.
+    amplitude : (frame, row, col), optional
+        Amplitudes.
+    temperature_c : (frame,), optional
+        Temperature.
+
+    Raises
+    ------
+    BadInputError
+        If the image differs from the model's camera, or there are too few frames to hold some out.
+    """
+    frames, rows, cols = range_mm.shape
+    if (rows, cols) != (model.sensor.rows, model.sensor.cols):
+        raise BadInputError(
+            f"range: an image of {rows} x {cols} pixels; the model's camera has "
+            f" {model.sensor.rows} x {model.sensor.cols}"
+        )
+    if frames < _LEAST_FRAMES:
+        raise BadInputError(f"range: {frames} frames; at least {_LEAST_FRAMES} are needed, to hold some out")
+    valid = np.isfinite(range_mm)
+    samples = np.where(valid, np.clip(np.rint(np.nan_to_num(range_mm)), 1, 65_534), 0).astype(np.uint16)
+    now = np.arange(frames) / model.recording.frame_rate_hz if time_s is None else np.asarray(time_s, dtype=np.float64)
+    if not (np.isfinite(now).all() and (np.diff(now) > 0).all()):
+        raise BadInputError("time: the frames' times do not ascend")
+    block = np.arange(frames) // BLOCK_FRAMES % 2 == 0
+    row, col = np.divmod(np.arange(rows * cols), cols)
+    pixel_block = (row // BLOCK_PIXELS + col // BLOCK_PIXELS) % 2 == 0
+    return Evidence(
+        samples=samples.reshape(frames, rows * cols),
+        time_s=now - now[0],
+        amplitude=None if amplitude is None else _mean_amplitude(amplitude, valid).ravel(),
+        temperature_c=temperature_c,
+        image=(rows, cols),
+        fit_frames=block,
+        fit_pixels=pixel_block,
+    )
+
+
+def _mean_amplitude(amplitude: FloatArray | Float32Array, valid: BoolArray) -> FloatArray:
+    total = np.where(valid, amplitude, 0.0).sum(axis=0, dtype=np.float64)
+    count = valid.sum(axis=0)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))

@@ -1,0 +1,262 @@
+"""Fits of the effects that link samples, or that a smooth search cannot find: latent states and lattices.
+
+Each function returns the state with the effect added, and whatever it learned, or None where there is no sign of
+it. Their gains are worked out in `tofmix.reconcile.name`.
+"""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.reconcile.evidence import Evidence
+from tofmix.reconcile.likelihood import Likelihood, Part, PixelBiases, State, forward, marginal_pattern, pixel_biases
+from tofmix.reconcile.mixture import Mixture
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.parameter import PixelMap
+from tofmix.simulation.effects.quantisation import Quantisation
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
+
+_MOST_STUCK = 0.05  # more constant pixels than this are no defect but a lattice
+_UNLIKELY_NATS = 25.0  # a constant pixel that the model explains to within this is not stuck
+VALUE_NATS = math.log(65_534.0)  # price of a stuck pixel's value, any whole mm being as good
+_LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0
+_ON_LATTICE = 0.985
+_MAIN = 0.95
+_FULL = 5.0  # counts of a mm that has a density
+_FAR = 5.0  # sigma: random values have no memory
+_LEAST_PAIRS = 1000
+_CHANCE = 2.0  # standard deviations
+_MOST_FRAMES = 0.9  # that bursts may fill
+
+
+def find_stuck(likelihood: Likelihood, mixture: Mixture, state: State) -> State | None:
+    """Pixels that return one value in every frame, which the model does not explain even with a bias of their own."""
+    evidence = likelihood.evidence
+    x = evidence.samples
+    frames, _pixels = evidence.shape
+    constant = (x == x[0]).all(axis=0) & (x[0] > 0)
+    if not constant.any() or constant.mean() > _MOST_STUCK:
+        return None
+    spread = mixture.of_main(mixture.sigma)
+    # The most that a normal with the pixel's sigma, at any mean, gives to one whole mm again and again
+    best = np.log(np.minimum(1.0, 1.0 / np.sqrt(2 * np.pi * (spread**2 + 1 / 12))))
+    stuck = constant & (-best * frames > _UNLIKELY_NATS + VALUE_NATS)
+    if not stuck.any():
+        return None
+    values = np.where(stuck, x[0].astype(np.float64), np.nan)
+    effect = StuckPixels(map=PixelMap("stuck_pixels.npy", values.reshape(evidence.image)))
+    return replace(state, effects=(*state.effects, effect), stuck_mm=values)
+
+
+def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
+    """A step of which nearly all stored values are rounded multiples, from the spectrum of their histogram."""
+    count = np.bincount(evidence.samples[:, state.working].ravel(), minlength=65_536).astype(np.float64)
+    count[0] = 0
+    total = count.sum()
+    smooth = np.convolve(count, np.ones(9) / 9, mode="same")
+    comb = np.where(smooth >= _FULL, np.clip((count - smooth) / np.sqrt(np.maximum(smooth, 1)), -6, 6), 0.0)
+    length = 1 << 20
+    power = np.abs(np.fft.rfft(comb, length))
+    frequency = np.arange(power.size) / length
+    inside = (frequency > 1 / _MOST_STEP_MM) & (frequency < 1 / _LEAST_STEP_MM)
+    values = np.flatnonzero(count)
+    weights = count[values]
+    for peak in _peaks(np.where(inside, power, 0.0), 12):
+        trial = frequency[peak] + np.linspace(-3, 3, 121) / length
+        held = [_held(1 / f, values, weights) / total for f in trial]
+        if max(held) >= _ON_LATTICE:
+            best = np.flatnonzero(np.array(held) >= max(held) - 1e-9)
+            return Quantisation(step_mm=float(1 / trial[best].mean()))
+    return None
+
+
+def _peaks(power: FloatArray, most: int) -> list[int]:
+    """The strongest frequencies, lowest first: a lattice's own period before its overtones."""
+    power = power.copy()
+    found = []
+    for _ in range(most):
+        at = int(power.argmax())
+        if power[at] <= 0:
+            break
+        found.append(at)
+        power[max(0, at - 400) : at + 400] = 0.0
+    return sorted(found)
+
+
+def _held(step: float, values: IntArray, weights: FloatArray) -> float:
+    nearest = np.rint(np.rint(values / step) * step)
+    return float(weights[nearest == values].sum())
+
+
+def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> Interference | None:
+    """Share, length and noise of bursts, each frame's state integrated out."""
+    sigma = float(np.median(mixture.of_main(mixture.sigma)))
+
+    def at(size: float, start: tuple[float, float]) -> tuple[float, Interference]:
+        pair = likelihood.frame_pair(mixture, state, part, size)
+
+        def make(x: FloatArray) -> Interference:
+            p = 1 / (1 + math.exp(-min(max(x[0], -7.0), 3.0)))
+            return Interference(probability=p, sigma_mm=size, burst_frames=1 + math.exp(min(max(x[1], -2.0), 4.0)))
+
+        options: Any = {"maxfev": 60, "xatol": 1e-2, "fatol": 0.05}
+
+        def cost(x: FloatArray) -> float:
+            return -forward(*pair, part[0], make(x))[0]
+
+        found = minimize(cost, np.array(start, dtype=np.float64), method="Nelder-Mead", options=options)
+        return -float(found.fun), make(found.x)
+
+    sizes = [sigma * f for f in (0.25, 0.5, 1.0, 2.0, 4.0)]
+    best = max((at(size, (-1.5, 1.2)) for size in sizes), key=lambda pair: pair[0])
+    span = 0.5
+    for _ in range(4):
+        centre = best[1].sigma_mm
+        start = (
+            math.log(best[1].probability / (1 - best[1].probability)),
+            math.log(max(best[1].burst_frames - 1, 0.14)),
+        )
+        for size in (centre * (1 - span / 2), centre * (1 + span / 2)):
+            value, effect = at(size, start)
+            if value > best[0]:
+                best = value, effect
+        span /= 2
+    return best[1] if best[1].probability < _MOST_FRAMES else None
+
+
+def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: State, effect: Interference) -> FloatArray:
+    """Probability (frame,) that each frame is disturbed, from all its samples."""
+    frames, pixels = likelihood.evidence.shape
+    part = (np.arange(frames), np.arange(pixels))
+    pair = likelihood.frame_pair(mixture, state, part, effect.sigma_mm)
+    return forward(*pair, part[0], effect)[1]
+
+
+def fit_pattern(
+    likelihood: Likelihood, mixture: Mixture, state: State, part: Part
+) -> tuple[FixedPattern, PixelBiases] | None:
+    """Spreads of a pattern by pixel, column and row, by marginal likelihood."""
+    found = pixel_biases(likelihood, mixture, state, part)
+    return fit_spreads(found, likelihood.evidence.image)
+
+
+def fit_spreads(found: PixelBiases, image: tuple[int, int]) -> tuple[FixedPattern, PixelBiases] | None:
+    """The spreads that make each pixel's bias, and its noise, most likely."""
+    use = found.information > 0
+    if use.sum() < 2 * sum(image) or not _beyond_chance(found, image):
+        return None
+    size = max(float(np.median(np.abs(found.bias[use])) / 0.67), 1e-3)
+
+    def cost(x: FloatArray) -> float:
+        pixel, column, row = (math.exp(min(max(v, -8.0), 6.9)) for v in x)
+        return -marginal_pattern(found, image, (pixel, column, row))[0]
+
+    start = np.log(np.array([size, size * 0.3, size * 0.3]))
+    simplex = np.vstack([start, start + 0.5 * np.eye(3)])
+    options: Any = {"maxfev": 80, "fatol": 0.1, "xatol": 0.02, "initial_simplex": simplex}
+    best = minimize(cost, start, method="Nelder-Mead", options=options)
+    pixel, column, row = (float(math.exp(min(max(v, -8.0), 6.9))) for v in best.x)
+    return FixedPattern(pixel_sigma_mm=pixel, column_sigma_mm=column, row_sigma_mm=row), found
+
+
+def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:
+    """Whether pixels, columns or rows differ by more than two standard deviations of chance."""
+    use = np.flatnonzero(found.information > 0)
+    row, col = np.divmod(use, image[1])
+    pulled, weight = found.bias[use] * found.information[use], found.information[use]
+    deviates = [(2 * float(found.gain[use].sum()) - use.size) / math.sqrt(2 * use.size)]
+    for line in (row, col):
+        total, noise = np.bincount(line, pulled), np.bincount(line, weight)
+        full = noise > 0
+        chi2 = float((total[full] ** 2 / noise[full]).sum())
+        deviates.append((chi2 - full.sum()) / math.sqrt(2 * full.sum()))
+    return max(deviates) > _CHANCE
+
+
+def pattern_map(
+    likelihood: Likelihood, mixture: Mixture, state: State, effect: FixedPattern, frames: IntArray
+) -> FloatArray:
+    """The pattern (pixel,), mm, shrunk by its noise, from all pixels of some frames."""
+    part = (frames, np.arange(likelihood.evidence.shape[1]))
+    found = pixel_biases(likelihood, mixture, state, part)
+    spreads = (effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm)
+    return marginal_pattern(found, likelihood.evidence.image, spreads)[1]
+
+
+def with_map(effect: FixedPattern, pattern: FloatArray, image: tuple[int, int]) -> FixedPattern:
+    """The effect with a map (pixel,), mm; it keeps the spreads."""
+    return replace(effect, map=PixelMap("fixed_pattern.npy", pattern.reshape(image).astype(np.float32)))
+
+
+def whitened(z: Float32Array, mixture: Mixture, coefficient: float) -> Float32Array:
+    """Scores (frame, pixel) given those of the frame before, where a pixel sees one surface.
+
+    Whole mm add a noise that has no memory: the score of a sample of sigma s remembers its forerunner by
+    rho s^2 / (s^2 + 1/12).
+    """
+    rho = np.where(_one_surface(mixture), coefficient * attenuation(mixture), 0.0).astype(np.float32)
+    before = np.vstack([np.full((1, z.shape[1]), np.nan, dtype=np.float32), z[:-1]])
+    known = np.isfinite(before)
+    return np.where(known, (z - rho * np.where(known, before, 0)) / np.sqrt(1 - rho**2), z).astype(np.float32)
+
+
+def attenuation(mixture: Mixture) -> FloatArray:
+    """Share (pixel,) of a score's variance that is the camera's, not that of whole mm."""
+    cell = max(mixture.step, 1.0)
+    sigma = mixture.of_main(mixture.sigma)
+    return np.asarray(sigma**2 / (sigma**2 + cell**2 / 12))
+
+
+def _one_surface(mixture: Mixture) -> FloatArray:
+    total = 1.0 - mixture.invalid[0]
+    return np.asarray(mixture.of_main(mixture.weight) > _MAIN * np.maximum(total, 1e-9))
+
+
+def _pairs(z: Float32Array, mixture: Mixture, part: Part) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Scores of a part's samples, those a frame before, and their attenuation; slow changes taken out."""
+    pixels = part[1][_one_surface(mixture)[part[1]]]
+    scores = z[:, pixels]
+    ok = np.isfinite(scores)
+    mean = np.nansum(scores, axis=0) / np.maximum(ok.sum(axis=0), 1)
+    flat = np.where(ok, scores - mean, np.nan)
+    count = np.maximum(np.isfinite(flat).sum(axis=1, keepdims=True), 1)
+    flat = flat - np.nansum(flat, axis=1, keepdims=True) / count
+    wanted = np.zeros(len(z), dtype=bool)
+    wanted[part[0]] = True
+    both = np.flatnonzero(wanted[1:] & wanted[:-1]) + 1
+    now, before = flat[both], flat[both - 1]
+    good = np.isfinite(now) & np.isfinite(before) & (np.abs(now) < _FAR) & (np.abs(before) < _FAR)
+    near = np.broadcast_to(attenuation(mixture)[pixels], now.shape)
+    return now[good].astype(np.float64), before[good].astype(np.float64), near[good]
+
+
+def fit_memory(z: Float32Array, mixture: Mixture, part: Part) -> TemporalCorrelation | None:
+    """The correlation of neighbours in time."""
+    now, before, near = _pairs(z, mixture, part)
+    if now.size < _LEAST_PAIRS:
+        return None
+    spread = float((now**2).mean() + (before**2).mean()) / 2
+    rho = float((near * now * before).sum() / (near**2).sum()) / spread
+    rho += (1 + 3 * rho) / len(z)  # Kendall's bias, of the means that were taken out
+    return TemporalCorrelation(coefficient=min(max(rho, -0.98), 0.98))
+
+
+def memory_gain(z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
+    """Nats that the last frame's noise is worth for the prediction of the next."""
+    now, before, near = _pairs(z, mixture, part)
+    spread = float((now**2).mean())
+    rho = coefficient * near
+    residual = (now - rho * before) ** 2 / (spread * (1 - rho**2))
+    return float(0.5 * (now**2 / spread - residual - np.log(1 - rho**2)).sum())
+
+
+def memory_error(z: Float32Array, mixture: Mixture, part: Part) -> float:
+    """Standard error of the coefficient."""
+    _, _, near = _pairs(z, mixture, part)
+    return 1.0 / math.sqrt(max(float((near**2).sum()), 1.0))

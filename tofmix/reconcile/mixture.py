@@ -1,0 +1,204 @@
+"""The mixture that a model with effects predicts for each sample of a recording.
+
+Use `Scene.mixture` with the effects to be tried. What links samples (frames of interference, pixels' own
+biases, stuck pixels, memory) is left to `tofmix.reconcile.likelihood`; all else is the registry's own prediction.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.motion import Motion
+from tofmix.simulation.effects.saturation import Saturation
+from tofmix.simulation.effects.surface_pose import SurfacePose, shifted
+from tofmix.simulation.effects.temperature_drift import TemperatureDrift
+from tofmix.simulation.model import Model
+from tofmix.simulation.prediction import Prediction, predict
+from tofmix.simulation.truth import Truth
+
+LINKS = ("interference", "fixed_pattern", "stuck_pixels", "temporal_correlation")
+"""Kinds that link samples: no part of the mixture."""
+
+_TIMES = 8  # at which a moving scene is worked out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mixture:
+    """The predicted distribution of every sample.
+
+    Parameters
+    ----------
+    weight, mean, sigma, rate : (time, component, pixel) float64
+        Probability; mean and standard deviation, mm; change of the mean, mm/s.
+    lit : (time, component, pixel) bool
+        Whether light of a surface is in it, so that biases act.
+    surface : (time, component, pixel) int64
+        Its number; -1 for none.
+    amplitude : (time, component, pixel) float64
+        Its amplitude.
+    true_range : (time, component, pixel) float64
+        Its range before any effect, mm.
+    invalid : (time, pixel) float64
+        Probability of an invalid sample.
+    outlier, low, high : float
+        Share of random values, and their limits, mm.
+    step, period : float
+        Lattice and fold, mm; 0 for none.
+    key, since : (frame,)
+        Which time a frame goes by, and the time since then, s.
+    frame_bias : (frame,) float64
+        Bias of a frame's lit components, mm.
+    """
+
+    weight: FloatArray
+    mean: FloatArray
+    sigma: FloatArray
+    rate: FloatArray
+    lit: BoolArray
+    surface: IntArray
+    amplitude: FloatArray
+    true_range: FloatArray
+    invalid: FloatArray
+    outlier: float
+    low: float
+    high: float
+    step: float
+    period: float
+    key: IntArray
+    since: FloatArray
+    frame_bias: FloatArray
+
+    @property
+    def main(self) -> IntArray:
+        """The heaviest component (pixel,) at the first time."""
+        return np.asarray(self.weight[0].argmax(axis=0))
+
+    def of_main(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Values (time, component, pixel) of the heaviest component, (pixel,)."""
+        return np.asarray(np.take_along_axis(values[0], self.main[None], axis=0)[0])
+
+
+class Scene:
+    """A model's scene, cast once for each place of its surfaces.
+
+    Parameters
+    ----------
+    model : Model
+        The model, with the effects it has already.
+    time_s : (frame,) float64
+        Times of the frames.
+    """
+
+    def __init__(self, model: Model, time_s: FloatArray) -> None:
+        self.model = model
+        self.time_s = time_s
+        self.names = tuple(surface.name for surface in model.surfaces)
+        self._cast: dict[tuple[float, ...], Truth] = {}
+        self._anchor: list[tuple[float, ...]] = [(0.0,) * len(self.names)]
+        self.distance = np.array([_plane_distance(s) for s in model.surfaces])
+        self.truth((0.0,) * len(self.names))
+
+    def truth(self, shift_mm: tuple[float, ...]) -> Truth:
+        """The scene cast with its surfaces shifted along their normals; kept."""
+        if shift_mm not in self._cast:
+            moved = tuple(shifted(s, d) if d else s for s, d in zip(self.model.surfaces, shift_mm, strict=True))
+            model = replace(self.model, surfaces=moved)
+            self._cast[shift_mm] = cast_scene(model)
+        return self._cast[shift_mm]
+
+    def anchor(self, effects: tuple[Effect, ...]) -> None:
+        """Cast the scene where these effects put it; nearby places are then reached by shifting ranges alone."""
+        times = self._times(effects)
+        self._anchor = [tuple(round(float(d), 3) for d in self._shifts(effects, t)) for t in times]
+        self._cast = {a: self.truth(a) for a in [(0.0,) * len(self.names), *self._anchor]}
+
+    def _times(self, effects: tuple[Effect, ...]) -> FloatArray:
+        if not any(isinstance(e, Motion) for e in effects):
+            return np.zeros(1)
+        edges = np.linspace(0.0, float(self.time_s[-1]), _TIMES + 1)
+        return np.asarray((edges[1:] + edges[:-1]) / 2)
+
+    def _shifts(self, effects: tuple[Effect, ...], time_s: float) -> FloatArray:
+        shift = np.zeros(len(self.names))
+        for e in effects:
+            if isinstance(e, SurfacePose):
+                shift[self.names.index(e.surface)] += e.shift_mm
+            elif isinstance(e, Motion):
+                shift[self.names.index(e.surface)] += e.velocity_mm_s * time_s
+        return shift
+
+    def _near(self, wanted: FloatArray, number: int) -> Truth:
+        """The scene with shifted ranges: from the anchor's shares and edges."""
+        from_ = self._anchor[number] if number < len(self._anchor) else self._anchor[0]
+        truth = self.truth(from_)
+        change = wanted - np.array(from_)
+        if not change.any():
+            return truth
+        ratio = np.append(1.0 + change / (self.distance + np.array(from_)), 1.0)
+        scaled = (truth.range_true * ratio[truth.surface]).astype(np.float32)
+        return replace(truth, range_true=scaled)
+
+    def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
+        """What the model and these effects predict, but for the kinds in `LINKS`."""
+        times = self._times(effects)
+        drifts = [e for e in effects if isinstance(e, TemperatureDrift)]
+        wells = [e for e in effects if isinstance(e, Saturation)]
+        acting = tuple(
+            e for e in effects
+            if e.kind not in LINKS and not isinstance(e, TemperatureDrift | Saturation | SurfacePose | Motion)
+        )  # fmt: skip
+        model = replace(self.model, effects=(*self.model.effects, *acting))
+        parts = [predict(model, self._near(self._shifts(effects, float(t)), k)) for k, t in enumerate(times)]
+        for part in parts:
+            for well in wells:
+                _saturate(part, well)
+        return self._stack(parts, times, effects, drifts)
+
+    def _stack(
+        self, parts: list[Prediction], times: FloatArray, effects: tuple[Effect, ...], drifts: list[TemperatureDrift]
+    ) -> Mixture:
+        most = max(len(p.weight) for p in parts)
+
+        def stack(name: str, fill: float) -> FloatArray:
+            rows = [getattr(p, name).astype(np.float64) for p in parts]
+            return np.stack([np.pad(r, ((0, most - len(r)), (0, 0)), constant_values=fill) for r in rows])
+
+        surface = stack("surface", -1).astype(np.int64)
+        velocity = np.zeros(len(self.names) + 1)
+        for e in effects:
+            if isinstance(e, Motion):
+                velocity[self.names.index(e.surface)] += e.velocity_mm_s / self.distance[self.names.index(e.surface)]
+        key = np.clip(
+            (self.time_s * len(times) / max(float(self.time_s[-1]), 1e-9)).astype(np.int64), 0, len(times) - 1
+        )
+        bias = np.zeros(len(self.time_s))
+        for drift in drifts:
+            bias += drift.amplitude_mm * -np.expm1(-self.time_s / drift.time_constant_s)
+        first, true_range = parts[0], stack("true_range_mm", 1.0)
+        return Mixture(
+            weight=stack("weight", 0.0), mean=stack("range_mm", 1.0), sigma=np.maximum(stack("sigma_mm", 1.0), 0.05),
+            rate=true_range * velocity[surface], lit=surface >= 0, surface=surface, amplitude=stack("amplitude", 0.0),
+            true_range=true_range, invalid=np.stack([p.invalid for p in parts]),
+            outlier=first.outlier, low=first.limits_mm[0], high=first.limits_mm[1], step=first.step_mm,
+            period=first.period_mm or 0.0, key=key, since=self.time_s - times[key], frame_bias=bias,
+        )  # fmt: skip
+
+
+def _plane_distance(surface: object) -> float:
+    """Distance of a surface's plane from the camera along its normal, signed, mm; never 0."""
+    normal = surface.rotation()[:, 2]  # type: ignore[attr-defined]
+    distance = float(normal @ np.array(surface.center_mm))  # type: ignore[attr-defined]
+    return distance if abs(distance) > 1.0 else 1.0
+
+
+def _saturate(prediction: Prediction, well: Saturation) -> None:
+    """Lose what is too bright. The amplitude of one sample has the noise of its phase, so the edge is not sharp."""
+    noise = prediction.amplitude * prediction.sigma_mm * (2 * np.pi / prediction.turn_mm)
+    over = (prediction.amplitude - well.full_well_amplitude) / np.maximum(noise, 1e-9)
+    prediction.lose(np.where(prediction.returned, ndtr(over), 0.0))

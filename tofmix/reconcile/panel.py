@@ -1,0 +1,281 @@
+"""The panel: statistics of scores, each against an axis, each with a null that is known.
+
+A sample's score is standard normal if the model is right. Its first four Hermite polynomials then have mean 0,
+variance 1 and no correlation, so that means over bins of any axis have known variances. Use
+`tofmix.reconcile.compare` for the whole of it.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.reconcile.evidence import Evidence
+from tofmix.reconcile.likelihood import Part, State
+from tofmix.reconcile.mixture import Mixture
+
+SHAPES = ("bias", "spread", "skew", "tails")
+_BINS = 12
+_ENOUGH = 200  # samples of a bin
+_ENOUGH_IN_FRAME = 30
+_SMOOTH_MM = 2.0  # a density of this sigma is smooth over three mm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Curve:
+    """A statistic against an axis: arrays (bin,).
+
+    Parameters
+    ----------
+    statistic, axis : str
+        What, and against what; words of the contract.
+    lower, upper : limits of the bins, in `unit`.
+    value : mean of the statistic; 0 if the model is right.
+    variance : of the value by chance.
+    unit : str
+        Unit of the axis.
+    scale_mm : mean sigma of the bin's samples, mm.
+    """
+
+    statistic: str
+    axis: str
+    lower: FloatArray
+    upper: FloatArray
+    value: FloatArray
+    variance: FloatArray
+    unit: str
+    scale_mm: FloatArray
+
+    @property
+    def chi2(self) -> float:
+        """Sum of the squares of the values in units of chance."""
+        return float((self.value**2 / self.variance).sum())
+
+    @property
+    def dof(self) -> int:
+        """Bins."""
+        return self.value.size
+
+    @property
+    def distance(self) -> float:
+        """Root mean square deviation in units of chance; 1 by chance."""
+        return float(np.sqrt(self.chi2 / self.dof)) if self.dof else 1.0
+
+    @property
+    def z(self) -> float:
+        """Wilson and Hilferty's normal deviate of the chi-square."""
+        part = 2 / (9 * max(self.dof, 1))
+        return float((np.cbrt(self.chi2 / max(self.dof, 1)) - (1 - part)) / np.sqrt(part)) if self.dof else 0.0
+
+    @property
+    def excess_nats(self) -> float:
+        """Half of chi-square less its expectation: what the best explanation of this curve could gain."""
+        return 0.5 * (self.chi2 - self.dof)
+
+    @property
+    def size(self) -> float:
+        """Root mean square of the values beyond chance, weighted by their information."""
+        return float(np.sqrt(max(self.chi2 - self.dof, 0.0) / (1 / self.variance).sum())) if self.dof else 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Axis:
+    name: str
+    unit: str
+    bin: IntArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+def panel_axes(evidence: Evidence, m: Mixture, part: Part) -> Iterator[_Axis]:
+    """Bins of the part's pixels by what the model says of them and by where they are."""
+    rows, cols = evidence.image
+    row, col = np.divmod(part[1], cols)
+    mean, lit = m.of_main(m.mean), m.of_main(m.lit)
+    contrast = _contrast(np.where(lit, mean, m.high).reshape(rows, cols)).ravel()[part[1]]
+    several = ((m.weight[0] > 0) & m.lit[0]).sum(axis=0)[part[1]]
+    ones = np.zeros(part[1].size, dtype=np.int64)
+    yield _Axis(name="all", unit="1", bin=ones, lower=np.zeros(1), upper=np.ones(1))
+    yield _quantiles("range", "mm", mean[part[1]])
+    yield _quantiles("amplitude", "1", m.of_main(m.amplitude)[part[1]])
+    yield _values("surface", m.of_main(m.surface)[part[1]])
+    yield _values("surfaces_in_pixel", np.minimum(several, 3))
+    yield _values("row", row, width=max(1, rows // 16))
+    yield _values("col", col, width=max(1, cols // 16))
+    yield _quantiles("radius", "pixel", np.hypot(row - (rows - 1) / 2, col - (cols - 1) / 2))
+    yield _quantiles("neighbour_contrast", "mm", contrast, (0.5, 0.8, 0.9, 0.95))
+
+
+def _quantiles(name: str, unit: str, values: FloatArray, shares: tuple[float, ...] | None = None) -> _Axis:
+    shares = tuple(np.arange(1, _BINS) / _BINS) if shares is None else shares
+    inner = np.unique(np.quantile(values, shares))
+    edges = np.concatenate([[values.min()], inner, [values.max()]])
+    return _Axis(
+        name=name, unit=unit, bin=np.searchsorted(inner, values, side="right"), lower=edges[:-1], upper=edges[1:]
+    )
+
+
+def _values(name: str, values: IntArray, *, width: int = 1) -> _Axis:
+    bins = (values - min(int(values.min()), 0)) // width
+    lower = np.arange(bins.max() + 1, dtype=np.float64) * width + min(int(values.min()), 0)
+    return _Axis(name=name, unit="1", bin=bins, lower=lower, upper=lower + width)
+
+
+def _contrast(image: FloatArray) -> FloatArray:
+    framed = np.pad(image, 1, mode="edge")
+    near = [framed[:-2, 1:-1], framed[2:, 1:-1], framed[1:-1, :-2], framed[1:-1, 2:]]
+    return np.asarray(np.max([np.abs(n - image) for n in near], axis=0))
+
+
+def hermite(z: Float32Array) -> Iterator[Float32Array]:
+    """Normalised Hermite polynomials of orders 1 to 4."""
+    square = z * z
+    yield z
+    yield ((square - 1) / np.sqrt(2)).astype(np.float32)
+    yield ((square - 3) * z / np.sqrt(6)).astype(np.float32)
+    yield ((square * (square - 6) + 3) / np.sqrt(24)).astype(np.float32)
+
+
+def shapes(z: Float32Array, axes: list[_Axis], m: Mixture, part: Part) -> Iterator[Curve]:
+    """Means of the four Hermite polynomials over bins of pixels, and pixel by pixel."""
+    count = np.isfinite(z).sum(axis=0)
+    sigma = m.of_main(m.sigma)[part[1]]
+    for name, power in zip(SHAPES, hermite(z), strict=True):
+        total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
+        for axis in axes:
+            yield _curve(name, axis, total, count, sigma)
+        enough = count >= _ENOUGH / 10
+        value = total[enough] / count[enough]
+        number = part[1][enough].astype(np.float64)
+        own = "pattern" if name == "bias" else f"{name}_pattern"
+        yield Curve(statistic=own, axis="all", lower=number, upper=number + 1,
+                    value=value, variance=1.0 / count[enough], unit="1", scale_mm=sigma[enough])  # fmt: skip
+
+
+def _curve(name: str, axis: _Axis, total: FloatArray, count: FloatArray, sigma: FloatArray) -> Curve:
+    n = np.bincount(axis.bin, count, minlength=axis.lower.size)
+    some = n >= _ENOUGH
+    value = np.bincount(axis.bin, total, minlength=n.size)[some] / n[some]
+    scale = np.bincount(axis.bin, count * sigma, minlength=n.size)[some] / n[some]
+    return Curve(statistic=name, axis=axis.name, lower=axis.lower[some], upper=axis.upper[some], value=value,
+                 variance=1.0 / n[some], unit=axis.unit, scale_mm=scale)  # fmt: skip
+
+
+def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iterator[Curve]:
+    """Each frame's mean and spread, with pixels' own means removed; tenths of the time; memory at lags 1 to 3."""
+    now = evidence.time_s[part[0]]
+    frame = part[0].astype(np.float64)
+    ok = np.isfinite(z)
+    count = ok.sum(axis=0)
+    flat = np.where(ok, z - np.nansum(z, axis=0) / np.maximum(count, 1), np.float32(0))
+    n = ok.sum(axis=1)
+    some = n >= _ENOUGH_IN_FRAME
+    if not some.any():
+        return
+    sigma = np.full(int(some.sum()), float(np.median(m.of_main(m.sigma)[part[1]])))
+    mean = flat.sum(axis=1, dtype=np.float64)[some] / n[some]
+    square = ((flat**2).sum(axis=1, dtype=np.float64)[some] / n[some] - _mean_square(flat, ok)) / np.sqrt(2)
+    for name, value, extra in (("common_mode", mean, 1.0), ("bursts", square, _kurtosis(flat, ok))):
+        yield Curve(statistic=name, axis="frame", lower=frame[some], upper=frame[some] + 1, value=value,
+                    variance=extra / n[some], unit="1", scale_mm=sigma)  # fmt: skip
+    tenth = np.arange(some.sum()) * 10 // max(int(some.sum()), 1)
+    for name, value in (("trend", mean), ("spread", square)):
+        size = np.bincount(tenth, n[some])
+        start = np.array([now[some][tenth == k][0] for k in range(tenth.max() + 1)])
+        end = np.array([now[some][tenth == k][-1] for k in range(tenth.max() + 1)])
+        mean_value = np.bincount(tenth, value * n[some]) / size
+        yield Curve(statistic=name, axis="time", lower=start, upper=end, value=mean_value,
+                    variance=1.0 / size, unit="s", scale_mm=sigma[: size.size])  # fmt: skip
+    yield from _memory(flat, ok, part[0])
+
+
+def _mean_square(flat: Float32Array, ok: BoolArray) -> float:
+    return float((flat**2).sum(dtype=np.float64) / max(int(ok.sum()), 1))
+
+
+def _kurtosis(flat: Float32Array, ok: BoolArray) -> float:
+    square = np.where(ok, flat**2, np.nan)
+    return float(np.nanvar(square) / 2)
+
+
+def _memory(flat: Float32Array, ok: BoolArray, frames: IntArray) -> Iterator[Curve]:
+    centred = flat - flat.sum(axis=1, keepdims=True) / np.maximum(ok.sum(axis=1, keepdims=True), 1)
+    centred = np.where(ok, centred, np.float32(0))
+    lags = (1, 2, 3)
+    value, variance = [], []
+    for lag in lags:
+        pair = np.flatnonzero(frames[lag:] - frames[:-lag] == lag)
+        n = int((ok[pair] & ok[pair + lag]).sum())
+        product = float((centred[pair] * centred[pair + lag]).sum(dtype=np.float64))
+        value.append(product / max(n, 1) + 1.0 / max(len(frames), 1))  # a removed mean lowers it by that
+        variance.append(1.0 / max(n, 1))
+    lag_axis = np.array(lags, dtype=np.float64)
+    yield Curve(statistic="memory", axis="frame", lower=lag_axis, upper=lag_axis, value=np.array(value),
+                variance=np.array(variance), unit="1", scale_mm=np.ones(len(lags)))  # fmt: skip
+
+
+def invalid(evidence: Evidence, m: Mixture, state: State, axes: list[_Axis], part: Part) -> Iterator[Curve]:
+    """Invalid samples beyond those that the model expects, over bins of pixels, and frame by frame."""
+    lost = evidence.samples[part[0]][:, part[1]] == 0
+    working = state.working[part[1]]
+    expected = m.invalid[0][part[1]] * len(part[0])
+    seen = lost.sum(axis=0)
+    for axis in axes:
+        use = axis.bin[working]
+        wanted = np.bincount(use, expected[working], minlength=axis.lower.size)
+        found = np.bincount(use, seen[working], minlength=axis.lower.size)
+        n = np.bincount(use, minlength=axis.lower.size) * len(part[0])
+        share = np.bincount(use, (m.invalid[0][part[1]] * (1 - m.invalid[0][part[1]]))[working] * len(part[0]),
+                            minlength=axis.lower.size)  # fmt: skip
+        some = n >= _ENOUGH
+        n = n[some]
+        yield Curve(statistic="invalid", axis=axis.name, lower=axis.lower[some], upper=axis.upper[some],
+                    value=(found - wanted)[some] / n, variance=np.maximum(share[some], 1.0) / n**2, unit=axis.unit,
+                    scale_mm=np.ones(n.size))  # fmt: skip
+    by_frame = lost[:, working].sum(axis=1) - expected[working].sum() / len(part[0])
+    level = max(float(lost[:, working].sum(axis=1).mean()), 1.0)
+    size = float(working.sum())
+    frame = part[0].astype(np.float64)
+    yield Curve(statistic="invalid", axis="frame", lower=frame, upper=frame + 1,
+                value=by_frame / size, variance=np.full(len(part[0]), level / size**2), unit="1",
+                scale_mm=np.ones(len(part[0])))  # fmt: skip
+
+
+def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
+    """Correlation between neighbours in a row, and in a column, pixels' means removed."""
+    rows, cols = evidence.image
+    flat = np.nan_to_num(z - np.nanmean(np.where(np.isfinite(z).any(axis=0), z, 0), axis=0))
+    cube = np.zeros((len(part[0]), rows * cols), dtype=np.float32)
+    cube[:, part[1]] = flat - flat.mean(axis=1, keepdims=True)
+    image = cube.reshape(-1, rows, cols)
+    both = {"col": (image[:, :, 1:], image[:, :, :-1]), "row": (image[:, 1:], image[:, :-1])}
+    for axis, (a, b) in both.items():
+        n = max(int(((a != 0) & (b != 0)).sum()), 1)
+        value = float((a * b).sum(dtype=np.float64)) / n
+        yield Curve(statistic="neighbour_correlation", axis=axis, lower=np.zeros(1), upper=np.ones(1),
+                    value=np.array([value]), variance=np.array([1.0 / n]), unit="1", scale_mm=np.ones(1))  # fmt: skip
+
+
+def discreteness(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator[Curve]:
+    """Second differences of the histogram of whole mm: 0 by chance where the density is smooth.
+
+    Where the model has a lattice already: the share of samples that are not on it.
+    """
+    use = part[1][(state.working & (m.of_main(m.sigma) > _SMOOTH_MM))[part[1]]]
+    count = np.bincount(evidence.samples[part[0]][:, use].ravel(), minlength=65_536)[1:].astype(np.float64)
+    if m.step > 0:
+        value = np.arange(1.0, 65_536.0)
+        off = float(count[np.rint(np.rint(value / m.step) * m.step) != value].sum())
+        n = max(float(count.sum()), 1.0)
+        yield Curve(statistic="discreteness", axis="all", lower=np.zeros(1), upper=np.ones(1),
+                    value=np.array([off / n]), variance=np.array([max(off, 1.0) / n**2]), unit="1",
+                    scale_mm=np.ones(1))  # fmt: skip
+        return
+    curl = count[1:-1] - (count[:-2] + count[2:]) / 2
+    variance = count[1:-1] + (count[:-2] + count[2:]) / 4
+    full = variance >= _ENOUGH
+    curl, variance = curl[full][::3], variance[full][::3]  # every third: they share no counts
+    at: FloatArray = (np.flatnonzero(full) + 2.0)[::3].astype(np.float64)
+    yield Curve(statistic="discreteness", axis="range", lower=at, upper=at + 1, value=curl / variance,
+                variance=1.0 / variance, unit="mm", scale_mm=np.ones(at.size))  # fmt: skip

@@ -1,0 +1,205 @@
+"""Step 5: simulate the refined model with fresh seeds, and say what the effects explain.
+
+`floor` is the gap of two simulations of the refined model that differ in their seed, `before` and `after` that of
+the recording. The verdict weighs what the effects gained against the largest disagreement that is left.
+"""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tofmix.reconcile import links
+from tofmix.reconcile.add import Added, Settings, held_out
+from tofmix.reconcile.compare import Compared, compare
+from tofmix.reconcile.evidence import Evidence
+from tofmix.reconcile.likelihood import Likelihood, State
+from tofmix.reconcile.localise import disagreements
+from tofmix.reconcile.panel import Curve
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.model import Model
+from tofmix.simulation.render import render_blocks
+
+if TYPE_CHECKING:
+    from tofmix.simulation.effects import Effect
+
+EXPLAINED = 0.9
+"""Share of gain and largest remaining disagreement that the gain must be."""
+
+CLOSED = 0.85
+"""Share of the panel's gap that the effects must close, unless what is left is within chance and tolerance."""
+
+SIGNATURES: dict[str, tuple[str, ...]] = {
+    "range_offset": ("bias", "trend", "common_mode", "pattern"),
+    "surface_pose": ("bias", "trend", "common_mode", "pattern"),
+    "wiggling": ("bias", "pattern"),
+    "amplitude_walk": ("bias", "pattern"),
+    "scattering": ("bias", "pattern"),
+    "multipath": ("bias", "pattern", "spread"),
+    "fixed_pattern": ("bias", "pattern"),
+    "temperature_drift": ("trend", "common_mode"),
+    "motion": ("trend", "common_mode"),
+    "interference": ("bursts", "common_mode", "spread"),
+    "temporal_correlation": ("memory", "neighbour_correlation", "common_mode"),
+    "excess_noise": ("spread", "tails", "skew", "spread_pattern", "memory"),
+    "vignetting": ("spread", "tails", "skew", "spread_pattern", "memory"),
+    "outliers": ("tails", "skew", "spread", "memory"),
+    "flying_pixels": ("bias", "skew", "spread"),
+    "pixel_crosstalk": ("bias", "spread"),
+    "dropout": ("invalid",),
+    "saturation": ("invalid",),
+    "quantisation": ("discreteness",),
+}
+"""The statistics in which each kind must show, so that none of them is left open where it is named."""
+
+OPEN = 0.03
+"""Share of an effect's gain that may be left in its own statistics: no law of ours is exact."""
+
+_FEW = 0.1
+_WITHIN_CHANCE = 0.05  # of a gap
+_SETTLED, _UNTOUCHED = 0.97, 0.7
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Verified:
+    """What verification says.
+
+    Parameters
+    ----------
+    verdict : str
+        ``agree``, ``explained``, ``partly_explained`` or ``unexplained``.
+    state : State
+        The model that is written: without effects that do not explain.
+    before, after, floor : Compared
+        Panels of the model as given, of the refined one, and of a simulation of it.
+    gain : float
+        Held-out gain of all effects, nats.
+    left : float
+        The largest disagreement that is left, nats.
+    """
+
+    verdict: str
+    state: State
+    before: Compared
+    after: Compared
+    floor: Compared
+    gain: float
+    left: float
+
+    @property
+    def closed(self) -> float | None:
+        """Share of the gap that is closed; None where there is none beyond chance."""
+        room = self.before.gap - self.floor.gap
+        return None if room < _WITHIN_CHANCE else (self.before.gap - self.after.gap) / room
+
+
+def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified:
+    """Judge what was added.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recording and the scene.
+    added : Added
+        The outcome of the search.
+    settings : Settings
+        How.
+    """
+    held = held_out(likelihood, settings)
+    start = likelihood.start()
+    before = compare(likelihood, start, held, seed=settings.seed)
+    loud = disagreements(added.panel, settings.alpha)
+    left = max((_weight(c) for c in loud), default=0.0)
+    gain = _gain(likelihood, added, settings)
+    after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
+    enough = gain >= EXPLAINED * (gain + left) and _closes(before, after) and _signed(likelihood, added, loud, settings)
+    verdict = _verdict(added, before, loud, enough=enough)
+    if verdict in ("agree", "unexplained"):
+        state, after = start, before
+    else:
+        state = added.state
+    return Verified(
+        verdict=verdict, state=state, before=before, after=after, floor=_floor(likelihood, state, settings),
+        gain=gain, left=left,
+    )  # fmt: skip
+
+
+def _gain(likelihood: Likelihood, added: Added, settings: Settings) -> float:
+    """Gains by candidates, which count latent states and memory too, scaled from the part they were scored on."""
+    return _scale(likelihood, settings) * sum(c.gain for c in added.chosen)
+
+
+def _scale(likelihood: Likelihood, settings: Settings) -> float:
+    part = likelihood.evidence.part(fit=False, split=settings.split)
+    held = held_out(likelihood, settings)
+    return len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1)
+
+
+def _weight(curve: Curve) -> float:
+    """What a curve that is left counts for: third and fourth powers of single pixels hang on few samples."""
+    few = curve.statistic in ("skew_pattern", "tails_pattern")
+    return curve.excess_nats * (_FEW if few else 1.0)
+
+
+def _signed(likelihood: Likelihood, added: Added, loud: list[Curve], settings: Settings) -> bool:
+    """Whether no effect leaves the statistic open in which it must show."""
+    scale = _scale(likelihood, settings)
+    for candidate in added.chosen:
+        own = SIGNATURES.get(candidate.kind, ())
+        open_ = max((c.excess_nats for c in loud if c.statistic in own), default=0.0)
+        if open_ > OPEN * scale * candidate.gain:
+            return False
+    return True
+
+
+def _closes(before: Compared, after: Compared) -> bool:
+    """Whether the refined model closes most of the gap above chance, which is 1."""
+    return after.gap - 1.0 <= (1 - CLOSED) * max(before.gap - 1.0, _WITHIN_CHANCE)
+
+
+def _verdict(added: Added, before: Compared, loud: list[Curve], *, enough: bool) -> str:
+    if not added.chosen:
+        return "unexplained" if loud else "agree"
+    if not loud or enough:
+        return "explained"
+    return "partly_explained" if _settled(added, before, loud) else "unexplained"
+
+
+def _settled(added: Added, before: Compared, loud: list[Curve]) -> bool:
+    """Whether what is left stands on other curves than what was explained, and was there before."""
+    was = {(c.statistic, c.axis): c.excess_nats for c in before.curves}
+    now = {(c.statistic, c.axis): c.excess_nats for c in added.panel.curves}
+    top = max(was, key=lambda name: was[name])
+    settled = now.get(top, 0.0) < (1 - _SETTLED) * was[top]
+    return settled and all(c.excess_nats > _UNTOUCHED * was.get((c.statistic, c.axis), 0.0) for c in loud[:3])
+
+
+def refined_model(likelihood: Likelihood, state: State) -> Model:
+    """The model with a state's effects."""
+    model = likelihood.scene.model
+    effects: tuple[Effect, ...] = (*model.effects, *state.effects)
+    return replace(model, effects=effects)
+
+
+def _floor(likelihood: Likelihood, state: State, settings: Settings) -> Compared:
+    evidence = likelihood.evidence
+    model = refined_model(likelihood, state)
+    simulated = simulate_like(model, evidence, seed=settings.seed + 1)
+    again = Likelihood(simulated, likelihood.scene)
+    for effect in state.effects:
+        if isinstance(effect, Interference):
+            mixture = likelihood.scene.mixture(state.effects)
+            bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
+            state = replace(state, disturbed=links.disturbed_frames(again, mixture, bare, effect))
+    return compare(again, state, held_out(likelihood, settings), seed=settings.seed + 1)
+
+
+def simulate_like(model: Model, evidence: Evidence, *, seed: int) -> Evidence:
+    """A simulation with the frames of a recording."""
+    frames, pixels = evidence.shape
+    samples = np.empty((frames, pixels), dtype=np.uint16)
+    truth = cast_scene(model)
+    for block in render_blocks(model, truth, n_frames=frames, seed=seed, threads=2):
+        samples[block.start : block.stop] = block.range_mm.reshape(-1, pixels)
+    return replace(evidence, samples=samples)

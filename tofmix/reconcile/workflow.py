@@ -1,0 +1,252 @@
+"""Reconcile: compare, localise, name, add, verify; and what comes of it as a result.
+
+Use `reconcile` on samples in memory; `tofmix.cli.reconcile` does so on files.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.reconcile import links
+from tofmix.reconcile.add import Added, Settings, add, latent_states
+from tofmix.reconcile.aliases import separate_by
+from tofmix.reconcile.compare import Compared
+from tofmix.reconcile.evidence import Evidence
+from tofmix.reconcile.fits import numeric, standard_errors
+from tofmix.reconcile.likelihood import Likelihood, State
+from tofmix.reconcile.localise import Place, localise
+from tofmix.reconcile.mixture import Scene
+from tofmix.reconcile.name import Candidate
+from tofmix.reconcile.verify import Verified, verify
+from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.parameter import PixelMap
+from tofmix.simulation.effects.quantisation import Quantisation
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
+from tofmix.simulation.model import Model
+
+_LIKELY = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NamedEffect:
+    """An effect that the measurement has and the model had not.
+
+    Parameters
+    ----------
+    effect : Effect
+        With its parameters; maps are named by a path beside the model.
+    stderr : dict
+        Standard errors of its numbers.
+    heldout_gain_nats : float
+        Gain on data that its fit has not seen.
+    """
+
+    effect: Effect
+    stderr: dict[str, float]
+    heldout_gain_nats: float
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What the model file says of it."""
+        values: dict[str, Any] = {}
+        for name in self.effect.parameters():
+            value = getattr(self.effect, name)
+            if value is None:
+                continue
+            values[name] = value.path if isinstance(value, PixelMap) else value
+            if isinstance(value, float | int):
+                values[name] = float(f"{float(value):.8g}")
+        return values if "map" not in values else {"map": values["map"]}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Reconciliation:
+    """The outcome.
+
+    Parameters
+    ----------
+    model : Model
+        As given.
+    named : tuple of NamedEffect
+        Effects that were found.
+    where : tuple of Place
+        Where the model as given disagrees; of what is left, where effects explain a part.
+    added, verified
+        Search and verification.
+    """
+
+    model: Model
+    named: tuple[NamedEffect, ...]
+    where: tuple[Place, ...]
+    left: tuple[Place, ...]
+    added: Added
+    verified: Verified
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """Candidates of the first round, the best of each kind, best first."""
+        best: dict[str, Candidate] = {}
+        for candidate in self.added.first:
+            best.setdefault(candidate.kind, candidate)
+        return tuple(best.values())
+
+    def as_dict(self) -> dict[str, Any]:
+        """What `gap.json` holds."""
+        v = self.verified
+        return {
+            "verdict": v.verdict,
+            "effects": [
+                {"kind": n.effect.kind, "parameters": n.parameters, "stderr": _rounded(n.stderr),
+                 "heldout_gain_nats": _short(n.heldout_gain_nats)}
+                for n in self.named
+            ],
+            "where": [_place(p) for p in self.where],
+            "left": [_place(p) for p in self.left],
+            "candidates": [
+                {"kind": c.kind, "heldout_gain_nats": _short(c.gain), "parameters": c.parameters}
+                for c in self.candidates
+            ],
+            "aliases": [
+                {"kinds": [c.kind for c in group], "gains": [_short(c.gain) for c in group],
+                 "separate_by": separate_by([c.kind for c in group])}
+                for group in self.added.aliases if v.verdict not in ("agree", "unexplained")
+            ],
+            "panel": _panel(v.before, v.after, v.floor),
+            "gap": {"before": _short(v.before.gap), "after": _short(v.after.gap), "floor": _short(v.floor.gap),
+                    "closed": None if v.closed is None else _short(v.closed)},
+        }  # fmt: skip
+
+
+def _place(place: Place) -> dict[str, Any]:
+    return {
+        "axis": place.axis, "interval": [_short(x) for x in place.interval], "statistic": place.statistic,
+        "size": _short(place.size), "unit": place.unit, "p_value": float(f"{place.p_value:.3g}"),
+    }  # fmt: skip
+
+
+def _panel(before: Compared, after: Compared, floor: Compared) -> list[dict[str, Any]]:
+    now, chance = ({(c.statistic, c.axis): c.distance for c in part.curves} for part in (after, floor))
+    return [
+        {"statistic": c.statistic, "axis": c.axis, "before": _short(c.distance),
+         "after": _short(now.get((c.statistic, c.axis), 1.0)), "floor": _short(chance.get((c.statistic, c.axis), 1.0))}
+        for c in before.curves
+    ]  # fmt: skip
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.6g}")
+
+
+def _rounded(values: dict[str, float]) -> dict[str, float]:
+    return {name: float(f"{v:.3g}") for name, v in values.items()}
+
+
+def reconcile(
+    model: Model, evidence: Evidence, settings: Settings, tick: Callable[[str], None] = lambda _: None
+) -> Reconciliation:
+    """Find the effects that a recording has and its model has not.
+
+    Parameters
+    ----------
+    model : Model
+        The model; effects that it has are kept.
+    evidence : Evidence
+        The recording.
+    settings : Settings
+        How.
+    tick : callable
+        Told of each kind that was tried.
+
+    Returns
+    -------
+    Reconciliation
+        The same for the same seed.
+    """
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    added = add(likelihood, settings, tick)
+    verified = verify(likelihood, added, settings)
+    where = tuple(localise(verified.before, settings.alpha)) if verified.verdict != "agree" else ()
+    left = tuple(localise(added.panel, settings.alpha)) if verified.verdict != "agree" else ()
+    if verified.verdict == "partly_explained":
+        where = (*left, *where)
+    named = _named(likelihood, added, verified, settings)
+    return Reconciliation(model=model, named=named, where=where, left=left, added=added, verified=verified)
+
+
+def _named(likelihood: Likelihood, added: Added, verified: Verified, settings: Settings) -> tuple[NamedEffect, ...]:
+    """The effects that stand, with maps from all frames, and their standard errors."""
+    if verified.verdict in ("agree", "unexplained"):
+        return ()
+    frames, pixels = likelihood.evidence.shape
+    everything = np.arange(frames), np.arange(pixels)
+    fit_frames = np.flatnonzero(likelihood.evidence.fit_frames), everything[1]
+    state = latent_states(likelihood, added.state, everything[0])
+    out = []
+    for k, candidate in enumerate(added.chosen):
+        effect = state.effects[k]
+        if candidate.fitted is not None:
+            rest = replace(state, effects=(*state.effects[:k], *state.effects[k + 1 :]))
+            errors = standard_errors(candidate.fitted, likelihood, rest, fit_frames)
+        else:
+            effect, errors = _latent(likelihood, state, effect, settings)
+        out.append(NamedEffect(effect=effect, stderr=errors, heldout_gain_nats=candidate.gain))
+    return tuple(out)
+
+
+def _latent(
+    likelihood: Likelihood, state: State, effect: Effect, settings: Settings
+) -> tuple[Effect, dict[str, float]]:
+    """Effects with latent states: their maps, and errors in closed form."""
+    frames, pixels = likelihood.evidence.shape
+    if isinstance(effect, FixedPattern):
+        rows, cols = likelihood.evidence.image
+        counts = (pixels, cols, rows)
+        errors = {name: v / np.sqrt(2.0 * n) for (name, v), n in zip(numeric(effect).items(), counts, strict=True)}
+        return effect, {name: float(v) for name, v in errors.items()}
+    if isinstance(effect, StuckPixels):
+        return effect, {}
+    if isinstance(effect, Interference):
+        return _bursts(likelihood, state, effect)
+    if isinstance(effect, TemporalCorrelation):
+        everything = np.arange(frames), np.arange(pixels)
+        mixture = likelihood.scene.mixture(state.effects)
+        z = likelihood.scores(state, everything, settings.seed, mixture)
+        refitted = links.fit_memory(z, mixture, everything) or effect
+        return refitted, {"coefficient": links.memory_error(z, mixture, everything)}
+    if isinstance(effect, Quantisation):
+        return effect, {"step_mm": 0.5 * effect.step_mm**2 / likelihood.scene.model.sensor.range_max_mm}
+    return effect, {}
+
+
+def _bursts(likelihood: Likelihood, state: State, effect: Interference) -> tuple[Effect, dict[str, float]]:
+    """The share of the frames that were disturbed, and errors of a count and of a curvature."""
+    share = float(np.clip(state.disturbed.mean(), 1e-4, 0.99))
+    frames = state.disturbed.size
+    mixture = likelihood.scene.mixture(state.effects)
+    part = np.flatnonzero(state.disturbed > _LIKELY), np.arange(likelihood.evidence.shape[1])
+    step = 0.02 * effect.sigma_mm
+    bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
+
+    def value(sigma: float) -> float:
+        return likelihood.sums(mixture, bare, part, variance=np.full(frames, sigma**2)).total
+
+    drop = (2 * value(effect.sigma_mm) - value(effect.sigma_mm + step) - value(effect.sigma_mm - step)) / step**2
+    bursts = max(frames * share / effect.burst_frames, 1.0)
+    errors = {
+        "probability": float(np.sqrt(share * (1 - share) * effect.burst_frames / frames)),
+        "sigma_mm": float(1 / np.sqrt(drop)) if drop > 0 else effect.sigma_mm,
+        "burst_frames": float(effect.burst_frames / np.sqrt(bursts)),
+    }
+    return replace(effect, probability=share), errors
+
+
+def maps_of(effect: Effect) -> dict[str, FloatArray]:
+    """The maps (row, col) of an effect by their paths beside the model."""
+    plane = getattr(effect, "map", None)
+    return {} if plane is None else {plane.path: np.asarray(plane.values, dtype=np.float64)}
