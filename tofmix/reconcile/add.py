@@ -233,9 +233,9 @@ def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> Sta
             fitted = links.fit_pattern(likelihood, mixture, bare, part)
             spread = effect if fitted is None else fitted[0]
             effects[k] = spread
-            pattern = links.pattern_map(likelihood, mixture, bare, spread, frames)
+            pattern, variance = links.pattern_map(likelihood, mixture, bare, spread, frames)
             effects[k] = links.with_map(spread, pattern, likelihood.evidence.image)
-            state = replace(state, pixel_bias=pattern, effects=tuple(effects))
+            state = replace(state, pixel_bias=pattern, pixel_variance=variance, effects=tuple(effects))
         elif isinstance(effect, Interference):
             bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
             fitted_bursts = links.fit_interference(likelihood, mixture, bare, part)

@@ -137,10 +137,11 @@ def hermite(z: Float32Array) -> Iterator[Float32Array]:
     yield ((square * (square - 6) + 3) / np.sqrt(24)).astype(np.float32)
 
 
-def shapes(z: Float32Array, axes: list[_Axis], m: Mixture, part: Part) -> Iterator[Curve]:
+def shapes(z: Float32Array, axes: list[_Axis], m: Mixture, state: State, part: Part) -> Iterator[Curve]:
     """Means of the four Hermite polynomials over bins of pixels, and pixel by pixel."""
     count = np.isfinite(z).sum(axis=0)
     sigma = m.of_main(m.sigma)[part[1]]
+    unknown = state.pixel_variance[part[1]] / sigma**2  # a map that is measured has errors
     for name, power in zip(SHAPES, hermite(z), strict=True):
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
         for axis in axes:
@@ -150,7 +151,7 @@ def shapes(z: Float32Array, axes: list[_Axis], m: Mixture, part: Part) -> Iterat
         number = part[1][enough].astype(np.float64)
         own = "pattern" if name == "bias" else f"{name}_pattern"
         yield Curve(statistic=own, axis="all", lower=number, upper=number + 1,
-                    value=value, variance=1.0 / count[enough], unit="1", scale_mm=sigma[enough])  # fmt: skip
+                    value=value, variance=1.0 / count[enough] + (unknown[enough] if name == "bias" else 0.0), unit="1", scale_mm=sigma[enough])  # fmt: skip
 
 
 def _curve(name: str, axis: _Axis, total: FloatArray, count: FloatArray, sigma: FloatArray) -> Curve:
