@@ -19,6 +19,7 @@ SHAPES = ("bias", "spread", "skew", "tails")
 _BINS = 12
 _ENOUGH = 200  # samples of a bin
 _ENOUGH_IN_FRAME = 30
+_MANY_BINS = 40
 _SMOOTH_MM = 2.0  # a density of this sigma is smooth over three mm
 
 
@@ -72,6 +73,13 @@ class Curve:
     def excess_nats(self) -> float:
         """Half of chi-square less its expectation: what the best explanation of this curve could gain."""
         return 0.5 * (self.chi2 - self.dof)
+
+    @property
+    def largest(self) -> float:
+        """The largest value beyond two standard errors; of pixels and frames, which are many, `size`."""
+        if self.dof > _MANY_BINS:
+            return self.size
+        return float((np.abs(self.value) - 2 * np.sqrt(self.variance)).max()) if self.dof else 0.0
 
     @property
     def size(self) -> float:
@@ -150,8 +158,9 @@ def shapes(z: Float32Array, axes: list[_Axis], m: Mixture, state: State, part: P
         value = total[enough] / count[enough]
         number = part[1][enough].astype(np.float64)
         own = "pattern" if name == "bias" else f"{name}_pattern"
+        spread = 1.0 / count[enough] + (unknown[enough] if name == "bias" else 0.0)
         yield Curve(statistic=own, axis="all", lower=number, upper=number + 1,
-                    value=value, variance=1.0 / count[enough] + (unknown[enough] if name == "bias" else 0.0), unit="1", scale_mm=sigma[enough])  # fmt: skip
+                    value=value, variance=spread, unit="1", scale_mm=sigma[enough])  # fmt: skip
 
 
 def _curve(name: str, axis: _Axis, total: FloatArray, count: FloatArray, sigma: FloatArray) -> Curve:

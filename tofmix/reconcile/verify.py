@@ -17,6 +17,7 @@ from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.panel import Curve
 from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
@@ -55,6 +56,9 @@ SIGNATURES: dict[str, tuple[str, ...]] = {
 
 OPEN = 0.03
 """Share of an effect's gain that may be left in its own statistics: no law of ours is exact."""
+
+SMOOTH = 0.2
+"""Correlation of neighbours in a map above which it is no pattern of pixels."""
 
 _FEW = 0.1
 _SIMULATED = 0.1
@@ -115,12 +119,9 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     loud = _beyond(disagreements(added.panel, settings.alpha), floor)
     left = max((_weight(c, floor) for c in loud), default=0.0)
     gain = _gain(likelihood, added, settings)
-    enough = (
-        gain >= EXPLAINED * (gain + left)
-        and _closes(before, after, floor)
-        and _signed(likelihood, added, floor, settings)
-    )
-    verdict = _verdict(added, before, loud, enough=enough)
+    signed = _signed(likelihood, added, floor, settings)
+    enough = gain >= EXPLAINED * (gain + left) and _closes(before, after, floor)
+    verdict = _verdict(added, before, loud, enough=enough, signed=signed)
     state = added.state
     if added.chosen and verdict in ("agree", "unexplained"):
         state, after, floor = start, before, _floor(likelihood, start, settings)
@@ -163,7 +164,21 @@ def _signed(likelihood: Likelihood, added: Added, floor: Compared, settings: Set
         open_ = max((_weight(c, floor) for c in loud if c.statistic in own), default=0.0)
         if open_ > OPEN * scale * candidate.gain:
             return False
-    return True
+    return not any(isinstance(e, FixedPattern) and _smooth(e) for e in added.state.effects)
+
+
+def _smooth(effect: FixedPattern) -> bool:
+    """Whether a map, columns and rows taken out, runs smoothly over the image: a pattern of pixels does not."""
+    if effect.map is None:
+        return False
+    rest = effect.map.values.astype(np.float64)
+    rest = rest - rest.mean(axis=0)
+    rest -= rest.mean(axis=1, keepdims=True)
+    power = float((rest**2).mean())
+    if power == 0:
+        return False
+    near = 0.5 * (float((rest[1:] * rest[:-1]).mean()) + float((rest[:, 1:] * rest[:, :-1]).mean()))
+    return near > SMOOTH * power
 
 
 def _closes(before: Compared, after: Compared, floor: Compared) -> bool:
@@ -172,12 +187,12 @@ def _closes(before: Compared, after: Compared, floor: Compared) -> bool:
     return after.gap - chance <= (1 - CLOSED) * max(before.gap - chance, _WITHIN_CHANCE)
 
 
-def _verdict(added: Added, before: Compared, loud: list[Curve], *, enough: bool) -> str:
+def _verdict(added: Added, before: Compared, loud: list[Curve], *, enough: bool, signed: bool) -> str:
     if not added.chosen:
         return "unexplained" if loud else "agree"
-    if not loud or enough:
+    if signed and (not loud or enough):
         return "explained"
-    return "partly_explained" if _settled(added, before, loud) else "unexplained"
+    return "partly_explained" if signed and _settled(added, before, loud) else "unexplained"
 
 
 def _settled(added: Added, before: Compared, loud: list[Curve]) -> bool:
