@@ -20,12 +20,14 @@ from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, pattern_gain, tolerated
 from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 
 CRUMB = 0.01
 """Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
 
+_COVERED = 0.999  # share of the beam that surfaces fill
 _ALIAS_NATS = 6.0
 _ALIAS_SHARE = 0.002
 
@@ -113,7 +115,7 @@ def add(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] 
     held = held_out(likelihood, settings)
     while True:
         near = tolerated(likelihood, search.state, _fit_part(likelihood), settings.tolerance)
-        panel = compare(likelihood, near, held, seed=settings.seed)
+        panel = compare(likelihood, near, _covered(likelihood, search.state, held), seed=settings.seed)
         if not disagreements(panel, settings.alpha) or len(search.chosen) >= settings.max_effects:
             break
         if not _round(search, near):
@@ -124,6 +126,20 @@ def add(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] 
         state=search.state, chosen=tuple(search.chosen), first=search.first, aliases=tuple(search.aliases),
         tolerated=near, panel=panel,
     )  # fmt: skip
+
+
+def _covered(likelihood: Likelihood, state: State, part: Part) -> Part:
+    """The part without pixels that see nothing, where the noise was scaled.
+
+    The law of `excess_noise` leaves samples without a return as they are; light that adds noise does not. What they show
+    then speaks of the law, not of the name.
+    """
+    if not any(isinstance(e, ExcessNoise) for e in state.effects):
+        return part
+    mixture = likelihood.scene.mixture()
+    lit = (mixture.weight[0] * mixture.lit[0]).sum(axis=0) > _COVERED
+    pixels = part[1][lit[part[1]]]
+    return (part[0], pixels) if pixels.size else part
 
 
 def held_out(likelihood: Likelihood, settings: Settings) -> Part:
