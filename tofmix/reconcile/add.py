@@ -131,8 +131,8 @@ def add(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] 
 def _covered(likelihood: Likelihood, state: State, part: Part) -> Part:
     """The part without pixels that see nothing, where the noise was scaled.
 
-    The law of `excess_noise` leaves samples without a return as they are; light that adds noise does not. What they show
-    then speaks of the law, not of the name.
+    The law of `excess_noise` leaves samples without a return as they are; light that adds noise does not. What
+    they show then speaks of the law, not of the name.
     """
     if not any(isinstance(e, ExcessNoise) for e in state.effects):
         return part
