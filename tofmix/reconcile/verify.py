@@ -62,7 +62,7 @@ SMOOTH = 0.2
 
 _FEW = 0.1
 _SIMULATED = 0.1
-_WITHIN_CHANCE = 0.05  # of a gap
+_WITHIN_CHANCE = 0.15  # of a gap
 _SETTLED, _UNTOUCHED = 0.97, 0.7
 
 
