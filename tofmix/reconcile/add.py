@@ -114,7 +114,7 @@ def add(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] 
     search = _Search(likelihood, settings, tick, likelihood.start())
     held = held_out(likelihood, settings)
     while True:
-        near = tolerated(likelihood, search.state, _fit_part(likelihood), settings.tolerance)
+        near = tolerated(likelihood, search.state, _fit_part(likelihood, settings), settings.tolerance)
         panel = compare(likelihood, near, _covered(likelihood, search.state, held), seed=settings.seed)
         if not disagreements(panel, settings.alpha) or len(search.chosen) >= settings.max_effects:
             break
@@ -149,7 +149,10 @@ def held_out(likelihood: Likelihood, settings: Settings) -> Part:
     return np.flatnonzero(~likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
 
 
-def _fit_part(likelihood: Likelihood) -> Part:
+def _fit_part(likelihood: Likelihood, settings: Settings) -> Part:
+    """What joint fits see: the rest of `held_out`."""
+    if "frames" not in settings.split:
+        return likelihood.evidence.part(fit=True, split=settings.split)
     return np.flatnonzero(likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
 
 
@@ -206,7 +209,7 @@ def _aliases(best: Candidate, found: Sequence[Candidate]) -> list[tuple[Candidat
 
 def _refit(search: _Search) -> None:
     """Fit all effects anew, each given the others, on the fitting frames and all their pixels."""
-    likelihood, part = search.likelihood, _fit_part(search.likelihood)
+    likelihood, part = search.likelihood, _fit_part(search.likelihood, search.settings)
     for _ in range(2 if len(search.chosen) > 1 else 1):
         for k, candidate in enumerate(search.chosen):
             if candidate.fitted is None or not candidate.fitted.problem.steps:
@@ -217,7 +220,7 @@ def _refit(search: _Search) -> None:
             search.chosen[k] = replace(candidate, effect=fitted.effect, fitted=fitted)
             search.state = replace(search.state, effects=_at(rest.effects, k, fitted.effect))
     likelihood.scene.anchor(search.state.effects)
-    search.state = latent_states(likelihood, search.state, np.flatnonzero(likelihood.evidence.fit_frames))
+    search.state = latent_states(likelihood, search.state, part[0])
     for k, candidate in enumerate(search.chosen):
         search.chosen[k] = replace(candidate, effect=search.state.effects[k])
 
