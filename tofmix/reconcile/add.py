@@ -20,12 +20,14 @@ from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, pattern_gain, tolerated
 from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 
 CRUMB = 0.01
 """Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
 
+_COVERED = 0.999  # share of the beam that surfaces fill
 _ALIAS_NATS = 6.0
 _ALIAS_SHARE = 0.002
 
@@ -112,8 +114,8 @@ def add(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] 
     search = _Search(likelihood, settings, tick, likelihood.start())
     held = held_out(likelihood, settings)
     while True:
-        near = tolerated(likelihood, search.state, _fit_part(likelihood), settings.tolerance)
-        panel = compare(likelihood, near, held, seed=settings.seed)
+        near = tolerated(likelihood, search.state, _fit_part(likelihood, settings), settings.tolerance)
+        panel = compare(likelihood, near, _covered(likelihood, search.state, held), seed=settings.seed)
         if not disagreements(panel, settings.alpha) or len(search.chosen) >= settings.max_effects:
             break
         if not _round(search, near):
@@ -126,6 +128,20 @@ def add(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] 
     )  # fmt: skip
 
 
+def _covered(likelihood: Likelihood, state: State, part: Part) -> Part:
+    """The part without pixels that see nothing, where the noise was scaled.
+
+    The law of `excess_noise` leaves samples without a return as they are; light that adds noise does not. What
+    they show then speaks of the law, not of the name.
+    """
+    if not any(isinstance(e, ExcessNoise) for e in state.effects):
+        return part
+    mixture = likelihood.scene.mixture()
+    lit = (mixture.weight[0] * mixture.lit[0]).sum(axis=0) > _COVERED
+    pixels = part[1][lit[part[1]]]
+    return (part[0], pixels) if pixels.size else part
+
+
 def held_out(likelihood: Likelihood, settings: Settings) -> Part:
     """Frames that no fit has seen, all pixels; the held-out pixels where frames are not split."""
     if "frames" not in settings.split:
@@ -133,7 +149,10 @@ def held_out(likelihood: Likelihood, settings: Settings) -> Part:
     return np.flatnonzero(~likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
 
 
-def _fit_part(likelihood: Likelihood) -> Part:
+def _fit_part(likelihood: Likelihood, settings: Settings) -> Part:
+    """What joint fits see: the rest of `held_out`."""
+    if "frames" not in settings.split:
+        return likelihood.evidence.part(fit=True, split=settings.split)
     return np.flatnonzero(likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
 
 
@@ -190,7 +209,7 @@ def _aliases(best: Candidate, found: Sequence[Candidate]) -> list[tuple[Candidat
 
 def _refit(search: _Search) -> None:
     """Fit all effects anew, each given the others, on the fitting frames and all their pixels."""
-    likelihood, part = search.likelihood, _fit_part(search.likelihood)
+    likelihood, part = search.likelihood, _fit_part(search.likelihood, search.settings)
     for _ in range(2 if len(search.chosen) > 1 else 1):
         for k, candidate in enumerate(search.chosen):
             if candidate.fitted is None or not candidate.fitted.problem.steps:
@@ -201,7 +220,7 @@ def _refit(search: _Search) -> None:
             search.chosen[k] = replace(candidate, effect=fitted.effect, fitted=fitted)
             search.state = replace(search.state, effects=_at(rest.effects, k, fitted.effect))
     likelihood.scene.anchor(search.state.effects)
-    search.state = latent_states(likelihood, search.state, np.flatnonzero(likelihood.evidence.fit_frames))
+    search.state = latent_states(likelihood, search.state, part[0])
     for k, candidate in enumerate(search.chosen):
         search.chosen[k] = replace(candidate, effect=search.state.effects[k])
 
@@ -233,9 +252,9 @@ def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> Sta
             fitted = links.fit_pattern(likelihood, mixture, bare, part)
             spread = effect if fitted is None else fitted[0]
             effects[k] = spread
-            pattern = links.pattern_map(likelihood, mixture, bare, spread, frames)
+            pattern, variance = links.pattern_map(likelihood, mixture, bare, spread, frames)
             effects[k] = links.with_map(spread, pattern, likelihood.evidence.image)
-            state = replace(state, pixel_bias=pattern, effects=tuple(effects))
+            state = replace(state, pixel_bias=pattern, pixel_variance=variance, effects=tuple(effects))
         elif isinstance(effect, Interference):
             bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
             fitted_bursts = links.fit_interference(likelihood, mixture, bare, part)

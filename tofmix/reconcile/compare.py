@@ -52,7 +52,7 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
     z = _own_scores(likelihood, state, part, seed, m)
     axes = list(panel_axes(likelihood.evidence, m, part))
     z = np.clip(z, -_FAR, _FAR)
-    curves = [*shapes(z, axes, m, part), *in_time(z, likelihood.evidence, part, m)]
+    curves = [*shapes(z, axes, m, state, part), *in_time(z, likelihood.evidence, part, m)]
     curves += invalid(likelihood.evidence, m, state, axes, part)
     curves += neighbours(z, likelihood.evidence, part)
     curves += discreteness(likelihood.evidence, part, m, state)

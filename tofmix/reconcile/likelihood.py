@@ -43,6 +43,8 @@ class State:
         Effects beyond those of the model.
     pixel_bias : (pixel,) float64
         Known bias of each pixel, mm.
+    pixel_variance : (pixel,) float64
+        Variance of what is known of it, mm2.
     stuck_mm : (pixel,) float64
         Value of stuck pixels, NaN for the others.
     disturbed : (frame,) float64
@@ -51,6 +53,7 @@ class State:
 
     effects: tuple[Effect, ...]
     pixel_bias: FloatArray
+    pixel_variance: FloatArray
     stuck_mm: FloatArray
     disturbed: FloatArray
 
@@ -93,7 +96,11 @@ class Likelihood:
         """No effects."""
         frames, pixels = self.evidence.shape
         return State(
-            effects=(), pixel_bias=np.zeros(pixels), stuck_mm=np.full(pixels, np.nan), disturbed=np.zeros(frames)
+            effects=(),
+            pixel_bias=np.zeros(pixels),
+            pixel_variance=np.zeros(pixels),
+            stuck_mm=np.full(pixels, np.nan),
+            disturbed=np.zeros(frames),
         )
 
     def sums(

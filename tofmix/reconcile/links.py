@@ -27,6 +27,7 @@ _UNLIKELY_NATS = 25.0  # a constant pixel that the model explains to within this
 VALUE_NATS = math.log(65_534.0)  # price of a stuck pixel's value, any whole mm being as good
 _LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0
 _ON_LATTICE = 0.985
+_AROUND = 60  # lines of the spectrum on either side of a peak, which is wider than the lattice's step is sharp
 _MAIN = 0.95
 _FULL = 5.0  # counts of a mm that has a density
 _FAR = 5.0  # sigma: random values have no memory
@@ -68,11 +69,14 @@ def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
     values = np.flatnonzero(count)
     weights = count[values]
     for peak in _peaks(np.where(inside, power, 0.0), 12):
-        trial = frequency[peak] + np.linspace(-3, 3, 121) / length
+        trial = frequency[peak] + np.linspace(-_AROUND, _AROUND, 4 * _AROUND + 1) / length
         held = [_held(1 / f, values, weights) / total for f in trial]
         if max(held) >= _ON_LATTICE:
             best = np.flatnonzero(np.array(held) >= max(held) - 1e-9)
-            return Quantisation(step_mm=float(1 / trial[best].mean()))
+            step = float(1 / trial[best].mean())
+            # Ties of rounding are decided by the last digit: a step of few digits may be the camera's own
+            near = [step, *(round(step, digits) for digits in (3, 2, 1, 0))]
+            return Quantisation(step_mm=max(near, key=lambda s: _held(s, values, weights, slack=0.0)))
     return None
 
 
@@ -89,9 +93,11 @@ def _peaks(power: FloatArray, most: int) -> list[int]:
     return sorted(found)
 
 
-def _held(step: float, values: IntArray, weights: FloatArray) -> float:
-    nearest = np.rint(np.rint(values / step) * step)
-    return float(weights[nearest == values].sum())
+def _held(step: float, values: IntArray, weights: FloatArray, *, slack: float = 0.02) -> float:
+    """Samples on the lattice; `slack` mm more than half a mm, for ties of rounding."""
+    nearest = np.rint(values / step) * step
+    on = np.abs(nearest - values) <= 0.5 + slack if slack else np.rint(nearest) == values
+    return float(weights[on].sum())
 
 
 def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> Interference | None:
@@ -181,12 +187,14 @@ def _beyond_chance(found: PixelBiases, image: tuple[int, int]) -> bool:
 
 def pattern_map(
     likelihood: Likelihood, mixture: Mixture, state: State, effect: FixedPattern, frames: IntArray
-) -> FloatArray:
-    """The pattern (pixel,), mm, shrunk by its noise, from all pixels of some frames."""
+) -> tuple[FloatArray, FloatArray]:
+    """The pattern (pixel,), mm, shrunk by its noise, from all pixels of some frames; and its variance, mm2."""
     part = (frames, np.arange(likelihood.evidence.shape[1]))
     found = pixel_biases(likelihood, mixture, state, part)
     spreads = (effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm)
-    return marginal_pattern(found, likelihood.evidence.image, spreads)[1]
+    own = max(effect.pixel_sigma_mm, 1e-6) ** 2
+    variance = np.where(found.information > 0, 1.0 / (found.information + 1.0 / own), 0.0)
+    return marginal_pattern(found, likelihood.evidence.image, spreads)[1], variance
 
 
 def with_map(effect: FixedPattern, pattern: FloatArray, image: tuple[int, int]) -> FixedPattern:

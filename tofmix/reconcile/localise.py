@@ -63,7 +63,7 @@ def disagreements(compared: Compared, alpha: float) -> list[Curve]:
     limit = float(norm.isf(alpha / max(len(curves), 1)))
     loud = [
         c for c in curves
-        if c.dof and c.z > limit and c.excess_nats > 0 and (c.size > LEAST_SIZE or c.statistic not in _IN_SIGMA)
+        if c.dof and c.z > limit and c.excess_nats > 0 and (c.largest > LEAST_SIZE or c.statistic not in _IN_SIGMA)
     ]  # fmt: skip
     return sorted(loud, key=lambda c: -c.excess_nats)
 

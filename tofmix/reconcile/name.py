@@ -191,9 +191,10 @@ def _pattern(trial: Trial) -> Candidate | None:
     effect, _ = fitted
     gain = pattern_gain(trial, trial.state, trial.mixture, effect)
     frames = np.flatnonzero(trial.likelihood.evidence.fit_frames)
-    pattern = links.pattern_map(trial.likelihood, trial.mixture, trial.state, effect, frames)
+    pattern, variance = links.pattern_map(trial.likelihood, trial.mixture, trial.state, effect, frames)
     effect = links.with_map(effect, pattern, trial.likelihood.evidence.image)
-    state = replace(trial.state, effects=(*trial.state.effects, effect), pixel_bias=trial.state.pixel_bias + pattern)
+    effects, bias = (*trial.state.effects, effect), trial.state.pixel_bias + pattern
+    state = replace(trial.state, effects=effects, pixel_bias=bias, pixel_variance=variance)
     return Candidate(effect=effect, gain=gain, parameters=3, state=state)
 
 

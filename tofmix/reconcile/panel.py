@@ -19,6 +19,7 @@ SHAPES = ("bias", "spread", "skew", "tails")
 _BINS = 12
 _ENOUGH = 200  # samples of a bin
 _ENOUGH_IN_FRAME = 30
+_MANY_BINS = 40
 _SMOOTH_MM = 2.0  # a density of this sigma is smooth over three mm
 
 
@@ -72,6 +73,13 @@ class Curve:
     def excess_nats(self) -> float:
         """Half of chi-square less its expectation: what the best explanation of this curve could gain."""
         return 0.5 * (self.chi2 - self.dof)
+
+    @property
+    def largest(self) -> float:
+        """The largest value beyond two standard errors; of pixels and frames, which are many, `size`."""
+        if self.dof > _MANY_BINS:
+            return self.size
+        return float((np.abs(self.value) - 2 * np.sqrt(self.variance)).max()) if self.dof else 0.0
 
     @property
     def size(self) -> float:
@@ -137,10 +145,11 @@ def hermite(z: Float32Array) -> Iterator[Float32Array]:
     yield ((square * (square - 6) + 3) / np.sqrt(24)).astype(np.float32)
 
 
-def shapes(z: Float32Array, axes: list[_Axis], m: Mixture, part: Part) -> Iterator[Curve]:
+def shapes(z: Float32Array, axes: list[_Axis], m: Mixture, state: State, part: Part) -> Iterator[Curve]:
     """Means of the four Hermite polynomials over bins of pixels, and pixel by pixel."""
     count = np.isfinite(z).sum(axis=0)
     sigma = m.of_main(m.sigma)[part[1]]
+    unknown = state.pixel_variance[part[1]] / sigma**2  # a map that is measured has errors
     for name, power in zip(SHAPES, hermite(z), strict=True):
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
         for axis in axes:
@@ -149,8 +158,9 @@ def shapes(z: Float32Array, axes: list[_Axis], m: Mixture, part: Part) -> Iterat
         value = total[enough] / count[enough]
         number = part[1][enough].astype(np.float64)
         own = "pattern" if name == "bias" else f"{name}_pattern"
+        spread = 1.0 / count[enough] + (unknown[enough] if name == "bias" else 0.0)
         yield Curve(statistic=own, axis="all", lower=number, upper=number + 1,
-                    value=value, variance=1.0 / count[enough], unit="1", scale_mm=sigma[enough])  # fmt: skip
+                    value=value, variance=spread, unit="1", scale_mm=sigma[enough])  # fmt: skip
 
 
 def _curve(name: str, axis: _Axis, total: FloatArray, count: FloatArray, sigma: FloatArray) -> Curve:

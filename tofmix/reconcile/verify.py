@@ -17,6 +17,7 @@ from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.panel import Curve
 from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 EXPLAINED = 0.9
 """Share of gain and largest remaining disagreement that the gain must be."""
 
-CLOSED = 0.85
+CLOSED = 0.8
 """Share of the panel's gap that the effects must close, unless what is left is within chance and tolerance."""
 
 SIGNATURES: dict[str, tuple[str, ...]] = {
@@ -56,8 +57,12 @@ SIGNATURES: dict[str, tuple[str, ...]] = {
 OPEN = 0.03
 """Share of an effect's gain that may be left in its own statistics: no law of ours is exact."""
 
+SMOOTH = 0.2
+"""Correlation of neighbours in a map above which it is no pattern of pixels."""
+
 _FEW = 0.1
-_WITHIN_CHANCE = 0.05  # of a gap
+_SIMULATED = 0.1
+_WITHIN_CHANCE = 0.15  # of a gap
 _SETTLED, _UNTOUCHED = 0.97, 0.7
 
 
@@ -109,20 +114,23 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     held = held_out(likelihood, settings)
     start = likelihood.start()
     before = compare(likelihood, start, held, seed=settings.seed)
-    loud = disagreements(added.panel, settings.alpha)
-    left = max((_weight(c) for c in loud), default=0.0)
-    gain = _gain(likelihood, added, settings)
     after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
-    enough = gain >= EXPLAINED * (gain + left) and _closes(before, after) and _signed(likelihood, added, loud, settings)
-    verdict = _verdict(added, before, loud, enough=enough)
-    if verdict in ("agree", "unexplained"):
-        state, after = start, before
-    else:
-        state = added.state
-    return Verified(
-        verdict=verdict, state=state, before=before, after=after, floor=_floor(likelihood, state, settings),
-        gain=gain, left=left,
-    )  # fmt: skip
+    floor = _floor(likelihood, added.state, settings)
+    loud = _beyond(disagreements(added.panel, settings.alpha), floor)
+    left = max((_weight(c, floor) for c in loud), default=0.0)
+    gain = _gain(likelihood, added, settings)
+    signed = _signed(likelihood, added, floor, settings)
+    enough = gain >= EXPLAINED * (gain + left) and _closes(before, after, floor)
+    verdict = _verdict(added, before, loud, enough=enough, signed=signed)
+    state = added.state
+    if added.chosen and verdict in ("agree", "unexplained"):
+        state, after, floor = start, before, _floor(likelihood, start, settings)
+    return Verified(verdict=verdict, state=state, before=before, after=after, floor=floor, gain=gain, left=left)
+
+
+def _beyond(loud: list[Curve], floor: Compared) -> list[Curve]:
+    """Curves that stand above what a simulation of the model itself shows, where its prediction is an approximation."""
+    return [c for c in loud if _weight(c, floor) > _SIMULATED * c.excess_nats]
 
 
 def _gain(likelihood: Likelihood, added: Added, settings: Settings) -> float:
@@ -136,34 +144,55 @@ def _scale(likelihood: Likelihood, settings: Settings) -> float:
     return len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1)
 
 
-def _weight(curve: Curve) -> float:
-    """What a curve that is left counts for: third and fourth powers of single pixels hang on few samples."""
+def _weight(curve: Curve, floor: Compared) -> float:
+    """What a curve that is left counts for, nats.
+
+    What a simulation shows too is the prediction's fault, not the model's; third and fourth powers of single pixels
+    hang on few samples.
+    """
     few = curve.statistic in ("skew_pattern", "tails_pattern")
-    return curve.excess_nats * (_FEW if few else 1.0)
+    own = {(c.statistic, c.axis): c.excess_nats for c in floor.curves}.get((curve.statistic, curve.axis), 0.0)
+    return max(curve.excess_nats - max(own, 0.0), 0.0) * (_FEW if few else 1.0)
 
 
-def _signed(likelihood: Likelihood, added: Added, loud: list[Curve], settings: Settings) -> bool:
+def _signed(likelihood: Likelihood, added: Added, floor: Compared, settings: Settings) -> bool:
     """Whether no effect leaves the statistic open in which it must show."""
     scale = _scale(likelihood, settings)
+    loud = disagreements(added.panel, settings.alpha)
     for candidate in added.chosen:
         own = SIGNATURES.get(candidate.kind, ())
-        open_ = max((c.excess_nats for c in loud if c.statistic in own), default=0.0)
+        open_ = max((_weight(c, floor) for c in loud if c.statistic in own), default=0.0)
         if open_ > OPEN * scale * candidate.gain:
             return False
-    return True
+    return not any(isinstance(e, FixedPattern) and _smooth(e) for e in added.state.effects)
 
 
-def _closes(before: Compared, after: Compared) -> bool:
-    """Whether the refined model closes most of the gap above chance, which is 1."""
-    return after.gap - 1.0 <= (1 - CLOSED) * max(before.gap - 1.0, _WITHIN_CHANCE)
+def _smooth(effect: FixedPattern) -> bool:
+    """Whether a map, columns and rows taken out, runs smoothly over the image: a pattern of pixels does not."""
+    if effect.map is None:
+        return False
+    rest = effect.map.values.astype(np.float64)
+    rest = rest - rest.mean(axis=0)
+    rest -= rest.mean(axis=1, keepdims=True)
+    power = float((rest**2).mean())
+    if power == 0:
+        return False
+    near = 0.5 * (float((rest[1:] * rest[:-1]).mean()) + float((rest[:, 1:] * rest[:, :-1]).mean()))
+    return near > SMOOTH * power
 
 
-def _verdict(added: Added, before: Compared, loud: list[Curve], *, enough: bool) -> str:
+def _closes(before: Compared, after: Compared, floor: Compared) -> bool:
+    """Whether the refined model closes most of the gap above chance."""
+    chance = max(floor.gap, 1.0)
+    return after.gap - chance <= (1 - CLOSED) * max(before.gap - chance, _WITHIN_CHANCE)
+
+
+def _verdict(added: Added, before: Compared, loud: list[Curve], *, enough: bool, signed: bool) -> str:
     if not added.chosen:
         return "unexplained" if loud else "agree"
-    if not loud or enough:
+    if signed and (not loud or enough):
         return "explained"
-    return "partly_explained" if _settled(added, before, loud) else "unexplained"
+    return "partly_explained" if signed and _settled(added, before, loud) else "unexplained"
 
 
 def _settled(added: Added, before: Compared, loud: list[Curve]) -> bool:
