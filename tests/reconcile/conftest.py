@@ -40,6 +40,6 @@ def record(model: Model) -> Record:
         real = replace(model, effects=effects)
         (block,) = render_blocks(real, cast_scene(real), n_frames=120, seed=seed, block_frames=120)
         range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
-        return make_evidence(model, range_mm, time_s=block.time_s, amplitude=block.amplitude)
+        return make_evidence(model, range_mm, time_s=block.time_s)
 
     return make

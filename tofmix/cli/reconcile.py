@@ -112,9 +112,8 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
 
     with open_recording(measured) as file:
         every = slice(0, None)
-        amplitude = file.read_amplitude(every, every) if file.has_amplitude else None
         try:
-            return make_evidence(scene, file.read_range(every, every), time_s=file.read_time(), amplitude=amplitude)
+            return make_evidence(scene, file.read_range(every, every), time_s=file.read_time())
         except BadInputError as error:
             raise BadInputError(f"{measured}: {error}") from error
 

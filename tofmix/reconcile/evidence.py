@@ -28,10 +28,6 @@ class Evidence:
         Whole mm, 0 where invalid.
     time_s : (frame,) float64
         Time since the first frame, s.
-    amplitude : (pixel,) float64 or None
-        Mean amplitude of each pixel's valid samples; None if the recording has none.
-    temperature_c : (frame,) float64 or None
-        Temperature, degrees Celsius.
     image : (int, int)
         Rows, columns.
     fit_frames : (frame,) bool
@@ -42,8 +38,6 @@ class Evidence:
 
     samples: NDArray[np.uint16]
     time_s: FloatArray
-    amplitude: FloatArray | None
-    temperature_c: FloatArray | None
     image: tuple[int, int]
     fit_frames: BoolArray
     fit_pixels: BoolArray
@@ -66,8 +60,6 @@ def make_evidence(
     range_mm: FloatArray | Float32Array,
     *,
     time_s: FloatArray | None = None,
-    amplitude: FloatArray | Float32Array | None = None,
-    temperature_c: FloatArray | None = None,
 ) -> Evidence:
     """Hold a recording for reconciliation.
 
@@ -79,10 +71,6 @@ def make_evidence(
         Samples in mm, NaN where invalid.
     time_s : (frame,), optional
         Start of each frame, s; by the model's frame rate if left out.
-    amplitude : (frame, row, col), optional
-        Amplitudes.
-    temperature_c : (frame,), optional
-        Temperature.
 
     Raises
     ------
@@ -108,15 +96,7 @@ def make_evidence(
     return Evidence(
         samples=samples.reshape(frames, rows * cols),
         time_s=now - now[0],
-        amplitude=None if amplitude is None else _mean_amplitude(amplitude, valid).ravel(),
-        temperature_c=temperature_c,
         image=(rows, cols),
         fit_frames=block,
         fit_pixels=pixel_block,
     )
-
-
-def _mean_amplitude(amplitude: FloatArray | Float32Array, valid: BoolArray) -> FloatArray:
-    total = np.where(valid, amplitude, 0.0).sum(axis=0, dtype=np.float64)
-    count = valid.sum(axis=0)
-    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
