@@ -10,7 +10,7 @@ from files import boards, write_recording
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tofmix.errors import BadInputError, UsageError
+from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import plan_grid
 from tofmix.io.recording_file import open_recording
@@ -82,4 +82,11 @@ def test_blocks_hold_each_wanted_cell_once_and_enough_of_them(
 def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UsageError, match=r"pip install 'tofmix\[cluster\]'"), cluster.open_cluster("x", memory_bytes=1):
+        pass
+
+
+@pytest.mark.parametrize("scheduler", ["no.json", "host:port", "tcp://host"])
+def test_what_is_neither_a_file_nor_an_address_is_refused_at_once(scheduler: str) -> None:
+    pytest.importorskip("distributed")
+    with pytest.raises(StorageError, match="cannot be reached"), cluster.open_cluster(scheduler, memory_bytes=1):
         pass

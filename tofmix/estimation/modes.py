@@ -1,7 +1,7 @@
 """Step 1, second half: the peaks of the density, test (5).
 
 A peak is a run of places with p > gamma, |dp/dr| < epsilon and d2p/dr2 < 0. The
-walk goes over the samples in steps of sigma / 8; where dp/dr changes its sign
+walk goes over the samples in steps of sigma / 8, twice that where the density is steep; where dp/dr changes its sign
 between two steps, the run holds that place, so that a strict peak is found
 however small epsilon is. Peaks are where surfaces are looked for: close surfaces
 share one, few samples make some too many, and neighbours displace them. `mixture`

@@ -23,7 +23,7 @@ LONG_WINDOW = 1000
 """From this many samples on, values closer than `BIN` sigma become one, their mean."""
 
 BIN = 1.0 / 16.0
-"""Width of a bin in sigmas. Its values are replaced by their mean: what is lost is their spread, 0.02 % of sigma^2."""
+"""Width of a bin in sigmas. Its values are replaced by their mean: what is lost is their spread, 0.03 % of sigma^2."""
 
 
 class SortedSamples(NamedTuple):

@@ -214,11 +214,14 @@ def open_cluster(scheduler: str, *, memory_bytes: int) -> Iterator[ClusterEngine
     """
     try:
         from distributed import Client
+        from distributed.comm.addressing import parse_address, parse_host_port
     except ImportError as error:
         raise UsageError("--scheduler needs dask.distributed: pip install 'tofmix[cluster]'") from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # its faults become ours, of one line
     where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
     try:
+        if "address" in where:
+            parse_host_port(parse_address(scheduler)[1])  # a client that fails over it leaves a traceback behind
         client = Client(**where, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise StorageError(f"--scheduler {scheduler}: cannot be reached ({error or type(error).__name__})") from error
