@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tofmix.circle import circular_noise, fold, has_no_return
+from tofmix.circle import circular_noise, cut_between, fold, has_no_return, open_at
 from tofmix.sensor import NoiseCurve, Sensor
 
 LENGTH = 7495.0
@@ -62,3 +62,29 @@ def test_no_return_is_told_where_two_sigma_of_it_stay_before_the_fold(
 ) -> None:
     assert has_no_return(sensor, length) is told  # range_max 6000, sigma 200 there
     assert not has_no_return(replace(sensor, range_max_mm=None), length)
+
+
+@given(
+    st.lists(st.floats(0.0, 4999.0), min_size=1, max_size=5, unique=True).map(sorted),
+    st.floats(1.0, 200.0),
+    st.floats(0.0, 4999.0),
+)
+def test_the_cut_keeps_what_is_across_the_fold_in_one_piece(places: list[float], sigma: float, turn: float) -> None:
+    range_mm = np.sort((np.array(places) + turn) % 5000.0)
+    cut = cut_between(range_mm, np.full(len(places), sigma), 5000.0)
+    opened = open_at(range_mm, cut, 5000.0)
+    assert np.all((opened >= cut) & (opened < cut + 5000.0))
+    np.testing.assert_allclose(opened % 5000.0, range_mm, atol=1e-9)
+    past, before = range_mm < 4 * sigma, range_mm > 5000.0 - 4 * sigma
+    if not np.any(past | before):
+        assert cut == 0.0
+    elif not np.all(past):  # surfaces past the fold follow all others, and half a gap lies behind the last
+        assert opened[past].min(initial=np.inf) > opened[~past].max()
+        last = opened[past].max(initial=opened[~past].max())
+        first = opened[opened < last].min(initial=last)
+        assert cut + 5000.0 - last == pytest.approx(first - cut, abs=1e-6)
+
+
+def test_surfaces_that_are_not_known_leave_the_circle_cut_at_the_fold() -> None:
+    assert cut_between([np.nan, 30.0], [20.0, np.nan], 5000.0) == 0.0
+    assert cut_between([], [], 5000.0) == 0.0

@@ -34,6 +34,40 @@ def fold(range_mm: ArrayLike, unambiguous_range_mm: float) -> FloatArray:
     return np.where(folded >= unambiguous_range_mm, 0.0, folded)
 
 
+def cut_between(range_mm: ArrayLike, sigma_mm: ArrayLike, unambiguous_range_mm: float) -> float:
+    """Where to cut the circle open to show surfaces: at the fold, 0, unless one of them lies across it.
+
+    Parameters
+    ----------
+    range_mm, sigma_mm : (surface,) array_like
+        Where the surfaces are, mm; those that are not known are left out.
+    unambiguous_range_mm : float
+        d_u, mm.
+
+    Returns
+    -------
+    float
+        0, or, if surfaces are within `FOLD_SIGMAS` of the fold, the middle of the gap that follows the last of them.
+    """
+    places, sigmas = fold(np.ravel(range_mm), unambiguous_range_mm), np.ravel(np.asarray(sigma_mm, dtype=np.float64))
+    known = np.isfinite(places) & np.isfinite(sigmas)
+    places, reach = places[known], FOLD_SIGMAS * sigmas[known]
+    if not np.any((places < reach) | (places > unambiguous_range_mm - reach)):
+        return 0.0
+    past = places[places < reach]
+    last = float(past.max() if past.size else places.max())
+    ahead = fold(places - last, unambiguous_range_mm)
+    gap = float(ahead[ahead > 0].min(initial=unambiguous_range_mm))
+    return float(fold(last + 0.5 * gap, unambiguous_range_mm))
+
+
+def open_at(range_mm: ArrayLike, cut_mm: float, unambiguous_range_mm: float) -> FloatArray:
+    """Ranges of [0, d_u) on a line that begins at the cut: those before it are a turn on; any shape, mm."""
+    values = np.asarray(range_mm, dtype=np.float64)
+    opened: FloatArray = np.where(values < cut_mm, values + unambiguous_range_mm, values)
+    return opened
+
+
 def unseen_zone(sensor: Sensor, unambiguous_range_mm: float) -> float:
     """End of the zone after the fold in which the camera sees nothing: readings there are of what lies a turn beyond.
 

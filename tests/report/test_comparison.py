@@ -10,9 +10,10 @@ from made_up import LayersInMemory, made_up_layers
 from tofmix.errors import BadInputError
 from tofmix.flags import Status
 from tofmix.layers import LAYER_FIELDS, Layers, Provenance
-from tofmix.report.comparison import SHOWN_PIXELS, Comparison, compare, compare_windows
+from tofmix.report.comparison import SHOWN_PIXELS, Comparison, compare
 from tofmix.report.comparison_page import headline, render_comparison
 from tofmix.report.comparison_table import format_comparison
+from tofmix.report.window_difference import compare_windows
 from tofmix.sensor import Sensor
 
 SHAPE, MAX_LAYERS = (2, 8, 9), 3
@@ -175,3 +176,29 @@ def test_a_page_without_any_layer() -> None:
     assert found.gap_median_mm is None
     page = render_comparison(a, a, comparison=found, window=None, names=("a", "b"))
     assert "All 9 pixels agree" in page
+
+
+def test_on_a_circle_layers_are_paired_in_the_order_round_it_that_differs_least() -> None:
+    length, rng = 7495.0, np.random.default_rng(8)
+    a, b = (copied(made_up_layers(SHAPE, MAX_LAYERS, seed=3)) for _ in range(2))
+    near_fold = rng.normal(0.0, 30.0, SHAPE)
+    for place in np.ndindex(*SHAPE):
+        n = int(a.n_modes[place])
+        if n == 0:
+            continue
+        true = np.append(near_fold[place], np.sort(rng.uniform(600, 6500, n - 1)))
+        for layers in (a, b):
+            layers.range[place][:n] = np.sort((true + rng.normal(0.0, 20.0, n)) % length)
+    source_a, source_b = (Source(layers, unambiguous_range_mm=length) for layers in (a, b))
+    found = compare(source_a, source_b, tolerance=1e9)
+    largest = 0.0
+    for place in np.ndindex(*SHAPE):
+        n = int(a.n_modes[place])
+        turns = [np.roll(b.range[place][:n].astype(float), -k) - a.range[place][:n] for k in range(n)]
+        short = [np.abs((gap + length / 2) % length - length / 2) for gap in turns]
+        largest = max([largest, *(min(short, key=np.sum).tolist() if n else [])])
+    assert found.gap_largest_mm == pytest.approx(largest, abs=1e-3)
+    assert largest < 200
+    assert (compare(Source(a), Source(b)).gap_largest_mm or 0) > 7000
+    other = Source(b, unambiguous_range_mm=7000.0)
+    assert (compare(source_a, other).gap_largest_mm or 0) > 7000  # not on one circle: as on a line

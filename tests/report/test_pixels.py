@@ -160,3 +160,42 @@ def test_the_same_figure_has_the_same_bytes(kind: Any, start: bytes) -> None:  #
     one, other = (pixel_figure(views(), noise=None, growth=None, kind=kind) for _ in range(2))
     assert one == other
     assert one.startswith(start)
+
+
+CIRCLE_MM = 5000.0
+
+
+def at_the_fold(frames: int = 200) -> tuple[PixelView, np.ndarray[Any, np.dtype[np.float64]]]:
+    """A surface at 4990 mm of a circle of 5000, read on both sides of the fold, and one at 2500."""
+    rng = np.random.default_rng(4)
+    samples = rng.normal(np.where(rng.random(frames) < 0.5, 4990.0, 2500.0), 30.0) % CIRCLE_MM
+    layers = LayersInMemory(made_up_layers((1, 1, 1), 2)).read_window(0)
+    layers.n_modes[...] = 2
+    layers.range[...], layers.sigma[...], layers.weight[...] = (2500.0, 4990.0), 30.0, 0.5
+    (view,) = view_pixels(
+        layers, row=0, cols=[0], samples=samples[:, None], noise=SENSOR.noise, unambiguous_range_mm=CIRCLE_MM
+    )
+    return view, samples
+
+
+def test_a_surface_across_the_fold_has_one_mode_and_is_drawn_in_one_piece() -> None:
+    view, samples = at_the_fold()
+    assert view.modes_mm is not None
+    apart = (view.modes_mm - np.array([2500.0, 4990.0]) + 2500) % CIRCLE_MM - 2500
+    assert np.abs(apart).max() < 15  # half a sigma
+    with drawing(LIGHT):
+        (axes,) = neighbours_figure([view], noise=SENSOR.noise, theme=LIGHT, unambiguous_range_mm=CIRCLE_MM).axes
+        low, high = axes.get_xlim()
+        assert 1.25 < low < 2.4 and 5.1 < high < 6.25  # noqa: PT018  the limits of one view, in m
+        assert axes.get_xlabel() == "range (m); 0 again at 5.000"
+    growth = grow_density(
+        samples,
+        Sensor(name="camera", range_min_mm=0.0, range_max_mm=4800.0, noise=SENSOR.noise),
+        unambiguous_range_mm=CIRCLE_MM,
+    )
+    assert len(growth.modes_mm[-1]) == 2
+    opened = growth.opened(1250.0, CIRCLE_MM)
+    assert np.all(np.diff(opened.range_mm) > 0)
+    assert trapezoid(opened.snapshots[-1][1], opened.range_mm) == pytest.approx(1.0, abs=0.01)
+    with drawing(LIGHT):
+        assert growth_figure(growth, view, theme=LIGHT, unambiguous_range_mm=CIRCLE_MM).axes

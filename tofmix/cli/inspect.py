@@ -84,8 +84,10 @@ def inspect(
         from tofmix.report.pixels import neighbour_columns, view_pixels
 
         cols = [col] if over_frames else neighbour_columns(col, cols=file.shape[2], neighbours=neighbours)
-        noise = file.provenance.sensor.noise
-        views = view_pixels(file.read_window(window), row=row, cols=cols, samples=samples, noise=noise)
+        views = view_pixels(
+            file.read_window(window), row=row, cols=cols, samples=samples, noise=file.provenance.sensor.noise,
+            unambiguous_range_mm=file.provenance.unambiguous_range_mm,
+        )  # fmt: skip
         growth = _growth(views[0], file) if over_frames else None
     if output is not None:
         _write_figure(output, views, file, growth, inputs, overwrite)
@@ -113,7 +115,8 @@ def _growth(view: "PixelView", file: "LayersFile") -> "GrowingDensity":
     if view.samples_mm is None:
         raise UsageError("--over-frames needs --recording")
     try:
-        return grow_density(view.samples_mm, file.provenance.sensor)
+        sensor, circle_mm = file.provenance.sensor, file.provenance.unambiguous_range_mm
+        return grow_density(view.samples_mm, sensor, unambiguous_range_mm=circle_mm)
     except ValueError as error:
         raise BadInputError(f"{file.path}: {view.name}: {error}") from error
 
@@ -130,7 +133,10 @@ def _write_figure(
     from tofmix.report.figures import FIGURE_SUFFIXES, pixel_figure
 
     kind = FIGURE_SUFFIXES[output.suffix.lower()]
-    content = pixel_figure(views, noise=file.provenance.sensor.noise, growth=growth, kind=kind)
+    made = file.provenance
+    content = pixel_figure(
+        views, noise=made.sensor.noise, growth=growth, kind=kind, unambiguous_range_mm=made.unambiguous_range_mm
+    )
     with AtomicFile(output, overwrite=overwrite, inputs=inputs) as target:
         target.sink.write(content)
         target.commit()

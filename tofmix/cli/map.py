@@ -213,7 +213,8 @@ def _averaged(file: "LayersFile", samples: "RecordingFile", frames: tuple[int, i
     from tofmix.report.averaging import average_samples
 
     start, stop = frames
-    mean = average_samples(samples, start=start, stop=stop).range_mm
+    circle_mm = file.provenance.unambiguous_range_mm
+    mean = average_samples(samples, start=start, stop=stop, unambiguous_range_mm=circle_mm).range_mm
     noise = samples.sensor.noise or file.provenance.sensor.noise
     return beams_from_ranges(
         mean, count_samples(samples, start=start, stop=stop), replace(file.provenance.sensor, noise=noise)
@@ -229,7 +230,8 @@ def _thin_beam(
     from tofmix.recording import FrameSpan
 
     samples.sensor = file.provenance.sensor
-    options = EstimateOptions(max_layers=1, sigma=SigmaMode.TIED)
+    circle_mm = file.provenance.unambiguous_range_mm
+    options = EstimateOptions(max_layers=1, sigma=SigmaMode.TIED, unambiguous_range_mm=circle_mm)
     found = estimate_layers(FrameSpan(samples, *frames), options, workers=workers)
     return beams_from_layers(found.reshaped(file.shape[1:]), samples.sensor, min_probability=min_probability)
 

@@ -11,51 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, FloatArray
 from tofmix.errors import BadInputError
 from tofmix.flags import Status, status_name
 from tofmix.layers import Layers
 from tofmix.report.quantiles import ValueCounts
 from tofmix.report.sources import LayersSource
+from tofmix.report.window_difference import WindowDifference, compare_windows
 
 DEFAULT_TOLERANCE = 3.0
 """Difference of two ranges, in combined standard errors, up to which they are the same."""
 
 SHOWN_PIXELS = 20
 """Pixels that are listed, the most different first."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class WindowDifference:
-    """One window of A against one of B.
-
-    Parameters
-    ----------
-    count_differs, status_differs : (row, col) bool
-        Another number of surfaces; another status.
-    layer_differs : (row, col, layer) bool
-        As many surfaces in both, and this one's range beyond the tolerance.
-    gap_mm : (row, col, layer) float64
-        Range of B less that of A where both have as many surfaces, mm; NaN elsewhere.
-    gap_errors : (row, col, layer) float64
-        The same in combined standard errors; infinite where the errors are not known and the ranges differ.
-    """
-
-    count_differs: BoolArray
-    status_differs: BoolArray
-    layer_differs: BoolArray
-    gap_mm: FloatArray
-    gap_errors: FloatArray
-
-    @property
-    def range_differs(self) -> BoolArray:
-        """Pixels with a range beyond the tolerance (row, col)."""
-        return np.asarray(self.layer_differs.any(axis=-1))
-
-    @property
-    def differs(self) -> BoolArray:
-        """Pixels that count as different (row, col)."""
-        return self.count_differs | self.range_differs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,36 +101,6 @@ class Comparison:
         return self.different <= allow * self.pixels
 
 
-def compare_windows(a: Layers, b: Layers, *, tolerance: float) -> WindowDifference:
-    """Compare two windows of the leading shape (row, col).
-
-    Parameters
-    ----------
-    a, b : Layers
-        Of one leading shape; they may hold different numbers of layers.
-    tolerance : float
-        In combined standard errors, at least 0. Where an error is not known, ranges must be equal.
-    """
-    shared = min(a.max_layers, b.max_layers)
-    count_differs = a.n_modes != b.n_modes
-    present = (np.arange(shared) < a.n_modes[..., np.newaxis]) & ~count_differs[..., np.newaxis]
-    range_a, range_b = (one.range[..., :shared].astype(np.float64) for one in (a, b))
-    squares = [np.square(one.range_stderr[..., :shared].astype(np.float64)) for one in (a, b)]
-    errors = np.nan_to_num(np.sqrt(squares[0] + squares[1]), nan=0.0, posinf=0.0)
-    gap = np.where(present, range_b - range_a, np.nan)
-    both_unknown = np.isnan(range_a) & np.isnan(range_b)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        gap_errors = np.where(gap == 0.0, 0.0, gap / errors)
-        beyond = present & ~both_unknown & ~(np.abs(gap) <= tolerance * errors)
-    return WindowDifference(
-        count_differs=np.asarray(count_differs),
-        status_differs=np.asarray(a.status != b.status),
-        layer_differs=np.asarray(beyond),
-        gap_mm=np.asarray(gap),
-        gap_errors=np.asarray(gap_errors),
-    )
-
-
 def check_comparable(a: LayersSource, b: LayersSource) -> None:
     """Refuse files of different sizes.
 
@@ -178,6 +115,12 @@ def check_comparable(a: LayersSource, b: LayersSource) -> None:
     lengths = [np.unique(one.window_stop - one.window_start).tolist() for one in (a, b)]
     if lengths[0] != lengths[1]:
         raise BadInputError(f"their windows have {lengths[0]} and {lengths[1]} frames")
+
+
+def common_circle(a: LayersSource, b: LayersSource) -> float | None:
+    """Length of the circle that the ranges of both files are on, mm; None where they are on a line, or not on one."""
+    length, other = a.provenance.unambiguous_range_mm, b.provenance.unambiguous_range_mm
+    return length if length == other else None
 
 
 def compare(a: LayersSource, b: LayersSource, *, tolerance: float = DEFAULT_TOLERANCE) -> Comparison:
@@ -203,9 +146,11 @@ def compare(a: LayersSource, b: LayersSource, *, tolerance: float = DEFAULT_TOLE
     check_comparable(a, b)
     tally = _Tally()
     windows, rows, cols = a.shape
+    circle_mm = common_circle(a, b)
     for window in range(windows):
         of_a, of_b = a.read_window(window), b.read_window(window)
-        tally.add(window, of_a, of_b, compare_windows(of_a, of_b, tolerance=tolerance))
+        found = compare_windows(of_a, of_b, tolerance=tolerance, unambiguous_range_mm=circle_mm)
+        tally.add(window, of_a, of_b, found)
     made = a.provenance, b.provenance
     names = sorted({*made[0].options, *made[1].options})
     options = {name: (_no_nan(made[0].options.get(name)), _no_nan(made[1].options.get(name))) for name in names}

@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tofmix.report.comparison import Comparison, compare_windows
+from tofmix.report.comparison import Comparison, common_circle
 from tofmix.report.sources import LayersSource
 from tofmix.report.templates import load_template
+from tofmix.report.window_difference import compare_windows
 
 if TYPE_CHECKING:
     from tofmix.report.picture import Picture
@@ -43,7 +44,8 @@ def render_comparison(
     drawings = import_module("tofmix.report.comparison_pictures")
     shown = int(np.argmax(comparison.different_by_window)) if window is None else window
     of_a, of_b = a.read_window(shown), b.read_window(shown)
-    found = compare_windows(of_a, of_b, tolerance=comparison.tolerance)
+    circle_mm = common_circle(a, b)
+    found = compare_windows(of_a, of_b, tolerance=comparison.tolerance, unambiguous_range_mm=circle_mm)
     pictures: tuple[Picture, ...] = drawings.draw_comparison(of_a, of_b, found, tolerance=comparison.tolerance)
     return template.render(
         comparison=comparison,

@@ -3,10 +3,10 @@
 import numpy as np
 
 from tofmix.layers import Layers
-from tofmix.report.comparison import WindowDifference
 from tofmix.report.curves import gap_histogram
 from tofmix.report.images import category_image, gap_image
 from tofmix.report.picture import Picture, make_picture
+from tofmix.report.window_difference import WindowDifference
 
 _CATEGORIES = ("the same", "another range", "fewer in B", "more in B")
 

@@ -126,8 +126,12 @@ def _pack_window(
 ) -> dict[str, Any]:
     start, stop = int(layers_file.window_start[number]), int(layers_file.window_stop[number])
     if known is None:
-        layers = layers_file.read_window(number)
-        mean = average_layers(layers) if recording is None else average_samples(recording, start=start, stop=stop)
+        layers, circle_mm = layers_file.read_window(number), layers_file.provenance.unambiguous_range_mm
+        mean = (
+            average_layers(layers, unambiguous_range_mm=circle_mm)
+            if recording is None
+            else average_samples(recording, start=start, stop=stop, unambiguous_range_mm=circle_mm)
+        )
     else:
         layers, mean = known
     arrays = {name: (getattr(layers, name), unit) for name, unit in _PIXEL_UNITS.items()}
@@ -168,6 +172,7 @@ def _settings(layers_file: LayersSource, scale: tuple[float, float], most: int) 
         "statuses": {int(s): [status_name(s).replace("_", " "), STATUS_MEANINGS[s]] for s in Status},
         "tooFew": int(Status.TOO_FEW_SAMPLES),
         "rangeMax": sensor.range_max_mm,
+        "circle": layers_file.provenance.unambiguous_range_mm,
         "fov": [sensor.fov_horizontal_deg, sensor.fov_vertical_deg],
         "noise": None if curve is None else [curve.range_mm.tolist(), curve.sigma_mm.tolist()],
     }

@@ -91,6 +91,28 @@ function sigmaAt(noise, range) {
   return sigmas[k] + ((range - ranges[k]) / (ranges[k + 1] - ranges[k])) * (sigmas[k + 1] - sigmas[k]);
 }
 
+/**
+ * Where to cut the circle of ranges open, as tofmix.circle.cut_between: at the fold, unless layers lie across it;
+ * then in the middle of the gap that follows the last of them.
+ */
+function cutBetween(layers, circle) {
+  const known = layers.filter(({ range, sigma }) => Number.isFinite(range) && Number.isFinite(sigma));
+  if (!known.some(({ range, sigma }) => range < 4 * sigma || range > circle - 4 * sigma)) return 0;
+  const past = known.filter(({ range, sigma }) => range < 4 * sigma);
+  const last = Math.max(...(past.length ? past : known).map(({ range }) => range));
+  const ahead = known.map(({ range }) => (range - last + circle) % circle).filter((gap) => gap > 0);
+  return (last + Math.min(circle, ...ahead) / 2) % circle;
+}
+
+/** Layers and ascending samples on a line that begins at the cut: what is before it is a turn on. */
+function openedAt(cut, circle, layers, samples) {
+  const opened = (range) => (range < cut ? range + circle : range);
+  return {
+    layers: layers.map((layer) => ({ ...layer, range: opened(layer.range) })),
+    samples: samples && samples.map((range) => opened(((range % circle) + circle) % circle)).sort(),
+  };
+}
+
 const bell = (z) => Math.exp(-0.5 * z * z) / Math.sqrt(2 * Math.PI);
 
 /** Equation (4): the kernel density of ascending samples at ascending places, 1/mm. */

@@ -106,18 +106,21 @@ function histogram(samples, [low, high], step) {
 }
 
 /** Histogram, density and fitted components of one pixel. */
-function drawPixel(svg, { layers, samples, step, noReturn, settings }) {
+function drawPixel(svg, { step, noReturn, settings, ...seen }) {
+  const cut = settings.circle ? cutBetween(seen.layers, settings.circle) : 0;
+  const { layers, samples } = settings.circle ? openedAt(cut, settings.circle, seen.layers, seen.samples) : seen;
   const limits = pixelLimits(layers, samples);
   const places = Array.from({ length: 401 }, (_, k) => limits[0] + ((limits[1] - limits[0]) * k) / 400);
   const component = ({ range, sigma, weight }) => places.map((r) => (1000 * weight * bell((r - range) / sigma)) / sigma);
   const fitted = layers.map(component);
+  const end = settings.rangeMax < cut ? settings.rangeMax + settings.circle : settings.rangeMax;
   const open = settings.rangeMax && settings.noise && noReturn > 0
-    ? component({ range: settings.rangeMax, sigma: sigmaAt(settings.noise, settings.rangeMax), weight: noReturn }) : [];
+    ? component({ range: end, sigma: sigmaAt(settings.noise, settings.rangeMax), weight: noReturn }) : [];
   const bins = samples && samples.length ? histogram(samples, limits, step) : null;
   const density = bins && settings.noise ? densityAt(samples, places, settings.noise).map((p) => 1000 * p) : [];
   const tops = [...fitted.flat(), ...open, ...(bins ? bins.bars : []), ...density].filter(Number.isFinite);
   const top = 1.08 * (Math.max(0, ...tops) || 1);
-  const plot = new Plot(svg, { width: shownWidth(svg, 320), height: 280, x: limits, y: [0, top], xLabel: "range (mm)", yLabel: "p(r)  (1/m)" });
+  const plot = new Plot(svg, { width: shownWidth(svg, 320), height: 280, x: limits, y: [0, top], xLabel: cut ? `range (mm); 0 again at ${settings.circle.toFixed(0)}` : "range (mm)", yLabel: "p(r)  (1/m)" });
   if (bins) bins.bars.forEach((bar, k) => {
     const x = plot.x(limits[0] + k * bins.width);
     const width = plot.x(limits[0] + (k + 1) * bins.width) - x;

@@ -8,7 +8,9 @@ from tofmix.report.pixels import GrowingDensity, PixelView
 from tofmix.sensor import NoiseCurve
 
 if TYPE_CHECKING:
-    from tofmix.report.theme import Format
+    from matplotlib.figure import Figure
+
+    from tofmix.report.theme import Format, Theme
 
 FIGURE_SUFFIXES: dict[str, "Format"] = {".png": "png", ".svg": "svg"}
 
@@ -16,7 +18,12 @@ _MISSING_EXTRA = "a figure needs matplotlib: pip install 'tofmix[report]'"
 
 
 def pixel_figure(
-    views: list[PixelView], *, noise: NoiseCurve | None, growth: GrowingDensity | None, kind: "Format"
+    views: list[PixelView],
+    *,
+    noise: NoiseCurve | None,
+    growth: GrowingDensity | None,
+    kind: "Format",
+    unambiguous_range_mm: float | None = None,
 ) -> bytes:
     """Draw neighbouring pixels, or how the density of the first one grew; see `tofmix.report.pixel_figures`.
 
@@ -30,6 +37,8 @@ def pixel_figure(
         Draw this instead, over the layers of ``views[0]``.
     kind : {"png", "svg"}
         Format.
+    unambiguous_range_mm : float, optional
+        Length of the circle that ranges are on, mm.
 
     Returns
     -------
@@ -45,8 +54,14 @@ def pixel_figure(
         drawings, theme = (import_module(f"tofmix.report.{name}") for name in ("pixel_figures", "theme"))
     except ImportError as error:
         raise UsageError(_MISSING_EXTRA) from error
-    if growth is None:
-        figure: bytes = theme.figure_bytes(lambda t: drawings.neighbours_figure(views, noise=noise, theme=t), kind)
-    else:
-        figure = theme.figure_bytes(lambda t: drawings.growth_figure(growth, views[0], theme=t), kind)
-    return figure
+    circle = {"unambiguous_range_mm": unambiguous_range_mm}
+
+    def draw(t: "Theme") -> "Figure":
+        if growth is None:
+            figure: Figure = drawings.neighbours_figure(views, noise=noise, theme=t, **circle)
+        else:
+            figure = drawings.growth_figure(growth, views[0], theme=t, **circle)
+        return figure
+
+    content: bytes = theme.figure_bytes(draw, kind)
+    return content

@@ -12,6 +12,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from tofmix.arrays import FloatArray
+from tofmix.circle import cut_between
 from tofmix.estimation.density import density
 from tofmix.report.pixels import GrowingDensity, PixelView
 from tofmix.report.theme import Theme
@@ -59,7 +60,9 @@ def draw_modes(axes: Axes, range_m: FloatArray, p: FloatArray, modes_m: FloatArr
     )  # fmt: skip
 
 
-def neighbours_figure(views: list[PixelView], *, noise: NoiseCurve | None, theme: Theme) -> Figure:
+def neighbours_figure(
+    views: list[PixelView], *, noise: NoiseCurve | None, theme: Theme, unambiguous_range_mm: float | None = None
+) -> Figure:
     """Draw pixels side by side: histogram and density of the samples, fitted components with their means (Fig. 8).
 
     Parameters
@@ -70,7 +73,13 @@ def neighbours_figure(views: list[PixelView], *, noise: NoiseCurve | None, theme
         sigma(r), for the density; without it, or without samples, there is none.
     theme : Theme
         Colours.
+    unambiguous_range_mm : float, optional
+        Where ranges are on a circle: its length, mm. What lies across the fold is then drawn in one piece, past it.
     """
+    cut = _cut(views, unambiguous_range_mm)
+    named = [[_told(view, k) for k in range(len(view.range_mm))] for view in views]
+    if unambiguous_range_mm is not None:
+        views = [view.opened(cut, unambiguous_range_mm) for view in views]
     columns = min(_MOST_COLUMNS, len(views))
     rows = math.ceil(len(views) / columns)
     figure = new_figure(_PANEL_INCH * rows + 0.7)
@@ -79,11 +88,15 @@ def neighbours_figure(views: list[PixelView], *, noise: NoiseCurve | None, theme
     # Side by side on one axis, as in the paper, unless the components would be needles.
     shared = known.size == 0 or high - low < _MOST_SIGMAS * float(known.min()) / _M
     panels = figure.subplots(rows, columns, sharex=shared, squeeze=False)
-    for number, (axes, view) in enumerate(zip(panels.flat, views, strict=False)):
+    for number, (axes, view, names) in enumerate(zip(panels.flat, views, named, strict=False)):
         limits = (low, high) if shared else _view([view])
-        _draw_pixel(axes, view, np.linspace(*limits, _PLACES), noise, theme)
+        _draw_pixel(axes, view, names, np.linspace(*limits, _PLACES), noise, theme)
         below = number + columns >= len(views)
-        axes.set(xlim=limits, ylabel="p(r)  (1/m)" if number % columns == 0 else "", xlabel="range (m)" * below)
+        axes.set(
+            xlim=limits,
+            ylabel="p(r)  (1/m)" if number % columns == 0 else "",
+            xlabel=_axis(cut, unambiguous_range_mm) * below,
+        )
         axes.tick_params(labelbottom=below or not shared)
     for axes in panels.flat[len(views) :]:
         axes.set_visible(False)
@@ -91,8 +104,13 @@ def neighbours_figure(views: list[PixelView], *, noise: NoiseCurve | None, theme
     return figure
 
 
-def growth_figure(growth: GrowingDensity, view: PixelView, *, theme: Theme) -> Figure:
-    """Draw the density at a few numbers of samples, and where its modes are at each (Fig. 7)."""
+def growth_figure(
+    growth: GrowingDensity, view: PixelView, *, theme: Theme, unambiguous_range_mm: float | None = None
+) -> Figure:
+    """Draw the density at a few numbers of samples, and where its modes are at each (Fig. 7); see the other figure."""
+    cut = _cut([view], unambiguous_range_mm)
+    if unambiguous_range_mm is not None:
+        growth, view = growth.opened(cut, unambiguous_range_mm), view.opened(cut, unambiguous_range_mm)
     count = len(growth.snapshots)
     figure = new_figure(_STRIP_INCH * count + _SCATTER_INCH)
     axes = figure.subplots(count + 1, 1, sharex=True, height_ratios=[_STRIP_INCH] * count + [_SCATTER_INCH])
@@ -111,12 +129,19 @@ def growth_figure(growth: GrowingDensity, view: PixelView, *, theme: Theme) -> F
     steps = np.repeat(growth.n_samples, [len(modes) for modes in growth.modes_mm])
     last.plot(places, steps, ".", color=theme.accent, markersize=3.5, markeredgewidth=0)
     _mark_layers(last, view, theme)
-    last.set(xlim=(low, high), ylim=(0.0, 1.04 * growth.n_samples[-1]), xlabel="range (m)", ylabel="samples")
+    last.set(
+        xlim=(low, high),
+        ylim=(0.0, 1.04 * growth.n_samples[-1]),
+        xlabel=_axis(cut, unambiguous_range_mm),
+        ylabel="samples",
+    )
     figure.align_ylabels(axes)
     return figure
 
 
-def _draw_pixel(axes: Axes, view: PixelView, range_m: FloatArray, noise: NoiseCurve | None, theme: Theme) -> None:
+def _draw_pixel(
+    axes: Axes, view: PixelView, names: list[str], range_m: FloatArray, noise: NoiseCurve | None, theme: Theme
+) -> None:
     count = len(view.range_mm)
     status = "" if view.status == "ok" else f", {view.status.replace('_', ' ')}"
     style_axes(axes, f"{view.name}: {count} layer{'s' * (count != 1)}{status}", theme)
@@ -131,7 +156,7 @@ def _draw_pixel(axes: Axes, view: PixelView, range_m: FloatArray, noise: NoiseCu
         part = _component(view, k, range_m)
         highest = max(highest, float(part.max()))
         colour = theme.layers[k % len(theme.layers)]
-        axes.fill_between(range_m, 0.0, part, color=colour, alpha=0.45, linewidth=0, label=_told(view, k))
+        axes.fill_between(range_m, 0.0, part, color=colour, alpha=0.45, linewidth=0, label=names[k])
         axes.plot(range_m, part, color=colour, linewidth=1.2)
     if samples is not None and samples.size and noise is not None and view.modes_mm is not None:
         p = _M * density(samples, _M * range_m, noise)
@@ -142,6 +167,19 @@ def _draw_pixel(axes: Axes, view: PixelView, range_m: FloatArray, noise: NoiseCu
     _mark_layers(axes, view, theme, top=1.05 / _room(count))
     if count or (samples is not None and samples.size):
         axes.legend(loc="upper left", fontsize=8, handlelength=1.2, borderaxespad=0.2, labelspacing=0.25)
+
+
+def _cut(views: list[PixelView], length_mm: float | None) -> float:
+    """Where the circle is cut open for all panels; 0 without one."""
+    if length_mm is None:
+        return 0.0
+    ranges, sigmas = (np.concatenate([getattr(view, name) for view in views]) for name in ("range_mm", "sigma_mm"))
+    return cut_between(ranges, sigmas, length_mm)
+
+
+def _axis(cut_mm: float, length_mm: float | None) -> str:
+    """What the axis shows."""
+    return "range (m)" if length_mm is None or cut_mm == 0.0 else f"range (m); 0 again at {length_mm / _M:.3f}"
 
 
 def _explain(figure: Figure, theme: Theme) -> None:

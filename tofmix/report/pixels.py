@@ -4,12 +4,13 @@ Use `view_pixels` for what the paper's Fig. 8 shows of neighbouring pixels, and
 `grow_density` for its Fig. 7. Drawing is left to `tofmix.report.pixel_figures`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.circle import cut_between, fold, open_at
 from tofmix.estimation.incremental import IncrementalDensity
 from tofmix.estimation.modes import find_modes
 from tofmix.flags import Status, status_name
@@ -64,6 +65,19 @@ class PixelView:
         """``row 72, column 92``."""
         return f"row {self.row}, column {self.col}"
 
+    def opened(self, cut_mm: float, unambiguous_range_mm: float) -> "PixelView":
+        """Ranges on a line that begins at a cut of the circle, to be drawn; see `tofmix.circle.open_at`."""
+
+        def opened(values: FloatArray | None) -> FloatArray | None:
+            return None if values is None else open_at(values, cut_mm, unambiguous_range_mm)
+
+        return replace(
+            self,
+            range_mm=open_at(self.range_mm, cut_mm, unambiguous_range_mm),
+            samples_mm=opened(self.samples_mm),
+            modes_mm=opened(self.modes_mm),
+        )
+
     def as_dict(self) -> dict[str, Any]:
         """Return the same as dicts and lists, for JSON; None for what is not known."""
         layers = [{name: _number(getattr(self, name)[k]) for name in _PER_LAYER} for k in range(len(self.range_mm))]
@@ -106,6 +120,17 @@ class GrowingDensity:
     range_mm: FloatArray
     snapshots: tuple[tuple[int, FloatArray], ...]
 
+    def opened(self, cut_mm: float, unambiguous_range_mm: float) -> "GrowingDensity":
+        """Ranges on a line that begins at a cut of the circle, to be drawn; see `tofmix.circle.open_at`."""
+        range_mm = open_at(self.range_mm, cut_mm, unambiguous_range_mm)
+        order = np.argsort(range_mm)
+        return replace(
+            self,
+            modes_mm=tuple(open_at(modes, cut_mm, unambiguous_range_mm) for modes in self.modes_mm),
+            range_mm=range_mm[order],
+            snapshots=tuple((number, p[order]) for number, p in self.snapshots),
+        )
+
     def changes(self) -> list[int]:
         """Steps at which the number of modes is another than before, the first and the last one included."""
         counts = [len(modes) for modes in self.modes_mm]
@@ -128,7 +153,13 @@ def neighbour_columns(col: int, *, cols: int, neighbours: int) -> list[int]:
 
 
 def view_pixels(
-    layers: Layers, *, row: int, cols: list[int], samples: FloatArray | None, noise: NoiseCurve | None
+    layers: Layers,
+    *,
+    row: int,
+    cols: list[int],
+    samples: FloatArray | None,
+    noise: NoiseCurve | None,
+    unambiguous_range_mm: float | None = None,
 ) -> list[PixelView]:
     """View pixels of one row.
 
@@ -144,17 +175,21 @@ def view_pixels(
         Samples of the whole row, mm, NaN where invalid.
     noise : NoiseCurve, optional
         sigma(r), for the modes.
+    unambiguous_range_mm : float, optional
+        Where the ranges are on a circle: its length, mm. Samples are folded, and modes looked for across the fold.
     """
     views = []
     for col in cols:
-        valid = modes = None
-        if samples is not None:
-            valid = samples[np.isfinite(samples[:, col]), col].astype(np.float64)
-            modes = None if noise is None or valid.size == 0 else find_modes(valid, noise)
         n_modes = int(layers.n_modes[row, col])
         of_layers = {
             name: getattr(layers, _FIELDS.get(name, name))[row, col, :n_modes].astype(np.float64) for name in _PER_LAYER
         }
+        valid = modes = None
+        if samples is not None:
+            valid = samples[np.isfinite(samples[:, col]), col].astype(np.float64)
+            if unambiguous_range_mm is not None:
+                valid = fold(valid, unambiguous_range_mm)
+            modes = None if noise is None or valid.size == 0 else _modes(valid, noise, of_layers, unambiguous_range_mm)
         value = int(layers.status[row, col])
         views.append(
             PixelView(
@@ -173,13 +208,25 @@ def view_pixels(
     return views
 
 
+def _modes(
+    samples_mm: FloatArray, noise: NoiseCurve, of_layers: dict[str, FloatArray], length_mm: float | None
+) -> FloatArray:
+    """Peaks of the density; on a circle those of the line that begins between the layers."""
+    if length_mm is None:
+        return np.asarray(find_modes(samples_mm, noise))
+    cut = cut_between(of_layers["range_mm"], of_layers["sigma_mm"], length_mm)
+    return np.sort(fold(find_modes(open_at(samples_mm, cut, length_mm), noise), length_mm))
+
+
 def row_samples(recording: SampleSource, *, row: int, start: int, stop: int) -> FloatArray:
     """Samples (frame, col) of one row over frames [start, stop), mm, NaN where invalid."""
     block = recording.read_range(slice(start, stop), slice(row, row + 1))
     return np.asarray(block[:, 0, :], dtype=np.float64)
 
 
-def grow_density(samples_mm: FloatArray, sensor: Sensor) -> GrowingDensity:
+def grow_density(
+    samples_mm: FloatArray, sensor: Sensor, *, unambiguous_range_mm: float | None = None
+) -> GrowingDensity:
     """Add a pixel's samples one by one and look for modes after each.
 
     Parameters
@@ -188,15 +235,17 @@ def grow_density(samples_mm: FloatArray, sensor: Sensor) -> GrowingDensity:
         Valid samples in the order of their frames, at least one.
     sensor : Sensor
         Noise curve and working range.
+    unambiguous_range_mm : float, optional
+        Length of the circle that ranges are on, mm.
 
     Raises
     ------
     ValueError
-        If there is no sample, or the sensor has no noise curve or no working range.
+        If there is no sample, the sensor has no noise curve or no working range, or the circle is too short.
     """
     if samples_mm.size == 0:
         raise ValueError("the pixel has no valid sample")
-    live = IncrementalDensity(sensor, 1)
+    live = IncrementalDensity(sensor, 1, unambiguous_range_mm=unambiguous_range_mm)
     shown = {max(1, round(share * samples_mm.size)) for share in SNAPSHOTS}
     modes, snapshots = [], []
     for number, sample in enumerate(samples_mm, 1):
