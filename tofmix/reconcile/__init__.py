@@ -2,5 +2,5 @@
 
 The five steps are five modules: `compare`, `localise`, `name`, `add`, `verify`;
 `workflow` runs them. The likelihood that all of them share is in `kernel`,
-`mixture` and `likelihood`.
+`mixture` and `likelihood`; the latent states are in `bursts` and `pixel_pattern`.
 """

@@ -12,9 +12,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.reconcile.bursts import forward
 from tofmix.reconcile.evidence import Evidence
-from tofmix.reconcile.likelihood import Likelihood, Part, PixelBiases, State, forward, marginal_pattern, pixel_biases
+from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
+from tofmix.reconcile.pixel_pattern import PixelBiases, marginal_pattern, pixel_biases
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.parameter import PixelMap

@@ -13,9 +13,11 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.reconcile import links
 from tofmix.reconcile.evidence import BLOCK_FRAMES
-from tofmix.reconcile.fits import Fitted, fit, problems
-from tofmix.reconcile.likelihood import Likelihood, Part, State, marginal_pattern, pixel_biases
+from tofmix.reconcile.fits import Fitted, fit
+from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
+from tofmix.reconcile.pixel_pattern import marginal_pattern, pixel_biases
+from tofmix.reconcile.searches import problems
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern

@@ -15,11 +15,11 @@ from tofmix.reconcile.add import Added, Settings, add, latent_states
 from tofmix.reconcile.aliases import separate_by
 from tofmix.reconcile.compare import Compared
 from tofmix.reconcile.evidence import Evidence
-from tofmix.reconcile.fits import numeric, standard_errors
 from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import Place, localise
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.name import Candidate
+from tofmix.reconcile.standard_errors import numeric, standard_errors
 from tofmix.reconcile.verify import Verified, verify
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
