@@ -30,7 +30,7 @@ def standard_errors(fitted: Fitted, likelihood: Likelihood, state: State, part: 
 
     def value(x: FloatArray) -> float:
         try:
-            return likelihood.value(replace(state, effects=(*state.effects, fitted.problem.make(x))), part)
+            return likelihood.objective(replace(state, effects=(*state.effects, fitted.problem.make(x))), part)
         except ValueError:
             return -math.inf
 
