@@ -135,13 +135,14 @@ def joint_likelihood(recordings: Sequence[Recording]) -> Likelihood:
     check_camera([model for model, _ in recordings])
     models = tell_apart([model for model, _ in recordings])
     alone = [evidence for _, evidence in recordings]
-    scenes, witnesses = [], {}
+    scenes: list[Scene] = []
+    witnesses: dict[str, Witness] = {}
     for model, evidence in zip(models, alone, strict=True):
         scene, heard = _seen(model, evidence)
         scenes.append(scene)
         witnesses |= {name: w for name, w in heard.items() if name not in witnesses}
-    scene = scenes[0] if len(scenes) == 1 else Scenes(tuple(scenes))
-    return Likelihood(join(alone), scene, tuple(witnesses.values()))
+    joined = scenes[0] if len(scenes) == 1 else Scenes(tuple(scenes))
+    return Likelihood(join(alone), joined, tuple(witnesses.values()))
 
 
 def _seen(model: Model, evidence: Evidence) -> tuple[Scene, dict[str, Witness]]:
