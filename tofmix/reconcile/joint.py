@@ -19,8 +19,8 @@ from tofmix.reconcile.mixture import Mixture, Scene
 from tofmix.reconcile.witnesses import (
     Witness,
     amplitude_witnesses,
+    as_bright_as_seen,
     log_ratios,
-    seen_reflectivities,
     warm_up_witness,
 )
 from tofmix.simulation.effects.base import Effect
@@ -157,7 +157,7 @@ def _seen(model: Model, evidence: Evidence) -> tuple[Scene, dict[str, Witness]]:
     warm_up = warm_up_witness(evidence)
     if warm_up is not None:
         heard["temperature"] = warm_up
-    bright = seen_reflectivities(model, ratios)
+    bright = as_bright_as_seen(model, ratios)
     return (scene if bright is model else Scene(bright, evidence.time_s)), heard
 
 
