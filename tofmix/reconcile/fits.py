@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tofmix.arrays import FloatArray
+from tofmix.reconcile.joint import acting_part
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.searches import Problem
 from tofmix.simulation.effects import Effect
@@ -43,6 +44,7 @@ def fit(
     start : (parameter,), optional
         Where to start, instead of the problem's starts.
     """
+    part = _heard(problem, likelihood, part)
 
     def cost(x: FloatArray) -> float:
         try:
@@ -63,3 +65,13 @@ def fit(
         found = minimize(cost, best, method="Nelder-Mead", options=options)
         best, value = np.asarray(found.x), float(found.fun)
     return Fitted(effect=problem.make(best), vector=best, problem=problem, value=-value)
+
+
+def _heard(problem: Problem, likelihood: Likelihood, part: Part) -> Part:
+    """The part without recordings that have nothing to do with what is searched."""
+    for start in problem.starts:
+        try:
+            return acting_part(likelihood, problem.make(np.array(start)), part)
+        except ValueError:
+            continue
+    return part

@@ -119,6 +119,19 @@ def views(likelihood: Likelihood, mixture: Mixture, part: Part) -> Iterator[View
             )  # fmt: skip
 
 
+def acting_part(likelihood: Likelihood, effect: Effect, part: Part) -> Part:
+    """The frames of those recordings in which an effect acts: all others say nothing of it."""
+    evidence, members = likelihood.evidence, likelihood.scene.members
+    acts = [bool(scene.own((effect,))) for scene in members]
+    if all(acts):
+        return part
+    frames = part[0]
+    use = np.zeros(evidence.shape[0], dtype=bool)
+    for own, acting in zip(evidence.recordings, acts, strict=True):
+        use[own] = acting
+    return frames[use[frames]], part[1]
+
+
 def joint_likelihood(recordings: Sequence[Recording]) -> Likelihood:
     """The likelihood of recordings of one camera.
 
