@@ -4,7 +4,7 @@ A sample's probability integral transform under the model's own predictive distr
 standard normal score if the model is right; what the scores are summed up to is in `tofmix.reconcile.panel`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.links import whitened
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.panel import Curve, discreteness, in_time, invalid, neighbours, panel_axes, shapes
+from tofmix.reconcile.panel_lines import lines
+from tofmix.reconcile.telling import telling_of
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
 _FAR = np.float32(4.0)  # scores beyond count as this: fourth powers must not hang on one sample
@@ -55,7 +57,10 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
     curves = [*shapes(z, axes, m, state, part), *in_time(z, likelihood.evidence, part, m)]
     curves += invalid(likelihood.evidence, m, state, axes, part)
     curves += neighbours(z, likelihood.evidence, part)
+    curves += lines(z, likelihood.evidence, part)
     curves += discreteness(likelihood.evidence, part, m, state)
+    gains = telling_of(z, likelihood.evidence, m, part)
+    curves = [replace(c, telling=gains.get((c.statistic, c.axis))) for c in curves]
     pattern = np.full(likelihood.evidence.shape[1], np.nan)
     with np.errstate(invalid="ignore"):
         pattern[part[1]] = np.nansum(z, axis=0) / np.maximum(np.isfinite(z).sum(axis=0), 1)
