@@ -16,7 +16,7 @@ def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Inter
     quiet, loud : (n,) float64
         Log-likelihood of each frame in either state.
     frames : (n,) int64
-        Their numbers, ascending; gaps are bridged by the chain.
+        Their numbers, ascending (`Evidence.frame_number`); gaps are bridged by the chain.
     effect : Interference
         Share and length of the bursts.
     """

@@ -8,7 +8,7 @@ these stand the latent states: whether a frame is disturbed (hidden Markov chain
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import ndtri
@@ -20,6 +20,9 @@ from tofmix.reconcile.kernel import empty_sums, log_likelihood, transform
 from tofmix.reconcile.mixture import Mixture, Scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.interference import Interference
+
+if TYPE_CHECKING:
+    from tofmix.reconcile.joint import Scenes
 
 _CHUNKS = 4  # fixed, so that sums do not depend on the number of threads
 _THREADS = 2
@@ -79,12 +82,12 @@ class Likelihood:
     ----------
     evidence : Evidence
         The recording.
-    scene : Scene
-        The model's scene.
+    scene : Scene or Scenes
+        The model's scene; those of several recordings.
     """
 
     evidence: Evidence
-    scene: Scene
+    scene: "Scene | Scenes"
     calls: int = field(default=0)
 
     def start(self) -> State:
@@ -156,7 +159,8 @@ class Likelihood:
         return self.sums(mixture, state, part).total
 
     def _with_bursts(self, mixture: Mixture, state: State, part: Part, effect: Interference) -> float:
-        return forward(*self.frame_pair(mixture, state, part, effect.sigma_mm), part[0], effect)[0]
+        numbers = self.evidence.frame_number[part[0]]
+        return forward(*self.frame_pair(mixture, state, part, effect.sigma_mm), numbers, effect)[0]
 
     def frame_pair(self, mixture: Mixture, state: State, part: Part, sigma_mm: float) -> tuple[FloatArray, FloatArray]:
         """Log-likelihoods (n,) of the part's frames, quiet and disturbed."""

@@ -40,6 +40,7 @@ class Curve:
         Unit of the axis.
     scale_mm : mean sigma of the bin's samples, mm.
     telling : gain of what it says beyond lower orders, nats (`tofmix.reconcile.telling`); None if not worked out.
+    recording : which one it is of, from 0.
     """
 
     statistic: str
@@ -51,6 +52,12 @@ class Curve:
     unit: str
     scale_mm: FloatArray
     telling: float | None = None
+    recording: int = 0
+
+    @property
+    def name(self) -> tuple[str, str, int]:
+        """Statistic, axis and recording: what tells it from the other curves of its panel."""
+        return self.statistic, self.axis, self.recording
 
     @property
     def chi2(self) -> float:

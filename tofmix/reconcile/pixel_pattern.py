@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconcile.evidence import Evidence
+from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State, Sums
 from tofmix.reconcile.mixture import Mixture
 
@@ -35,7 +36,7 @@ def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: P
     A bias of many sigma cannot be reached step by step: the median of a pixel's samples is another start.
     """
     first = likelihood.sums(mixture, state, part)
-    far = state.pixel_bias + _median_bias(likelihood.evidence, mixture, state, part)
+    far = state.pixel_bias + _median_bias(likelihood, mixture, state, part)
     other = likelihood.sums(mixture, state, part, bias=far)
     better = other.by_pixel[:, 0] > first.by_pixel[:, 0]
     bias = np.where(better, far, state.pixel_bias)
@@ -53,8 +54,20 @@ def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: P
     )
 
 
-def _median_bias(evidence: Evidence, mixture: Mixture, state: State, part: Part) -> FloatArray:
-    """Median of a pixel's samples less what its main surface has, mm; 0 where it has no return or no sample."""
+def _median_bias(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> FloatArray:
+    """Median of a pixel's samples less what its main surface has, mm; the mean of that over recordings.
+
+    0 where the pixel has no return or no sample.
+    """
+    total, count = np.zeros(state.pixel_bias.size), np.zeros(state.pixel_bias.size)
+    for view in views(likelihood, mixture, part):
+        own, usable = _medians(view.evidence, view.mixture, view.part)
+        total += np.where(usable, own - state.pixel_bias, 0.0)
+        count += usable
+    return total / np.maximum(count, 1)
+
+
+def _medians(evidence: Evidence, mixture: Mixture, part: Part) -> tuple[FloatArray, BoolArray]:
     frames, pixels = part
     values = evidence.samples[frames][:, pixels].astype(np.float32)
     values -= mixture.frame_bias[frames, None].astype(np.float32)
@@ -65,7 +78,7 @@ def _median_bias(evidence: Evidence, mixture: Mixture, state: State, part: Part)
     known = np.zeros(middle.size, dtype=bool)
     known[pixels[some]] = True
     usable = known & mixture.of_main(mixture.lit).astype(bool)
-    return np.where(usable, middle - mixture.of_main(mixture.mean) - state.pixel_bias, 0.0)
+    return middle - mixture.of_main(mixture.mean), usable
 
 
 def marginal_pattern(

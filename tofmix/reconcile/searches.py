@@ -8,10 +8,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
+from tofmix.reconcile.joint import View, views
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Mixture
 from tofmix.simulation.effects import EFFECTS, Effect
@@ -63,6 +66,7 @@ class Setting:
     shares: FloatArray  # of invalid samples by pixel
 
 
+_Main = tuple[NDArray[Any], ...]
 _Maker = Callable[[Setting], Iterator[Problem]]
 
 
@@ -193,7 +197,7 @@ def _wrapping(s: Setting) -> Iterator[Problem]:
     """At the camera's own turn (a free one takes up an offset), and only where something is near enough to it."""
     reach = np.where(s.mixture.lit & (s.mixture.weight > 0), s.mixture.true_range, 0.0) + 4 * s.sigma
     if reach.max() > s.turn:
-        yield Problem(make=lambda _: MAKE["phase_wrapping"](), starts=((),), steps=())
+        yield Problem(make=lambda _: MAKE["phase_wrapping"](unambiguous_range_mm=s.turn), starts=((),), steps=())
 
 
 PROBLEMS: dict[str, _Maker] = {
@@ -218,24 +222,32 @@ PROBLEMS: dict[str, _Maker] = {
 
 def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
     """What the starts depend on, for a mixture."""
-    m = mixture
-    lit = m.of_main(m.lit).astype(bool)
-    sigma, surface, mean = m.of_main(m.sigma), m.of_main(m.surface), m.of_main(m.mean)
+    whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
+    pixels = [_main(view) for view in views(likelihood, mixture, whole)]
+    lit, sigma, mean, name, amplitude, lost = (np.concatenate(values) for values in zip(*pixels, strict=True))
     names = []
-    for number, name in enumerate(likelihood.scene.names):
-        own = lit & (surface == number)
+    for surface in likelihood.scene.names:
+        own = lit & (name == surface)
         if own.sum() >= _LEAST_PIXELS:
-            names.append((name, float(np.median(sigma[own])), float(np.median(mean[own]))))
+            names.append((surface, float(np.median(sigma[own])), float(np.median(mean[own]))))
     turn = likelihood.scene.model.sensor.modulation_frequency_hz
     return Setting(
-        mixture=m,
+        mixture=mixture,
         sigma=float(np.median(sigma[lit])) if lit.any() else float(np.median(sigma)),
         turn=math.nan if turn is None else likelihood.scene.model.sensor.turn_mm("reconcile"),
-        duration=max(float(likelihood.evidence.time_s[-1]), 1e-3),
+        duration=max(float(likelihood.evidence.time_s.max()), 1e-3),
         surfaces=tuple(names),
-        amplitudes=m.of_main(m.amplitude),
-        shares=np.asarray((likelihood.evidence.samples == 0).mean(axis=0)),
+        amplitudes=amplitude,
+        shares=lost,
     )
+
+
+def _main(view: View) -> _Main:
+    """Of each pixel's main component (pixel,): is it lit, sigma, mean, surface's name, amplitude, share of lost."""
+    m = view.mixture
+    names = np.array([*view.scene.names, ""], dtype=object)[m.of_main(m.surface)]
+    lost = (view.evidence.samples == 0).mean(axis=0)
+    return m.of_main(m.lit).astype(bool), m.of_main(m.sigma), m.of_main(m.mean), names, m.of_main(m.amplitude), lost
 
 
 def problems(kind: str, likelihood: Likelihood, mixture: Mixture) -> list[Problem]:

@@ -33,14 +33,16 @@ class GapPicture(NamedTuple):
 def curve_pictures(result: Reconciliation) -> list[GapPicture]:
     """The statistics that disagree most before, each with what it is after."""
     v = result.verified
-    after = {(c.statistic, c.axis): c for c in v.after.curves}
+    after = {c.name: c for c in v.after.curves}
     drawable = [c for c in v.before.curves if c.dof > 1 and not c.statistic.endswith("pattern")]
     top = sorted(drawable, key=lambda c: -c.z)[:_MOST]
-    return [_picture(_words(c), _curve(c, after.get((c.statistic, c.axis)), named=bool(result.named))) for c in top]
+    several = len(result.models) > 1
+    return [_picture(_words(c, several), _curve(c, after.get(c.name), named=bool(result.named))) for c in top]
 
 
-def _words(curve: Curve) -> str:
-    return f"{curve.statistic.replace('_', ' ')} against {curve.axis.replace('_', ' ')}"
+def _words(curve: Curve, several: bool) -> str:
+    words = f"{curve.statistic.replace('_', ' ')} against {curve.axis.replace('_', ' ')}"
+    return f"{words}, recording {curve.recording + 1}" if several else words
 
 
 def _picture(title: str, draw: Callable[[Theme], Figure], kind: str = "svg") -> GapPicture:
@@ -79,13 +81,17 @@ def _curve(before: Curve, after: Curve | None, *, named: bool) -> Callable[[Them
 def map_pictures(result: Reconciliation) -> list[GapPicture]:
     """Each pixel's mean score, before and after."""
     v = result.verified
-    shape = (result.model.sensor.rows, result.model.sensor.cols)
+    shape = (result.models[0].sensor.rows, result.models[0].sensor.cols)
     parts: list[tuple[str, Compared]] = [("mean score of each pixel, before", v.before)]
     if result.named:
         parts.append(("mean score of each pixel, after", v.after))
     finite = v.before.pattern[np.isfinite(v.before.pattern)]
     limit = max(float(np.quantile(np.abs(finite), 0.98)) if finite.size else 1.0, 0.2)
-    return [_picture(title, _map(part.pattern.reshape(shape), limit), "png") for title, part in parts]
+    several = len(result.models) > 1
+    return [
+        _picture(f"{title}, recording {k + 1}" if several else title, _map(pattern.reshape(shape), limit), "png")
+        for title, part in parts for k, pattern in enumerate(part.pattern)
+    ]  # fmt: skip
 
 
 def _map(values: FloatArray, limit: float) -> Callable[[Theme], Figure]:
