@@ -93,11 +93,11 @@ def _bounce(p: dict[str, float]) -> Array:
     ids=lambda value: getattr(value, "kind", ""),
 )
 def test_a_bias_is_that_of_its_equivalent(mechanism: Effect, law: Callable[[dict[str, float]], Array]) -> None:
-    """Within 4 % of the largest bias, and what the noise leaves."""
+    """Within 4 % of the largest bias, and what the noise leaves; both in units of sigma, as samples know them."""
     seen, wanted = bias(mechanism)[MAIN], law(mechanism.equivalent(PLACE))[MAIN]
     assert np.abs(wanted).max() > 3
     noise = 0.5 / math.sqrt(DEVICE.frames) + 0.02 * SIGMA[MAIN]  # rounding, and noise that the mechanism turns
-    assert (np.abs(seen - wanted) < 0.04 * np.abs(wanted).max() + 4 * noise).all()
+    assert (np.abs(seen - wanted) / SIGMA[MAIN] < 0.04 * np.abs(wanted / SIGMA[MAIN]).max() + 4 * noise / SIGMA[MAIN]).all()
     assert np.ptp(wanted) < 1e-9 or np.corrcoef(seen, wanted)[0, 1] > 0.97
 
 
