@@ -108,11 +108,8 @@ class Reconciliation:
         v = self.verified
         return {
             "verdict": v.verdict,
-            "effects": [
-                {"kind": n.effect.kind, "parameters": n.parameters, "stderr": _rounded(n.stderr),
-                 "heldout_gain_nats": _short(n.heldout_gain_nats), **self._in_recordings(*n.recordings)}
-                for n in self.named
-            ],
+            "effects": [self._effect(n) for n in self.acting(0)],
+            **self._also(),
             "where": [_place(p) | self._in_recording(p.recording) for p in self.where],
             "left": [_place(p) | self._in_recording(p.recording) for p in self.left],
             "candidates": [
@@ -129,12 +126,22 @@ class Reconciliation:
                     "closed": None if v.closed is None else _short(v.closed)},
         }  # fmt: skip
 
+    def _effect(self, named: NamedEffect) -> dict[str, Any]:
+        said = {"kind": named.effect.kind, "parameters": named.parameters, "stderr": _rounded(named.stderr),
+                "heldout_gain_nats": _short(named.heldout_gain_nats)}  # fmt: skip
+        return said | ({"recordings": [k + 1 for k in named.recordings]} if len(self.models) > 1 else {})
+
+    def _also(self) -> dict[str, Any]:
+        """Effects that the first recording has not: `effects` are those of its model."""
+        others = [
+            {"recording": k + 1, "effects": [self._effect(n) for n in self.acting(k) if 0 not in n.recordings]}
+            for k in range(1, len(self.models))
+        ]
+        return {"also": others} if others else {}
+
     def _in_recording(self, number: int) -> dict[str, Any]:
         """Which recording, from 1, where there are several."""
         return {"recording": number + 1} if len(self.models) > 1 else {}
-
-    def _in_recordings(self, *numbers: int) -> dict[str, Any]:
-        return {"recordings": [number + 1 for number in numbers]} if len(self.models) > 1 else {}
 
 
 def _place(place: Place) -> dict[str, Any]:
