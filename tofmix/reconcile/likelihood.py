@@ -7,7 +7,7 @@ these stand the latent states: whether a frame is disturbed (hidden Markov chain
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +26,13 @@ if TYPE_CHECKING:
 
 _CHUNKS = 4  # fixed, so that sums do not depend on the number of threads
 _THREADS = 2
+
+
+@lru_cache(maxsize=1)
+def _pool() -> ThreadPoolExecutor:
+    """Threads for all passes: there are thousands, and a thread takes as long to start as a small pass."""
+    return ThreadPoolExecutor(_THREADS)
+
 
 Part = tuple[IntArray, IntArray]
 """Frames and pixels."""
@@ -127,8 +134,7 @@ class Likelihood:
         shift = state.pixel_bias if bias is None else bias
         density = mixture.outlier / (mixture.high - mixture.low)
         run = partial(self._pass, mixture, pixels, (added, shift, density))
-        with ThreadPoolExecutor(_THREADS) as pool:
-            results = list(pool.map(run, np.array_split(frames, _CHUNKS)))
+        results = list(_pool().map(run, np.array_split(frames, _CHUNKS)))
         out = Sums(*empty_sums(*self.evidence.shape))
         for by_pixel, by_frame in results:
             out.by_pixel += by_pixel
@@ -183,8 +189,7 @@ class Likelihood:
                 m.mean, m.sigma, m.rate, m.lit, m.outlier, m.low, m.high, m.step, m.period, seed, out,
             )  # fmt: skip
 
-        with ThreadPoolExecutor(_THREADS) as pool:
-            list(pool.map(run, np.array_split(frames, _CHUNKS)))
+        list(_pool().map(run, np.array_split(frames, _CHUNKS)))
         for frame in range(len(out)):  # frame by frame: no second copy in double precision
             out[frame] = ndtri(np.clip(out[frame].astype(np.float64), 1e-9, 1 - 1e-9))
         return out
