@@ -20,7 +20,9 @@ from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
 _UNIT = (0.3, 3.0)  # a drop of the log-likelihood that counts as 1
-_FARTHEST = 200.0  # nats that a last step may gain; beyond, the log-likelihood is no parabola
+_MOST_STEPS = 4
+_ENOUGH = 0.01  # nats that are not worth a step
+_FARTHEST = 200.0  # nats that a step under a pattern may gain; beyond, the log-likelihood is no parabola
 _SOFT = 1e-6
 
 
@@ -87,23 +89,42 @@ class _Parabola:
 
 
 def polish(numbers: Numbers) -> Numbers:
-    """One step of Newton's for all numbers at once, where the log-likelihood is a parabola; it never worsens it."""
-    x = numbers.vector
-    if x.size == 0:
-        return numbers
-    about = _parabola(numbers, x)
-    if about is None:
-        return numbers
-    move = about.covariance @ about.slope
-    gain = 0.5 * float(about.slope @ move)
-    if not 0 < gain < _FARTHEST:
-        return numbers
-    wanted = x + move * about.steps
-    before, after = numbers.sums(x), numbers.sums(wanted)
-    patterned = any(isinstance(e, FixedPattern) for e in numbers.state.effects)  # its map follows after the step
-    if before is None or after is None or (after.total <= before.total and not patterned):
-        return numbers
-    return numbers.moved(wanted)
+    """Newton's steps for all numbers at once, to the top of the log-likelihood; none of them lowers it.
+
+    Under a fixed pattern, whose values follow after the step, the log-likelihood is that with them integrated out,
+    and one step is made.
+    """
+    patterned = any(isinstance(e, FixedPattern) for e in numbers.state.effects)
+    for _ in range(1 if patterned else _MOST_STEPS):
+        x = numbers.vector
+        about = _parabola(numbers, x) if x.size else None
+        if about is None:
+            break
+        move = about.covariance @ about.slope
+        gain = 0.5 * float(about.slope @ move)
+        if gain < _ENOUGH:
+            break
+        if patterned:
+            return _patterned(numbers, x + move * about.steps, gain)
+        better = _better(numbers, x, move * about.steps)
+        if better is None:
+            break
+        numbers = better
+    return numbers
+
+
+def _patterned(numbers: Numbers, wanted: FloatArray, gain: float) -> Numbers:
+    return numbers if gain > _FARTHEST or numbers.sums(wanted) is None else numbers.moved(wanted)
+
+
+def _better(numbers: Numbers, x: FloatArray, move: FloatArray) -> Numbers | None:
+    """A step, or a part of it, that raises the log-likelihood."""
+    top = numbers.sums(x)
+    for part in (1.0, 0.5, 0.2, 0.05):
+        found = numbers.sums(x + part * move)
+        if top is not None and found is not None and found.total > top.total:
+            return numbers.moved(x + part * move)
+    return None
 
 
 def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
