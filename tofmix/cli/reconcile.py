@@ -138,7 +138,13 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
     with open_recording(measured) as file:
         every = slice(0, None)
         try:
-            return make_evidence(scene, file.read_range(every, every), time_s=file.read_time())
+            return make_evidence(
+                scene,
+                file.read_range(every, every),
+                time_s=file.read_time(),
+                amplitude=file.read_amplitude(every, every) if file.has_amplitude else None,
+                temperature_c=file.read_temperature(),
+            )
         except BadInputError as error:
             raise BadInputError(f"{measured}: {error}") from error
 

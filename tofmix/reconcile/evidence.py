@@ -40,6 +40,10 @@ class Evidence:
         Pixels that fits may see before gains are scored.
     starts : tuple of int
         The first frame of each recording.
+    amplitude : (pixel,) float64 or None
+        Median amplitude of each pixel's valid samples, NaN where there is none; of one recording by itself.
+    temperature_c : (frame,) float64 or None
+        Of one recording by itself.
     """
 
     samples: NDArray[np.uint16]
@@ -48,6 +52,8 @@ class Evidence:
     fit_frames: BoolArray
     fit_pixels: BoolArray
     starts: tuple[int, ...] = (0,)
+    amplitude: FloatArray | None = None
+    temperature_c: FloatArray | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -86,6 +92,8 @@ def make_evidence(
     range_mm: FloatArray | Float32Array,
     *,
     time_s: FloatArray | None = None,
+    amplitude: FloatArray | Float32Array | None = None,
+    temperature_c: FloatArray | None = None,
 ) -> Evidence:
     """Hold a recording for reconciliation.
 
@@ -97,6 +105,10 @@ def make_evidence(
         Samples in mm, NaN where invalid.
     time_s : (frame,), optional
         Start of each frame, s; by the model's frame rate if left out.
+    amplitude : (frame, row, col), optional
+        Of each sample, NaN where it has none.
+    temperature_c : (frame,), optional
+        The camera's.
 
     Raises
     ------
@@ -125,7 +137,19 @@ def make_evidence(
         image=(rows, cols),
         fit_frames=block,
         fit_pixels=pixel_block,
+        amplitude=None if amplitude is None else _typical(amplitude, valid).reshape(-1),
+        temperature_c=None if temperature_c is None else np.asarray(temperature_c, dtype=np.float64),
     )
+
+
+def _typical(amplitude: FloatArray | Float32Array, valid: BoolArray) -> FloatArray:
+    """Median over frames (row, col) of valid samples, row by row to save memory; NaN where there is none."""
+    out = np.full(amplitude.shape[1:], np.nan)
+    for row in range(len(out)):
+        values = np.where(valid[:, row], amplitude[:, row], np.nan)
+        some = np.isfinite(values).any(axis=0)
+        out[row, some] = np.nanmedian(values[:, some], axis=0)
+    return out
 
 
 def join(recordings: Sequence[Evidence]) -> Evidence:
@@ -138,5 +162,7 @@ def join(recordings: Sequence[Evidence]) -> Evidence:
         samples=np.concatenate([e.samples for e in recordings]),
         time_s=np.concatenate([e.time_s for e in recordings]),
         fit_frames=np.concatenate([e.fit_frames for e in recordings]),
+        amplitude=None,
+        temperature_c=None,
         starts=tuple(int(n) for n in np.cumsum([0, *lengths[:-1]])),
     )

@@ -50,7 +50,7 @@ def fit(
         try:
             effect = problem.make(np.asarray(x))
             effect.check(likelihood.scene.model.sensor, likelihood.scene.names)
-            return -likelihood.value(replace(state, effects=(*state.effects, effect)), part)
+            return -likelihood.objective(replace(state, effects=(*state.effects, effect)), part)
         except ValueError:
             return math.inf
 

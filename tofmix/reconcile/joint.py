@@ -16,6 +16,13 @@ from tofmix.errors import BadInputError
 from tofmix.reconcile.evidence import Evidence, join
 from tofmix.reconcile.likelihood import Likelihood, Part
 from tofmix.reconcile.mixture import Mixture, Scene
+from tofmix.reconcile.witnesses import (
+    Witness,
+    amplitude_witnesses,
+    log_ratios,
+    seen_reflectivities,
+    warm_up_witness,
+)
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.model import Model, Surface
 
@@ -127,9 +134,31 @@ def joint_likelihood(recordings: Sequence[Recording]) -> Likelihood:
     """
     check_camera([model for model, _ in recordings])
     models = tell_apart([model for model, _ in recordings])
-    scenes = tuple(Scene(m, evidence.time_s) for m, (_, evidence) in zip(models, recordings, strict=True))
-    evidence = join([evidence for _, evidence in recordings])
-    return Likelihood(evidence, scenes[0] if len(scenes) == 1 else Scenes(scenes))
+    alone = [evidence for _, evidence in recordings]
+    scenes: list[Scene] = []
+    witnesses: dict[str, Witness] = {}
+    for model, evidence in zip(models, alone, strict=True):
+        scene, heard = _seen(model, evidence)
+        scenes.append(scene)
+        witnesses |= {name: w for name, w in heard.items() if name not in witnesses}
+    joined = scenes[0] if len(scenes) == 1 else Scenes(tuple(scenes))
+    return Likelihood(join(alone), joined, tuple(witnesses.values()))
+
+
+def _seen(model: Model, evidence: Evidence) -> tuple[Scene, dict[str, Witness]]:
+    """The scene, its surfaces as bright as recorded; and what amplitudes and temperatures say, by what it is of."""
+    scene = Scene(model, evidence.time_s)
+    ratios = log_ratios(model, evidence, scene.mixture())
+    heard: dict[str, Witness] = {}
+    if model.sensor.modulation_frequency_hz is not None:
+        heard |= {
+            f"amplitude of {w.surface}": w for w in amplitude_witnesses(ratios, model.sensor.turn_mm("reconcile"))
+        }
+    warm_up = warm_up_witness(evidence)
+    if warm_up is not None:
+        heard["temperature"] = warm_up
+    bright = seen_reflectivities(model, ratios)
+    return (scene if bright is model else Scene(bright, evidence.time_s)), heard
 
 
 def check_camera(models: Sequence[Model]) -> None:

@@ -23,6 +23,7 @@ from tofmix.simulation.effects.interference import Interference
 
 if TYPE_CHECKING:
     from tofmix.reconcile.joint import Scenes
+    from tofmix.reconcile.witnesses import Witness
 
 _CHUNKS = 4  # fixed, so that sums do not depend on the number of threads
 _THREADS = 2
@@ -91,10 +92,13 @@ class Likelihood:
         The recording.
     scene : Scene or Scenes
         The model's scene; those of several recordings.
+    witnesses : tuple of Witness
+        What amplitudes and temperatures say.
     """
 
     evidence: Evidence
     scene: "Scene | Scenes"
+    witnesses: "tuple[Witness, ...]" = ()
     calls: int = field(default=0)
 
     def start(self) -> State:
@@ -163,6 +167,14 @@ class Likelihood:
             if isinstance(effect, Interference):
                 return self._with_bursts(mixture, state, part, effect)
         return self.sums(mixture, state, part).total
+
+    def objective(self, state: State, part: Part) -> float:
+        """What fits maximise: `value`, and what the witnesses say of the effects' parameters."""
+        return self.value(state, part) + self.heard(state)
+
+    def heard(self, state: State) -> float:
+        """Log density of what the witnesses saw, given the effects."""
+        return float(sum(witness.log_density(effect) for effect in state.effects for witness in self.witnesses))
 
     def _with_bursts(self, mixture: Mixture, state: State, part: Part, effect: Interference) -> float:
         numbers = self.evidence.frame_number[part[0]]

@@ -14,7 +14,7 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconcile.evidence import BLOCK_FRAMES, BLOCK_PIXELS
 from tofmix.reconcile.fits import Fitted
-from tofmix.reconcile.likelihood import Likelihood, Part, State, Sums
+from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.pixel_pattern import PixelBiases, marginal_pattern
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -68,13 +68,23 @@ class Numbers:
             fits[number] = replace(fitted, vector=own, effect=effects[number])
         return replace(self, fits=fits, state=replace(self.state, effects=tuple(effects)))
 
-    def sums(self, x: FloatArray) -> Sums | None:
-        """Log-likelihoods by pixel and frame; None out of bounds."""
+    def at(self, x: FloatArray) -> "_Value | None":
+        """What fits maximise, in all and by pixel and frame; None out of bounds."""
         try:
             state = self.moved(x).state
         except ValueError:
             return None
-        return self.likelihood.sums(self.likelihood.scene.mixture(state.effects), state, self.part)
+        sums = self.likelihood.sums(self.likelihood.scene.mixture(state.effects), state, self.part)
+        return _Value(total=sums.total + self.likelihood.heard(state), by_pixel=sums.by_pixel, by_frame=sums.by_frame)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Value:
+    """The objective, and of it the log-likelihood as `Sums` has it."""
+
+    total: float
+    by_pixel: FloatArray
+    by_frame: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,14 +124,14 @@ def polish(numbers: Numbers) -> Numbers:
 
 
 def _patterned(numbers: Numbers, wanted: FloatArray, gain: float) -> Numbers:
-    return numbers if gain > _FARTHEST or numbers.sums(wanted) is None else numbers.moved(wanted)
+    return numbers if gain > _FARTHEST or numbers.at(wanted) is None else numbers.moved(wanted)
 
 
 def _better(numbers: Numbers, x: FloatArray, move: FloatArray) -> Numbers | None:
     """A step, or a part of it, that raises the log-likelihood."""
-    top = numbers.sums(x)
+    top = numbers.at(x)
     for part in (1.0, 0.5, 0.2, 0.05):
-        found = numbers.sums(x + part * move)
+        found = numbers.at(x + part * move)
         if top is not None and found is not None and found.total > top.total:
             return numbers.moved(x + part * move)
     return None
@@ -172,12 +182,12 @@ def _sandwich(covariance: FloatArray, slopes: FloatArray) -> FloatArray:
 
 
 def _parabola(numbers: Numbers, x: FloatArray) -> _Parabola | None:
-    top = numbers.sums(x)
+    top = numbers.at(x)
     if top is None or not math.isfinite(top.total):
         return None
     steps = np.array([_unit_drop(numbers, x, k, step, top.total) for k, step in enumerate(numbers.first_steps)])
     unit = np.diag(steps)
-    above, below = ([numbers.sums(x + s * unit[k]) for k in range(x.size)] for s in (1, -1))
+    above, below = ([numbers.at(x + s * unit[k]) for k in range(x.size)] for s in (1, -1))
     up, down = [s for s in above if s is not None], [s for s in below if s is not None]
     if len(up) < x.size or len(down) < x.size:
         return None
@@ -201,7 +211,7 @@ def _hessian(
     """Curvature in the units of the steps."""
 
     def value(at: FloatArray) -> float:
-        found = numbers.sums(at)
+        found = numbers.at(at)
         return -math.inf if found is None else found.total
 
     around = [a + b for a, b in zip(*single, strict=True)]
@@ -214,7 +224,7 @@ def _hessian(
     return hessian
 
 
-def _of_pattern(numbers: Numbers, top: Sums, up: list[Sums], down: list[Sums]) -> FloatArray:
+def _of_pattern(numbers: Numbers, top: _Value, up: list[_Value], down: list[_Value]) -> FloatArray:
     """What the numbers' information loses because each pixel's bias is unknown too (Schur's complement)."""
     pattern = next((e for e in numbers.state.effects if isinstance(e, FixedPattern)), None)
     n = len(up)
@@ -238,7 +248,7 @@ def _unit_drop(numbers: Numbers, x0: FloatArray, k: int, step: float, top: float
     """A step along one number that lowers the log-likelihood by about 1."""
 
     def value(x: FloatArray) -> float:
-        found = numbers.sums(x)
+        found = numbers.at(x)
         return -math.inf if found is None else found.total
 
     h = step * 0.05
