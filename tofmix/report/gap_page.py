@@ -2,8 +2,9 @@
 
 from importlib import import_module
 
+from tofmix.reconcile.name import Candidate
 from tofmix.reconcile.words import effect_tables, effect_text, headline, p_text, where_text
-from tofmix.reconcile.workflow import Reconciliation
+from tofmix.reconcile.workflow import NamedEffect, Reconciliation
 from tofmix.report.templates import load_template
 
 
@@ -38,10 +39,18 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
         effects=[(effect_text(n), n.effect.explain(), n.heldout_gain_nats) for n in result.named],
         where=[(where_text(p, result), p_text(p)) for p in result.where[:6]],
         left=[(where_text(p, result), p_text(p)) for p in result.left[:6]] if result.named else [],
-        candidates=said["candidates"],
+        candidates=[
+            (c.kind, effect_text(_fitted(c)).removeprefix(c.kind).strip("( )"), f"{c.gain:,.0f}", c.parameters)
+            for c in result.candidates
+        ],
         aliases=said["aliases"],
         added=effect_tables(result),
         panel=said["panel"],
         curves=pictures.curve_pictures(result),
         maps=pictures.map_pictures(result),
     )
+
+
+def _fitted(candidate: Candidate) -> NamedEffect:
+    """A candidate in the words of an effect that was named; nothing is known of its errors."""
+    return NamedEffect(effect=candidate.effect, stderr={}, heldout_gain_nats=candidate.gain)

@@ -1,13 +1,13 @@
 """Write the model of the real recording: planes through the ranges of pixels that were picked by eye.
 
-Usage: python fit_tmf8829_model.py tmf8829_edge.h5 tmf8829_edge_model.toml
-
-A surface is a plane through the median ranges of the pixels that were picked for it; where it ends is read off the
-image. Noise curve and p(c_r) are those that `tofmix estimate --noise auto --outliers auto` measures. The recording
-names no end of the working range: 5 m is beyond all that it shows.
+Run as `python tests/benchmarks/real_model.py sample_data/tmf8829_edge_model.toml`. A surface is a plane through the
+median ranges of the pixels that were picked for it; where it ends is read off the image. Noise curve and p(c_r) are
+those that `tofmix estimate --noise auto --outliers auto` measures. The recording names no end of the working range: 5 m
+is beyond all that it shows. `--map FRAMES` adds what the planes miss in each pixel, measured over the first frames, as
+a map beside the model (`fixed_pattern`).
 """
 
-import sys
+import argparse
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,17 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tofmix.estimation.noise import MeasuredNoise, measure_noise
+from tofmix.io.model_file import load_model
 from tofmix.io.recording_file import open_recording
+from tofmix.simulation.cast import cast_scene
 
 Array = NDArray[Any]
 Box = tuple[float, float, float, float]  # rows from, to, columns from, to
 
+RECORDING = Path(__file__).parents[2] / "sample_data" / "tmf8829_edge.h5"
 ENDLESS_MM = 10000.0
 RANGE_MAX_MM = 5000.0
+FAR_MM = 150.0  # a sample that is farther from the model is of another surface
 SLOPE_EDGE = (2.75, 2.75)  # a pixel on the border between the two slopes
 
 
@@ -37,15 +41,15 @@ class Seen:
 
 
 SEEN = (
-    Seen("object", ((4, 15, 6, 11),), (3.5, 16.5, 4.6, 11.6)),
-    Seen("top of the object", ((2, 4, 7, 12),), (1.4, 3.5, 6.6, 11.6)),
-    Seen("arm", ((10, 12, 12, 16), (12, 13, 12, 15)), (9.6, 12.5, 11.6, 15.6)),
-    Seen("end of the arm", ((12, 14, 12, 14),), (12.5, 13.8, 11.6, 13.6)),
+    Seen("object", ((4, 15, 6, 11),), (3.5, 16.5, 4.5, 11.5)),
+    Seen("top of the object", ((2, 4, 7, 12),), (1.5, 3.5, 6.5, 11.5)),
+    Seen("arm", ((10, 12, 12, 16), (12, 13, 12, 15)), (9.5, 12.5, 11.5, 16.5)),
+    Seen("end of the arm", ((12, 14, 12, 14),), (12.5, 13.5, 11.5, 13.5)),
     Seen("near slope", ((0, 1, 0, 6), (1, 2, 0, 5), (2, 3, 0, 4), (3, 4, 0, 3), (4, 5, 0, 2), (5, 6, 0, 1))),
-    Seen("far slope", ((1, 2, 5, 7), (2, 3, 4, 6), (3, 4, 3, 5), (4, 5, 2, 4), (5, 6, 1, 4), (6, 7, 1, 3), (7, 8, 1, 3))),
-    Seen("left wall", ((8, 9, 1, 5), (9, 10, 1, 5), (10, 11, 1, 4), (11, 14, 0, 3))),
+    Seen("far slope", ((1, 2, 5, 7), (2, 3, 4, 6), (3, 4, 3, 5), (4, 5, 2, 4), (5, 6, 1, 4), (6, 7, 0, 3))),
+    Seen("left wall", ((8, 9, 1, 5), (9, 11, 1, 4), (11, 12, 0, 3), (12, 13, 0, 2)), (-1.5, 12.5, -1.5, 4.5)),
     Seen("right wall", ((1, 9, 12, 16), (14, 16, 12, 16), (14, 16, 3, 5))),
-    Seen("upper panel", ((0, 2, 9, 12),), (-0.5, 1.6, 8.5, 11.7)),
+    Seen("upper panel", ((0, 2, 9, 12),), (-1.5, 1.5, 8.5, 11.5)),
 )  # fmt: skip
 
 
@@ -69,8 +73,11 @@ class View:
 def fitted_plane(beam: Array, range_mm: Array) -> Array:
     """The plane q (3,), q . beam = 1 / range, through ranges (n,) along beams (n, 3); a few far off hardly count."""
     start, *_ = np.linalg.lstsq(beam * range_mm[:, None], np.ones(len(beam)), rcond=None)
-    fit = least_squares(lambda q: (1 / (beam @ q) - range_mm) / 10.0, 1e3 * start / 1e3, loss="soft_l1", x_scale=1e-4)
-    return np.asarray(fit.x)
+
+    def misfit(q: Array) -> Array:
+        return np.asarray((1 / (beam @ q) - range_mm) / 10.0)
+
+    return np.asarray(least_squares(misfit, start, loss="soft_l1", x_scale=1e-4).x)
 
 
 def surface_table(seen: Seen, view: View, range_mm: Array) -> str:
@@ -123,29 +130,48 @@ def sensor_table(view: View, noise: MeasuredNoise, name: str) -> str:
     ])  # fmt: skip
 
 
-def main(source: Path, target: Path) -> None:
-    """Write the model."""
-    with open_recording(source) as file:
+def misfit_map(model: Path, range_mm: Array) -> Array:
+    """What the model misses (row, col), mm: the median over frames of the samples near the pixel's main surface."""
+    truth = cast_scene(load_model(str(model)))
+    share = np.where(np.isfinite(truth.range_true), truth.weight_true, -1.0)
+    main = np.take_along_axis(truth.range_true, share.argmax(axis=-1)[..., None], axis=-1)[..., 0]
+    off = range_mm - main
+    near = np.abs(off) < FAR_MM
+    seen = near.any(axis=0)
+    return np.where(seen, np.nanmedian(np.where(near | ~seen, off, np.nan), axis=0), 0.0).astype(np.float32)
+
+
+def main() -> None:
+    """Write the model, and the map if there is to be one."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("output", type=Path)
+    parser.add_argument("--map", type=int, metavar="FRAMES", help="first frames from which a map is measured")
+    options = parser.parse_args()
+    with open_recording(RECORDING) as file:
         every = slice(0, None)
-        sensor, noise = file.sensor, measure_noise(file)
-        range_mm = np.median(file.read_range(every, every).astype(np.float64), axis=0)
-        time_s = file.read_time()
+        sensor, noise, time_s = file.sensor, measure_noise(file), file.read_time()
+        range_mm = file.read_range(every, every).astype(np.float64)
     assert time_s is not None
     assert sensor.fov_horizontal_deg is not None
     assert sensor.fov_vertical_deg is not None
-    rows, cols = range_mm.shape
+    frames, rows, cols = range_mm.shape
     view = View(
         rows=rows, cols=cols, fov_horizontal_deg=sensor.fov_horizontal_deg, fov_vertical_deg=sensor.fov_vertical_deg
     )
-    rate = (time_s.size - 1) / (time_s[-1] - time_s[0])
+    rate_hz = (frames - 1) / (time_s[-1] - time_s[0])
     parts = [
-        "# What tmf8829_edge.h5 shows, as planes. Made by fit_tmf8829_model.py; the numbers are of the recording itself.\n",
+        "# What tmf8829_edge.h5 shows, as planes: made by tests/benchmarks/real_model.py from the recording itself.\n",
         sensor_table(view, noise, sensor.name),
-        f"[recording]\nframes = {time_s.size}\nframe_rate_hz = {rate:.3f}\nseed = 1\n",
-        *(surface_table(seen, view, range_mm) for seen in SEEN),
+        f"[recording]\nframes = {frames}\nframe_rate_hz = {rate_hz:.3f}\nseed = 1\n",
+        *(surface_table(seen, view, np.median(range_mm, axis=0)) for seen in SEEN),
     ]
-    target.write_text("\n".join(parts), encoding="utf-8")
+    options.output.write_text("\n".join(parts), encoding="utf-8")
+    if options.map:
+        name = f"{options.output.stem}.npy"
+        np.save(options.output.with_name(name), misfit_map(options.output, range_mm[: options.map]))
+        parts.append(f'[[effect]]\nkind = "fixed_pattern"\nmap = "{name}"\n')
+        options.output.write_text("\n".join(parts), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), Path(sys.argv[2]))
+    main()
