@@ -61,6 +61,52 @@ def test_it_writes_a_folder_whose_model_runs(tofmix: Tofmix, files: tuple[Path, 
     assert "--overwrite" in again.err
 
 
+def test_recordings_of_one_camera_share_an_effect(tofmix: Tofmix, tmp_path: Path) -> None:
+    hidden = '[[effect]]\nkind = "wiggling"\namplitude_mm = 30.0\nphase_rad = 0.4\n'
+    moved = '[[effect]]\nkind = "surface_pose"\nsurface = "wall"\nshift_mm = 25.0\n'
+    other = MODEL.replace("1500.0", "2200.0").replace("yaw_deg = 20.0", "yaw_deg = -45.0")
+    files = []
+    for name, text, extra in (("one", MODEL, ""), ("two", other, moved)):
+        model, real, measured = (tmp_path / f"{name}{end}" for end in (".toml", "_real.toml", ".h5"))
+        model.write_text(text)
+        real.write_text(text + hidden + extra)
+        assert tofmix("simulate", real, "-o", measured).code == 0
+        files += [model, measured]
+    folder = tmp_path / "gap"
+    done = tofmix(
+        "reconcile", *files[:2], "-o", folder, "--also", *files[2:], "--effects", "wiggling,surface_pose,range_offset"
+    )
+    assert done.code == 0, done.err
+    assert "recording 2" in done.out
+    assert "model_2.toml" in done.out
+    gap = json.loads((folder / "gap.json").read_text())
+    assert gap["verdict"] == "explained"
+    assert [(e["kind"], e["recordings"]) for e in gap["effects"]] == [("wiggling", [1, 2])]
+    assert [(e["kind"], e["recordings"]) for e in gap["also"][0]["effects"]] == [("surface_pose", [2])]
+    assert {line["recording"] for line in gap["panel"]} == {1, 2}
+    kinds = [_effects(folder / name) for name in ("model.toml", "model_2.toml")]
+    assert kinds == [["wiggling"], ["surface_pose", "wiggling"]]
+    page = (folder / "report.html").read_text()
+    assert "Added to the model of recording 2" in page
+    again = tofmix("reconcile", folder / "model.toml", files[1], "-o", tmp_path / "gap2", "--also",
+                   folder / "model_2.toml", files[3], "--effects", "range_offset,excess_noise")  # fmt: skip
+    assert again.code == 0, again.err
+    assert "verdict      agree" in again.out
+
+
+def _effects(model: Path) -> list[str]:
+    return sorted(effect["kind"] for effect in tomllib.loads(model.read_text()).get("effect", []))
+
+
+def test_it_refuses_a_recording_of_another_camera(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
+    other = tmp_path / "other.toml"
+    other.write_text(MODEL.replace("rows = 12", "rows = 12\nrange_max_mm = 4000.0"))
+    done = tofmix("reconcile", *files, "-o", tmp_path / "gap", "--also", other, files[1])
+    assert done.code == 3
+    assert f"{other}: sensor: range_max_mm" in done.err
+    assert not (tmp_path / "gap").exists()
+
+
 def _blind(output: Path, *options: str) -> Path:
     """A recording of the blind camera, which `sample_data/hidden_effect.h5` is made by."""
     subprocess.run([sys.executable, str(BLIND), str(output), *options], check=True, capture_output=True)
@@ -97,6 +143,18 @@ def test_it_refuses_a_recording_of_another_image(tofmix: Tofmix, files: tuple[Pa
     done = tofmix("reconcile", other, files[1], "-o", tmp_path / "gap")
     assert done.code == 3
     assert "12 x 16" in done.err
+    assert not (tmp_path / "gap").exists()
+
+
+def test_it_refuses_a_recording_without_a_valid_sample(
+    tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    with h5py.File(files[1], "r+") as file:
+        file["range"][...] = file["range"].attrs["_FillValue"]
+    done = tofmix("reconcile", *files, "-o", tmp_path / "gap")
+    assert done.code == 3
+    assert done.err.count(str(files[1])) == 1
+    assert "no sample is valid" in done.err
     assert not (tmp_path / "gap").exists()
 
 

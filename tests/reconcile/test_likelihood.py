@@ -7,8 +7,10 @@ import pytest
 from recordings import MAKE, Record
 from scipy.stats import multivariate_normal, norm
 
-from tofmix.reconcile.likelihood import Likelihood, PixelBiases, forward, marginal_pattern
+from tofmix.reconcile.bursts import forward
+from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Scene
+from tofmix.reconcile.pixel_pattern import PixelBiases, marginal_pattern
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.interference import Interference

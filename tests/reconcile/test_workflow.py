@@ -8,8 +8,8 @@ import pytest
 from recordings import MAKE, Record
 
 from tofmix.reconcile.add import Settings
-from tofmix.reconcile.fits import numeric
 from tofmix.reconcile.name import KINDS
+from tofmix.reconcile.standard_errors import numeric
 from tofmix.reconcile.workflow import Reconciliation, reconcile
 from tofmix.simulation.model import Model
 

@@ -9,15 +9,19 @@ import click
 from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar
 
 if TYPE_CHECKING:
+    from tofmix.arrays import FloatArray
     from tofmix.reconcile.evidence import Evidence
     from tofmix.reconcile.workflow import Reconciliation
     from tofmix.simulation.model import Model
+
+    Files = tuple[tuple[str, Path], ...]
 
 
 @examples(
     """
 tofmix reconcile my_scene.toml measured.h5 -o gap
 tofmix reconcile my_scene.toml measured.h5 -o gap --effects wiggling,range_offset,surface_pose
+tofmix reconcile near.toml near.h5 -o gap --also far.toml far.h5
 tofmix simulate gap/model.toml -o refined.h5
 """
 )
@@ -25,6 +29,10 @@ tofmix simulate gap/model.toml -o refined.h5
 @click.argument("model")
 @click.argument("measured", type=PATH)
 @click.option("-o", "--output", type=PATH, required=True, help="Folder for model.toml, gap.json and report.html.")
+@click.option(
+    "--also", type=(str, PATH), multiple=True, metavar="MODEL MEASURED",
+    help="Another recording of the same camera, with the model of its scene. Repeatable.",
+)  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of every random draw.")
 @click.option("--effects", metavar="A,B,...", help="Kinds of effects that are tried.  [default: all]")
 @click.option(
@@ -48,6 +56,7 @@ def reconcile(
     model: str,
     measured: Path,
     output: Path,
+    also: tuple[tuple[str, Path], ...],
     seed: int,
     effects: str | None,
     max_effects: int,
@@ -61,32 +70,33 @@ def reconcile(
 
     Compares each sample with the model's own prediction, locates the disagreement,
     fits the known effects, scores them on frames and pixels that no fit has seen,
-    and adds those that explain it. Says so where none does. The page
-    docs/reconcile.md explains the output.
+    and adds those that explain it. Says so where none does. Recordings given
+    with --also share the effects' parameters. The page docs/reconcile.md explains
+    the output.
     """
-    from tofmix.io.model_file import load_model
-    from tofmix.io.reconciliation import check_folder
+    from tofmix.io.reconciliation import check_folder, model_names
     from tofmix.reconcile.add import Settings
     from tofmix.reconcile.words import summary_lines
     from tofmix.reconcile.workflow import reconcile as run
 
     kinds = _kinds(effects)
-    check_folder(output, overwrite=overwrite)
-    scene = load_model(model)
-    evidence = _read(scene, measured)
+    files = ((model, measured), *also)
+    check_folder(output, overwrite=overwrite, models=len(files))
+    first, *others = _read_all(files)
     settings = Settings(kinds=kinds, max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split, seed=seed)
     with progress_bar(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
 
         def tick(_: str) -> None:
             bar.update(1)
 
-        result = run(scene, evidence, settings, tick)
-    _write(result, model, measured, output, overwrite)
+        result = run(*first, settings, tick, also=others)
+    _write(result, files, output, overwrite)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return
     click.echo("\n".join(summary_lines(result)))
-    click.echo(f"wrote        {output / 'model.toml'}, gap.json, report.html")
+    names = ", ".join([*model_names(len(files))[1:], "gap.json", "report.html"])
+    click.echo(f"wrote        {output / 'model.toml'}, {names}")
 
 
 def _kinds(effects: str | None) -> tuple[str, ...]:
@@ -105,33 +115,65 @@ def _kinds(effects: str | None) -> tuple[str, ...]:
     return tuple(kind for kind in KINDS if kind in wanted)
 
 
+def _read_all(files: "Files") -> list[tuple["Model", "Evidence"]]:
+    """Models and recordings; models before recordings, which take longer to read."""
+    from tofmix.errors import BadInputError
+    from tofmix.io.model_file import load_model
+    from tofmix.reconcile.joint import check_camera
+
+    models = [load_model(model) for model, _ in files]
+    for (name, _), model in zip(files[1:], models[1:], strict=True):
+        try:
+            check_camera([models[0], model])
+        except BadInputError as error:
+            raise BadInputError(f"{name}: {error}") from error
+    return [(model, _read(model, measured)) for model, (_, measured) in zip(models, files, strict=True)]
+
+
 def _read(scene: "Model", measured: Path) -> "Evidence":
     from tofmix.errors import BadInputError
     from tofmix.io.recording_file import open_recording
     from tofmix.reconcile.evidence import make_evidence
 
+    every = slice(0, None)
     with open_recording(measured) as file:
-        every = slice(0, None)
-        try:
-            return make_evidence(scene, file.read_range(every, every), time_s=file.read_time())
-        except BadInputError as error:
-            raise BadInputError(f"{measured}: {error}") from error
+        range_mm, time_s = file.read_range(every, every), file.read_time()
+        amplitude = file.read_amplitude(every, every) if file.has_amplitude else None
+        temperature_c = file.read_temperature()
+    try:
+        return make_evidence(scene, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c)
+    except BadInputError as error:
+        raise BadInputError(f"{measured}: {error}") from error
 
 
-def _write(result: "Reconciliation", model: str, measured: Path, output: Path, overwrite: bool) -> None:
+def _write(result: "Reconciliation", files: "Files", output: Path, overwrite: bool) -> None:
     from tofmix.io.reconciliation import write_folder
     from tofmix.reconcile.words import effect_tables
-    from tofmix.reconcile.workflow import maps_of
     from tofmix.report.gap_page import render_gap
 
-    text = result.model.text.rstrip("\n") + "\n"
-    tables = effect_tables(result)
-    text = f"{text}\n{tables}" if tables else text
-    maps = {}
-    for effect in (*result.model.effects, *(named.effect for named in result.named)):
-        maps.update(maps_of(effect))
-    page = render_gap(result, source=measured.name)
-    inputs = tuple(path for path in (Path(model), measured) if path.exists())
+    texts = []
+    for number, model in enumerate(result.models):
+        text, tables = model.text.rstrip("\n") + "\n", effect_tables(result, number)
+        texts.append(f"{text}\n{tables}" if tables else text)
+    maps = _maps(result)
+    page = render_gap(result, source=" and ".join(measured.name for _, measured in files))
+    inputs = tuple(path for model, measured in files for path in (Path(model), measured) if path.exists())
     write_folder(
-        output, model_text=text, maps=maps, gap=result.as_dict(), page=page, overwrite=overwrite, inputs=inputs
+        output, model_texts=texts, maps=maps, gap=result.as_dict(), page=page, overwrite=overwrite, inputs=inputs
     )
+
+
+def _maps(result: "Reconciliation") -> "dict[str, FloatArray]":
+    """The maps (row, col) of the refined models by their paths beside them."""
+    import numpy as np
+
+    from tofmix.errors import BadInputError
+    from tofmix.reconcile.workflow import maps_of
+
+    maps: dict[str, FloatArray] = {}
+    for effect in (*(e for m in result.models for e in m.effects), *(named.effect for named in result.named)):
+        for path, values in maps_of(effect).items():
+            if path in maps and not np.array_equal(maps[path], values, equal_nan=True):
+                raise BadInputError(f"map: two models of one camera name different maps {path}")
+            maps[path] = values
+    return maps

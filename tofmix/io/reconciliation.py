@@ -1,10 +1,13 @@
 """A reconciliation's folder: `model.toml` with its maps, `gap.json`, `report.html`.
 
+Where there are several recordings, the refined model of the second is `model_2.toml`, and so on.
+
 The files appear one by one, each whole or not at all, and `gap.json` last: a folder that has it is complete.
 """
 
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -14,10 +17,15 @@ from tofmix.arrays import FloatArray
 from tofmix.errors import StorageError, UsageError, os_error_text
 from tofmix.io.storage import AtomicFile, write_text
 
-FILES = ("model.toml", "report.html", "gap.json")
+_FILES = ("report.html", "gap.json")
 
 
-def check_folder(folder: Path, *, overwrite: bool) -> None:
+def model_names(models: int) -> list[str]:
+    """File names of the refined models."""
+    return ["model.toml", *(f"model_{number}.toml" for number in range(2, models + 1))]
+
+
+def check_folder(folder: Path, *, overwrite: bool, models: int = 1) -> None:
     """Refuse a folder that cannot or must not be written, before any work is done.
 
     Raises
@@ -31,7 +39,7 @@ def check_folder(folder: Path, *, overwrite: bool) -> None:
         raise StorageError(f"{folder} exists and is not a folder")
     if not folder.exists() and not folder.parent.is_dir():
         raise StorageError(f"{folder}: no such folder {folder.parent}")
-    there = [name for name in FILES if (folder / name).exists()]
+    there = [name for name in (*model_names(models), *_FILES) if (folder / name).exists()]
     if there and not overwrite:
         raise UsageError(f"{folder / there[0]} exists; pass --overwrite to replace it")
 
@@ -39,7 +47,7 @@ def check_folder(folder: Path, *, overwrite: bool) -> None:
 def write_folder(
     folder: Path,
     *,
-    model_text: str,
+    model_texts: Sequence[str],
     maps: dict[str, FloatArray],
     gap: dict[str, Any],
     page: str,
@@ -52,8 +60,8 @@ def write_folder(
     ----------
     folder : Path
         Made if it does not exist.
-    model_text : str
-        The refined model.
+    model_texts : sequence of str
+        The refined models, one for each recording.
     maps : dict
         Arrays (row, col) by their path relative to the folder.
     gap : dict
@@ -68,7 +76,7 @@ def write_folder(
     UsageError, StorageError
         As for `check_folder` and `AtomicFile`.
     """
-    check_folder(folder, overwrite=overwrite)
+    check_folder(folder, overwrite=overwrite, models=len(model_texts))
     try:
         folder.mkdir(exist_ok=True)
         for name in maps:
@@ -81,7 +89,8 @@ def write_folder(
         with AtomicFile(folder / name, overwrite=overwrite, inputs=inputs) as file:
             file.sink.write(buffer.getvalue())
             file.commit()
-    write_text(folder / "model.toml", model_text, overwrite=overwrite, inputs=inputs)
+    for name, text in zip(model_names(len(model_texts)), model_texts, strict=True):
+        write_text(folder / name, text, overwrite=overwrite, inputs=inputs)
     write_text(folder / "report.html", page, overwrite=overwrite, inputs=inputs)
-    text = json.dumps(gap, indent=2, allow_nan=False) + "\n"
-    write_text(folder / "gap.json", text, overwrite=overwrite, inputs=inputs)
+    said = json.dumps(gap, indent=2, allow_nan=False) + "\n"
+    write_text(folder / "gap.json", said, overwrite=overwrite, inputs=inputs)

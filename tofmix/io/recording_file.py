@@ -100,14 +100,27 @@ class RecordingFile:
         BadInputError
             If it is not one number a frame.
         """
-        if "time" not in self._root:
+        return self._by_frame("time")
+
+    def read_temperature(self) -> FloatArray | None:
+        """Read the camera's temperature (frame,) float64 in degC; None where the recording does not say.
+
+        Raises
+        ------
+        BadInputError
+            If it is not one number a frame.
+        """
+        return self._by_frame("temperature")
+
+    def _by_frame(self, name: str) -> FloatArray | None:
+        if name not in self._root:
             return None
-        dataset = hdf5.checked_dataset(self._root, "time", self.path)
+        dataset = hdf5.checked_dataset(self._root, name, self.path)
         if dataset.shape != self.shape[:1] or dataset.dtype.kind not in "iuf":
             raise BadInputError(
-                f"{self.path}: time: expected one number a frame, got {dataset.dtype} of shape {dataset.shape}"
+                f"{self.path}: {name}: expected one number a frame, got {dataset.dtype} of shape {dataset.shape}"
             )
-        with hdf5.reading(self.path, "time"):
+        with hdf5.reading(self.path, name):
             return np.asarray(dataset[...], dtype=np.float64)
 
     @property

@@ -16,6 +16,7 @@ from tofmix.arrays import IntArray
 from tofmix.reconcile import links
 from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.fits import fit
+from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, pattern_gain, tolerated
@@ -136,8 +137,9 @@ def _covered(likelihood: Likelihood, state: State, part: Part) -> Part:
     """
     if not any(isinstance(e, ExcessNoise) for e in state.effects):
         return part
-    mixture = likelihood.scene.mixture()
-    lit = (mixture.weight[0] * mixture.lit[0]).sum(axis=0) > _COVERED
+    lit = np.ones(likelihood.evidence.shape[1], dtype=bool)
+    for view in views(likelihood, likelihood.scene.mixture(), part):
+        lit &= (view.mixture.weight[0] * view.mixture.lit[0]).sum(axis=0) > _COVERED
     pixels = part[1][lit[part[1]]]
     return (part[0], pixels) if pixels.size else part
 

@@ -4,11 +4,13 @@ A sample's probability integral transform under the model's own predictive distr
 standard normal score if the model is right; what the scores are summed up to is in `tofmix.reconcile.panel`.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.reconcile.joint import View, views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.links import whitened
 from tofmix.reconcile.mixture import Mixture
@@ -23,7 +25,7 @@ class Compared:
     """Scores of a part and what they sum up to."""
 
     curves: tuple[Curve, ...]
-    pattern: FloatArray  # (pixel,) mean score, NaN outside the part
+    pattern: FloatArray  # (recording, pixel) mean score, NaN outside the part
     part: Part
 
     @property
@@ -42,31 +44,33 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
     state : State
         The model as it stands.
     part : (frames, pixels)
-        What to compare; held out of every fit, for an honest gap.
+        What to compare; held out of every fit, for an honest gap. Each recording has curves of its own.
     seed : int
         For the draws within cells of whole mm.
     mixture : Mixture, optional
         The state's, if it is at hand.
     """
     m = likelihood.scene.mixture(state.effects) if mixture is None else mixture
-    z = _own_scores(likelihood, state, part, seed, m)
-    axes = list(panel_axes(likelihood.evidence, m, part))
-    z = np.clip(z, -_FAR, _FAR)
-    curves = [*shapes(z, axes, m, state, part), *in_time(z, likelihood.evidence, part, m)]
-    curves += invalid(likelihood.evidence, m, state, axes, part)
-    curves += neighbours(z, likelihood.evidence, part)
-    curves += discreteness(likelihood.evidence, part, m, state)
-    pattern = np.full(likelihood.evidence.shape[1], np.nan)
-    with np.errstate(invalid="ignore"):
-        pattern[part[1]] = np.nansum(z, axis=0) / np.maximum(np.isfinite(z).sum(axis=0), 1)
+    memory = [e.coefficient for e in state.effects if isinstance(e, TemporalCorrelation)]
+    scored = (np.arange(likelihood.evidence.shape[0]), part[1]) if memory else part
+    z = likelihood.scores(state, scored, seed, m)
+    curves: list[Curve] = []
+    pattern = np.full((len(likelihood.evidence.starts), likelihood.evidence.shape[1]), np.nan)
+    for view in views(likelihood, m, part):
+        own = z[view.frames] if not memory else whitened(z[view.frames], view.mixture, memory[0])
+        own = np.clip(own[view.part[0]][:, view.part[1]], -_FAR, _FAR)
+        curves += [replace(c, recording=view.number) if view.number else c for c in _curves(own, view, state)]
+        with np.errstate(invalid="ignore"):
+            pattern[view.number, part[1]] = np.nansum(own, axis=0) / np.maximum(np.isfinite(own).sum(axis=0), 1)
     return Compared(curves=tuple(curves), pattern=pattern, part=part)
 
 
-def _own_scores(likelihood: Likelihood, state: State, part: Part, seed: int, m: Mixture) -> Float32Array:
-    """Scores of a part; given the frame before where the noise has a memory."""
-    memory = [e for e in state.effects if isinstance(e, TemporalCorrelation)]
-    if not memory:
-        return likelihood.scores(state, part, seed, m)[part[0]][:, part[1]]
-    everything = np.arange(likelihood.evidence.shape[0]), part[1]
-    z = likelihood.scores(state, everything, seed, m)
-    return np.asarray(whitened(z, m, memory[0].coefficient)[part[0]][:, part[1]])
+def _curves(z: Float32Array, view: View, state: State) -> Iterator[Curve]:
+    """The panel of one recording's scores (frame, pixel) of its part."""
+    evidence, m, part = view.evidence, view.mixture, view.part
+    axes = list(panel_axes(evidence, m, part))
+    yield from shapes(z, axes, m, state, part)
+    yield from in_time(z, evidence, part, m)
+    yield from invalid(evidence, m, state, axes, part)
+    yield from neighbours(z, evidence, part)
+    yield from discreteness(evidence, part, m, state)

@@ -1,10 +1,13 @@
-"""What reconciliation holds of a recording in memory, and which of it a fit may see.
+"""What reconciliation holds of recordings in memory, and which of it a fit may see.
 
-Frames are held out in short blocks, because in long ones a rare burst falls on one side; pixels in square blocks,
-because an effect that gives each pixel its own bias would else explain everything static.
+Several recordings of one camera are joined frame after frame: pixels are the same, and what is summed up over frames
+needs no care for where one ends. Frames are held out in short blocks, because in long ones a rare burst falls on one
+side; pixels in square blocks, because an effect that gives each pixel its own bias would else explain everything
+static.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,24 +19,31 @@ from tofmix.simulation.model import Model
 BLOCK_FRAMES = 5
 BLOCK_PIXELS = 4
 _LEAST_FRAMES = 20
+_APART = 1_000_000  # frames between two recordings: no burst lasts that long; a multiple of any block
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """A recording, as (frame, pixel).
+    """One recording, or several of one camera frame after frame, as (frame, pixel).
 
     Parameters
     ----------
     samples : (frame, pixel) uint16
         Whole mm, 0 where invalid.
     time_s : (frame,) float64
-        Time since the first frame, s.
+        Time since the first frame of its recording, s.
     image : (int, int)
         Rows, columns.
     fit_frames : (frame,) bool
         Frames that fits may see.
     fit_pixels : (pixel,) bool
         Pixels that fits may see before gains are scored.
+    starts : tuple of int
+        The first frame of each recording.
+    amplitude : (pixel,) float64 or None
+        Median amplitude of each pixel's valid samples, NaN where there is none; of one recording by itself.
+    temperature_c : (frame,) float64 or None
+        Of one recording by itself.
     """
 
     samples: NDArray[np.uint16]
@@ -41,12 +51,34 @@ class Evidence:
     image: tuple[int, int]
     fit_frames: BoolArray
     fit_pixels: BoolArray
+    starts: tuple[int, ...] = (0,)
+    amplitude: FloatArray | None = None
+    temperature_c: FloatArray | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
         """Frames, pixels."""
         frames, pixels = self.samples.shape
         return frames, pixels
+
+    @property
+    def recordings(self) -> tuple[slice, ...]:
+        """The frames of each recording."""
+        stops = (*self.starts[1:], len(self.samples))
+        return tuple(slice(start, stop) for start, stop in zip(self.starts, stops, strict=True))
+
+    @property
+    def frame_number(self) -> IntArray:
+        """Number (frame,) of each frame in its recording; recordings are far apart."""
+        lengths = [r.stop - r.start for r in self.recordings]
+        return np.concatenate([np.arange(n) + k * _APART for k, n in enumerate(lengths)])
+
+    def recording(self, frames: slice) -> "Evidence":
+        """One of the recordings by itself, not copied."""
+        if len(self.starts) == 1:
+            return self
+        own = (self.samples[frames], self.time_s[frames], self.fit_frames[frames])
+        return replace(self, samples=own[0], time_s=own[1], fit_frames=own[2], starts=(0,))
 
     def part(self, *, fit: bool, split: str = "frames,pixels") -> tuple[IntArray, IntArray]:
         """Frames and pixels of a half: those that fits see, or those that they do not."""
@@ -60,6 +92,8 @@ def make_evidence(
     range_mm: FloatArray | Float32Array,
     *,
     time_s: FloatArray | None = None,
+    amplitude: FloatArray | Float32Array | None = None,
+    temperature_c: FloatArray | None = None,
 ) -> Evidence:
     """Hold a recording for reconciliation.
 
@@ -71,21 +105,27 @@ def make_evidence(
         Samples in mm, NaN where invalid.
     time_s : (frame,), optional
         Start of each frame, s; by the model's frame rate if left out.
+    amplitude : (frame, row, col), optional
+        Of each sample, NaN where it has none.
+    temperature_c : (frame,), optional
+        The camera's.
 
     Raises
     ------
     BadInputError
-        If the image differs from the model's camera, or there are too few frames to hold some out.
+        If the image differs from the model's camera, no sample is valid, or there are too few frames to hold some out.
     """
     frames, rows, cols = range_mm.shape
     if (rows, cols) != (model.sensor.rows, model.sensor.cols):
         raise BadInputError(
             f"range: an image of {rows} x {cols} pixels; the model's camera has "
-            f" {model.sensor.rows} x {model.sensor.cols}"
+            f"{model.sensor.rows} x {model.sensor.cols}"
         )
     if frames < _LEAST_FRAMES:
         raise BadInputError(f"range: {frames} frames; at least {_LEAST_FRAMES} are needed, to hold some out")
     valid = np.isfinite(range_mm)
+    if not valid.any():
+        raise BadInputError("range: no sample is valid")
     samples = np.where(valid, np.clip(np.rint(np.nan_to_num(range_mm)), 1, 65_534), 0).astype(np.uint16)
     now = np.arange(frames) / model.recording.frame_rate_hz if time_s is None else np.asarray(time_s, dtype=np.float64)
     if not (np.isfinite(now).all() and (np.diff(now) > 0).all()):
@@ -99,4 +139,32 @@ def make_evidence(
         image=(rows, cols),
         fit_frames=block,
         fit_pixels=pixel_block,
+        amplitude=None if amplitude is None else _typical(amplitude, valid).reshape(-1),
+        temperature_c=None if temperature_c is None else np.asarray(temperature_c, dtype=np.float64),
+    )
+
+
+def _typical(amplitude: FloatArray | Float32Array, valid: BoolArray) -> FloatArray:
+    """Median over frames (row, col) of valid samples, row by row to save memory; NaN where there is none."""
+    out = np.full(amplitude.shape[1:], np.nan)
+    for row in range(len(out)):
+        values = np.where(valid[:, row], amplitude[:, row], np.nan)
+        some = np.isfinite(values).any(axis=0)
+        out[row, some] = np.nanmedian(values[:, some], axis=0)
+    return out
+
+
+def join(recordings: Sequence[Evidence]) -> Evidence:
+    """Put recordings of one camera, each of one image, frame after frame."""
+    if len(recordings) == 1:
+        return recordings[0]
+    lengths = [e.shape[0] for e in recordings]
+    return replace(
+        recordings[0],
+        samples=np.concatenate([e.samples for e in recordings]),
+        time_s=np.concatenate([e.time_s for e in recordings]),
+        fit_frames=np.concatenate([e.fit_frames for e in recordings]),
+        amplitude=None,
+        temperature_c=None,
+        starts=tuple(int(n) for n in np.cumsum([0, *lengths[:-1]])),
     )

@@ -2,7 +2,7 @@
 
 One compiled pass gives each pixel's and frame's log-likelihood with its slope and information against a bias. On
 these stand the latent states: whether a frame is disturbed (hidden Markov chain), what bias a pixel has of its own
-(Gaussian, by the Woodbury identity in `marginal_pattern`), which pixels are stuck, and the memory of the noise.
+(Gaussian, in `tofmix.reconcile.pixel_pattern`), which pixels are stuck, and the memory of the noise.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -11,10 +11,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
 from scipy.special import ndtri
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.reconcile.bursts import forward
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.kernel import empty_sums, log_likelihood, transform
 from tofmix.reconcile.mixture import Mixture, Scene
@@ -22,12 +22,11 @@ from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.interference import Interference
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from tofmix.reconcile.joint import Scenes
+    from tofmix.reconcile.witnesses import Witness
 
 _CHUNKS = 4  # fixed, so that sums do not depend on the number of threads
 _THREADS = 2
-_LEAST = 1.0e-100
-_STEPS = 6  # of the iteration for pixels' biases
 
 Part = tuple[IntArray, IntArray]
 """Frames and pixels."""
@@ -84,12 +83,15 @@ class Likelihood:
     ----------
     evidence : Evidence
         The recording.
-    scene : Scene
-        The model's scene.
+    scene : Scene or Scenes
+        The model's scene; those of several recordings.
+    witnesses : tuple of Witness
+        What amplitudes and temperatures say.
     """
 
     evidence: Evidence
-    scene: Scene
+    scene: "Scene | Scenes"
+    witnesses: "tuple[Witness, ...]" = ()
     calls: int = field(default=0)
 
     def start(self) -> State:
@@ -160,8 +162,14 @@ class Likelihood:
                 return self._with_bursts(mixture, state, part, effect)
         return self.sums(mixture, state, part).total
 
+    def objective(self, state: State, part: Part) -> float:
+        """What fits maximise: `value`, and what the witnesses say of the effects' parameters."""
+        heard = sum(witness.log_density(effect) for effect in state.effects for witness in self.witnesses)
+        return self.value(state, part) + heard
+
     def _with_bursts(self, mixture: Mixture, state: State, part: Part, effect: Interference) -> float:
-        return forward(*self.frame_pair(mixture, state, part, effect.sigma_mm), part[0], effect)[0]
+        numbers = self.evidence.frame_number[part[0]]
+        return forward(*self.frame_pair(mixture, state, part, effect.sigma_mm), numbers, effect)[0]
 
     def frame_pair(self, mixture: Mixture, state: State, part: Part, sigma_mm: float) -> tuple[FloatArray, FloatArray]:
         """Log-likelihoods (n,) of the part's frames, quiet and disturbed."""
@@ -189,149 +197,3 @@ class Likelihood:
         for frame in range(len(out)):  # frame by frame: no second copy in double precision
             out[frame] = ndtri(np.clip(out[frame].astype(np.float64), 1e-9, 1 - 1e-9))
         return out
-
-
-def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Interference) -> tuple[float, FloatArray]:
-    """Log-likelihood of frames that a hidden Markov chain disturbs, and the probability (n,) that each one is.
-
-    Parameters
-    ----------
-    quiet, loud : (n,) float64
-        Log-likelihood of each frame in either state.
-    frames : (n,) int64
-        Their numbers, ascending; gaps are bridged by the chain.
-    effect : Interference
-        Share and length of the bursts.
-    """
-    p = min(max(effect.probability, 1e-6), 1 - 1e-6)
-    stop = min(1 / effect.burst_frames, (1 - p) / p)
-    start = min(stop * p / (1 - p), 1.0)
-    step = np.array([[1 - start, start], [stop, 1 - stop]])
-    emit = np.stack([quiet, loud], axis=1)
-    top = emit.max(axis=1)
-    emit = np.maximum(np.exp(emit - top[:, None]), _LEAST)  # no state is ever ruled out: nothing divides by 0
-    step = (step + _LEAST) / (1 + 2 * _LEAST)
-    gaps = np.diff(frames, prepend=frames[0])
-    alpha = np.empty_like(emit)
-    scale = np.empty(len(frames))
-    belief = np.array([1 - p, p])
-    powers = {int(g): np.linalg.matrix_power(step, int(g)) for g in np.unique(gaps)}
-    for n, gap in enumerate(gaps):
-        belief = (belief @ powers[int(gap)] if n else belief) * emit[n]
-        scale[n] = belief.sum()
-        belief = belief / scale[n]
-        alpha[n] = belief
-    beta = np.ones(2)
-    posterior = np.empty(len(frames))
-    for n in range(len(frames) - 1, -1, -1):
-        both = alpha[n] * beta
-        posterior[n] = both[1] / both.sum()
-        if n:
-            beta = powers[int(gaps[n])] @ (emit[n] * beta)
-            beta /= beta.sum()
-    return float(np.log(scale).sum() + top.sum()), posterior
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PixelBiases:
-    """Each pixel's bias by itself: arrays (pixel,).
-
-    Parameters
-    ----------
-    bias : most likely bias, mm.
-    information : its information, 1/mm2; 0 where there is none.
-    gain : log-likelihood there over that without it.
-    """
-
-    bias: FloatArray
-    information: FloatArray
-    gain: FloatArray
-
-
-def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> PixelBiases:
-    """Find each pixel's bias by expectation maximisation, on top of the state's.
-
-    A bias of many sigma cannot be reached step by step: the median of a pixel's samples is another start.
-    """
-    first = likelihood.sums(mixture, state, part)
-    far = state.pixel_bias + _median_bias(likelihood.evidence, mixture, state, part)
-    other = likelihood.sums(mixture, state, part, bias=far)
-    better = other.by_pixel[:, 0] > first.by_pixel[:, 0]
-    bias = np.where(better, far, state.pixel_bias)
-    sums = Sums(np.where(better[:, None], other.by_pixel, first.by_pixel), first.by_frame)
-    for _ in range(_STEPS):
-        bias = bias + sums.by_pixel[:, 1] / np.maximum(sums.by_pixel[:, 2], 1e-12)
-        sums = likelihood.sums(mixture, state, part, bias=bias)
-    inside = np.zeros(bias.size, dtype=bool)
-    inside[part[1]] = True
-    inside &= state.working & (sums.by_pixel[:, 2] > 0)
-    return PixelBiases(
-        bias=np.where(inside, bias - state.pixel_bias, 0.0),
-        information=np.where(inside, sums.by_pixel[:, 2], 0.0),
-        gain=np.where(inside, sums.by_pixel[:, 0] - first.by_pixel[:, 0], 0.0),
-    )
-
-
-def _median_bias(evidence: Evidence, mixture: Mixture, state: State, part: Part) -> FloatArray:
-    """Median of a pixel's samples less what its main surface has, mm; 0 where it has no return or no sample."""
-    frames, pixels = part
-    values = evidence.samples[frames][:, pixels].astype(np.float32)
-    values -= mixture.frame_bias[frames, None].astype(np.float32)
-    valid = evidence.samples[frames][:, pixels] > 0
-    middle = np.zeros(evidence.shape[1])
-    some = valid.any(axis=0)
-    middle[pixels[some]] = np.nanmedian(np.where(valid, values, np.nan)[:, some], axis=0)
-    known = np.zeros(middle.size, dtype=bool)
-    known[pixels[some]] = True
-    usable = known & mixture.of_main(mixture.lit).astype(bool)
-    return np.where(usable, middle - mixture.of_main(mixture.mean) - state.pixel_bias, 0.0)
-
-
-def marginal_pattern(
-    found: PixelBiases, image: tuple[int, int], sigmas_mm: tuple[float, float, float]
-) -> tuple[float, FloatArray]:
-    """Gain of a Gaussian pattern over none, all patterns integrated out, and the pattern's mean given the data.
-
-    Parameters
-    ----------
-    found : PixelBiases
-        Bias and information of each pixel.
-    image : (int, int)
-        Rows, columns.
-    sigmas_mm : (float, float, float)
-        Standard deviations by pixel, column and row.
-
-    Returns
-    -------
-    gain : float
-        Nats.
-    pattern : (pixel,) float64
-        Posterior mean, mm: the biases shrunk by their noise.
-
-    References
-    ----------
-    Woodbury matrix identity, for the covariance D + U U' of pixels (D), columns and rows (U).
-    """
-    rows, cols = image
-    use = np.flatnonzero(found.information > 0)
-    row, col = np.divmod(use, cols)
-    b, noise = found.bias[use], 1.0 / found.information[use]
-    own, by_col, by_row = (max(float(s), 1e-6) ** 2 for s in sigmas_mm)
-    d = own + noise
-    cross: NDArray[np.float64] = np.zeros((cols + rows, cols + rows))
-    np.add.at(cross, (col, cols + row), 1.0 / d)
-    cross += cross.T
-    cross[np.arange(cols), np.arange(cols)] = np.bincount(col, 1.0 / d, minlength=cols)
-    cross[cols + np.arange(rows), cols + np.arange(rows)] = np.bincount(row, 1.0 / d, minlength=rows)
-    prior = np.concatenate([np.full(cols, by_col), np.full(rows, by_row)])
-    inner = np.diag(1.0 / prior) + cross
-    pulled = np.concatenate([np.bincount(col, b / d, minlength=cols), np.bincount(row, b / d, minlength=rows)])
-    root = cho_factor(inner, lower=True, check_finite=False)
-    lines = cho_solve(root, pulled, check_finite=False)
-    quadratic = float((b * b / d).sum() - pulled @ lines)
-    logdet = float(np.log(d / noise).sum() + 2 * np.log(np.diag(root[0])).sum() + np.log(prior).sum())
-    gain = float(found.gain[use].sum()) - 0.5 * (quadratic + logdet)
-    stripes = lines[col] + lines[cols + row]
-    pattern = np.zeros(found.bias.size)
-    pattern[use] = stripes + own / d * (b - stripes)
-    return gain, pattern

@@ -12,9 +12,12 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.reconcile.bursts import forward
 from tofmix.reconcile.evidence import Evidence
-from tofmix.reconcile.likelihood import Likelihood, Part, PixelBiases, State, forward, marginal_pattern, pixel_biases
+from tofmix.reconcile.joint import View, views
+from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
+from tofmix.reconcile.pixel_pattern import PixelBiases, marginal_pattern, pixel_biases
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.parameter import PixelMap
@@ -35,24 +38,31 @@ _LEAST_PAIRS = 1000
 _CHANCE = 2.0  # standard deviations
 _MOST_FRAMES = 0.9  # that bursts may fill
 
+_Pairs = tuple[FloatArray, FloatArray, FloatArray]
+
 
 def find_stuck(likelihood: Likelihood, mixture: Mixture, state: State) -> State | None:
     """Pixels that return one value in every frame, which the model does not explain even with a bias of their own."""
     evidence = likelihood.evidence
     x = evidence.samples
-    frames, _pixels = evidence.shape
     constant = (x == x[0]).all(axis=0) & (x[0] > 0)
     if not constant.any() or constant.mean() > _MOST_STUCK:
         return None
-    spread = mixture.of_main(mixture.sigma)
-    # The most that a normal with the pixel's sigma, at any mean, gives to one whole mm again and again
-    best = np.log(np.minimum(1.0, 1.0 / np.sqrt(2 * np.pi * (spread**2 + 1 / 12))))
-    stuck = constant & (-best * frames > _UNLIKELY_NATS + VALUE_NATS)
+    whole = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    best = sum((_constant_nats(view) for view in views(likelihood, mixture, whole)), np.zeros(whole[1].size))
+    stuck = constant & (-best > _UNLIKELY_NATS + VALUE_NATS)
     if not stuck.any():
         return None
     values = np.where(stuck, x[0].astype(np.float64), np.nan)
     effect = StuckPixels(map=PixelMap("stuck_pixels.npy", values.reshape(evidence.image)))
     return replace(state, effects=(*state.effects, effect), stuck_mm=values)
+
+
+def _constant_nats(view: View) -> FloatArray:
+    """The most (pixel,) that a normal with the pixel's sigma, at any mean, gives to one whole mm again and again."""
+    spread = view.mixture.of_main(view.mixture.sigma)
+    best = np.log(np.minimum(1.0, 1.0 / np.sqrt(2 * np.pi * (spread**2 + 1 / 12))))
+    return np.asarray(best * view.evidence.shape[0])
 
 
 def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
@@ -104,6 +114,8 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
     """Share, length and noise of bursts, each frame's state integrated out."""
     sigma = float(np.median(mixture.of_main(mixture.sigma)))
 
+    numbers = likelihood.evidence.frame_number[part[0]]
+
     def at(size: float, start: tuple[float, float]) -> tuple[float, Interference]:
         pair = likelihood.frame_pair(mixture, state, part, size)
 
@@ -114,7 +126,7 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
         options: Any = {"maxfev": 60, "xatol": 1e-2, "fatol": 0.05}
 
         def cost(x: FloatArray) -> float:
-            return -forward(*pair, part[0], make(x))[0]
+            return -forward(*pair, numbers, make(x))[0]
 
         found = minimize(cost, np.array(start, dtype=np.float64), method="Nelder-Mead", options=options)
         return -float(found.fun), make(found.x)
@@ -141,7 +153,7 @@ def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: State, eff
     frames, pixels = likelihood.evidence.shape
     part = (np.arange(frames), np.arange(pixels))
     pair = likelihood.frame_pair(mixture, state, part, effect.sigma_mm)
-    return forward(*pair, part[0], effect)[1]
+    return forward(*pair, likelihood.evidence.frame_number, effect)[1]
 
 
 def fit_pattern(
@@ -226,8 +238,14 @@ def _one_surface(mixture: Mixture) -> FloatArray:
     return np.asarray(mixture.of_main(mixture.weight) > _MAIN * np.maximum(total, 1e-9))
 
 
-def _pairs(z: Float32Array, mixture: Mixture, part: Part) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _pairs(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> _Pairs:
     """Scores of a part's samples, those a frame before, and their attenuation; slow changes taken out."""
+    found = [_pairs_of(z[view.frames], view.mixture, view.part) for view in views(likelihood, mixture, part)]
+    now, before, near = (np.concatenate(values) for values in zip(*found, strict=True))
+    return now, before, near
+
+
+def _pairs_of(z: Float32Array, mixture: Mixture, part: Part) -> _Pairs:
     pixels = part[1][_one_surface(mixture)[part[1]]]
     scores = z[:, pixels]
     ok = np.isfinite(scores)
@@ -244,27 +262,27 @@ def _pairs(z: Float32Array, mixture: Mixture, part: Part) -> tuple[FloatArray, F
     return now[good].astype(np.float64), before[good].astype(np.float64), near[good]
 
 
-def fit_memory(z: Float32Array, mixture: Mixture, part: Part) -> TemporalCorrelation | None:
+def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> TemporalCorrelation | None:
     """The correlation of neighbours in time."""
-    now, before, near = _pairs(z, mixture, part)
+    now, before, near = _pairs(likelihood, z, mixture, part)
     if now.size < _LEAST_PAIRS:
         return None
     spread = float((now**2).mean() + (before**2).mean()) / 2
     rho = float((near * now * before).sum() / (near**2).sum()) / spread
-    rho += (1 + 3 * rho) / len(z)  # Kendall's bias, of the means that were taken out
+    rho += (1 + 3 * rho) * len(likelihood.evidence.starts) / len(z)  # Kendall's bias, of the means that were taken out
     return TemporalCorrelation(coefficient=min(max(rho, -0.98), 0.98))
 
 
-def memory_gain(z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
+def memory_gain(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
     """Nats that the last frame's noise is worth for the prediction of the next."""
-    now, before, near = _pairs(z, mixture, part)
+    now, before, near = _pairs(likelihood, z, mixture, part)
     spread = float((now**2).mean())
     rho = coefficient * near
     residual = (now - rho * before) ** 2 / (spread * (1 - rho**2))
     return float(0.5 * (now**2 / spread - residual - np.log(1 - rho**2)).sum())
 
 
-def memory_error(z: Float32Array, mixture: Mixture, part: Part) -> float:
+def memory_error(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> float:
     """Standard error of the coefficient."""
-    _, _, near = _pairs(z, mixture, part)
+    _, _, near = _pairs(likelihood, z, mixture, part)
     return 1.0 / math.sqrt(max(float((near**2).sum()), 1.0))

@@ -46,6 +46,8 @@ class Place:
         Corrected for all that was looked at.
     z : float
         Deviation in standard errors.
+    recording : int
+        Which one it is in, from 0.
     """
 
     axis: str
@@ -55,6 +57,7 @@ class Place:
     unit: str
     p_value: float
     z: float
+    recording: int = 0
 
 
 def disagreements(compared: Compared, alpha: float) -> list[Curve]:
@@ -119,5 +122,5 @@ def _strongest(curve: Curve, looked_at: int) -> Place:
         axis=curve.axis, statistic=curve.statistic,
         interval=(0.0, 1.0) if whole else (float(curve.lower[a]), float(curve.upper[b - 1])),
         size=float((curve.size if whole else value) * scale), unit="mm" if in_mm else "1",
-        p_value=max(min(math.exp(max(min(log_p, 0.0), -690.0)), 1.0), _SMALLEST_P), z=best,
+        p_value=max(min(math.exp(max(min(log_p, 0.0), -690.0)), 1.0), _SMALLEST_P), z=best, recording=curve.recording,
     )  # fmt: skip

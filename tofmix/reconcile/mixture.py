@@ -74,6 +74,19 @@ class Mixture:
     since: FloatArray
     frame_bias: FloatArray
 
+    def of_frames(self, frames: slice) -> "Mixture":
+        """That of one recording by itself, not copied."""
+        if frames.stop - frames.start == self.key.size:
+            return self
+        first, last = int(self.key[frames].min()), int(self.key[frames].max())
+        times = slice(first, last + 1)
+        return replace(
+            self, weight=self.weight[times], mean=self.mean[times], sigma=self.sigma[times], rate=self.rate[times],
+            lit=self.lit[times], surface=self.surface[times], amplitude=self.amplitude[times],
+            true_range=self.true_range[times], invalid=self.invalid[times], key=self.key[frames] - first,
+            since=self.since[frames], frame_bias=self.frame_bias[frames],
+        )  # fmt: skip
+
     @property
     def main(self) -> IntArray:
         """The heaviest component (pixel,) at the first time."""
@@ -87,6 +100,8 @@ class Mixture:
 class Scene:
     """A model's scene, cast once for each place of its surfaces.
 
+    Effects of a surface that the model has not are none of its own: they are of another recording's scene.
+
     Parameters
     ----------
     model : Model
@@ -99,10 +114,20 @@ class Scene:
         self.model = model
         self.time_s = time_s
         self.names = tuple(surface.name for surface in model.surfaces)
+        self.members: tuple[Scene, ...] = (self,)
         self._cast: dict[tuple[float, ...], Truth] = {}
         self._anchor: list[tuple[float, ...]] = [(0.0,) * len(self.names)]
         self.distance = np.array([_plane_distance(s) for s in model.surfaces])
         self.truth((0.0,) * len(self.names))
+
+    @property
+    def effects(self) -> tuple[Effect, ...]:
+        """What the model has already."""
+        return self.model.effects
+
+    def own(self, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
+        """Those of some effects that act in this scene."""
+        return tuple(e for e in effects if getattr(e, "surface", None) in (None, *self.names))
 
     def truth(self, shift_mm: tuple[float, ...]) -> Truth:
         """The scene cast with its surfaces shifted along their normals; kept."""
@@ -114,6 +139,7 @@ class Scene:
 
     def anchor(self, effects: tuple[Effect, ...]) -> None:
         """Cast the scene where these effects put it; nearby places are then reached by shifting ranges alone."""
+        effects = self.own(effects)
         times = self._times(effects)
         self._anchor = [tuple(round(float(d), 3) for d in self._shifts(effects, t)) for t in times]
         self._cast = {a: self.truth(a) for a in [(0.0,) * len(self.names), *self._anchor]}
@@ -146,6 +172,7 @@ class Scene:
 
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
         """What the model and these effects predict, but for the kinds in `LINKS`."""
+        effects = self.own(effects)
         times = self._times(effects)
         drifts = [e for e in effects if isinstance(e, TemperatureDrift)]
         wells = [e for e in effects if isinstance(e, Saturation)]

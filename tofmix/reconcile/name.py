@@ -12,10 +12,13 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.reconcile import links
-from tofmix.reconcile.evidence import BLOCK_FRAMES
-from tofmix.reconcile.fits import Fitted, fit, problems
-from tofmix.reconcile.likelihood import Likelihood, Part, State, marginal_pattern, pixel_biases
+from tofmix.reconcile.evidence import BLOCK_FRAMES, Evidence
+from tofmix.reconcile.fits import Fitted, fit
+from tofmix.reconcile.joint import View, views
+from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
+from tofmix.reconcile.pixel_pattern import marginal_pattern, pixel_biases
+from tofmix.reconcile.searches import problems
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -82,7 +85,7 @@ class Trial:
     @property
     def names(self) -> set[tuple[str, str]]:
         """Kinds, and surfaces, that the model has already."""
-        effects = (*self.likelihood.scene.model.effects, *self.state.effects)
+        effects = (*self.likelihood.scene.effects, *self.state.effects)
         return {(e.kind, getattr(e, "surface", "")) for e in effects}
 
 
@@ -94,17 +97,17 @@ def begin_trial(likelihood: Likelihood, state: State, split: str, seed: int) -> 
     whole = np.arange(frames), np.arange(pixels)
     return Trial(
         likelihood=likelihood, state=state, mixture=mixture, scores=likelihood.scores(state, whole, seed, mixture),
-        fit_part=_thinned(likelihood.evidence.part(fit=True, split=split)), test_part=test,
+        fit_part=_thinned(likelihood.evidence, likelihood.evidence.part(fit=True, split=split)), test_part=test,
         base=likelihood.value(state, test, mixture),
     )  # fmt: skip
 
 
-def _thinned(part: Part) -> Part:
+def _thinned(evidence: Evidence, part: Part) -> Part:
     """Every second block of the frames, if there are many: enough to rank by; what is added is fitted to all."""
     frames, pixels = part
     if len(frames) < _MANY_FRAMES:
         return part
-    return frames[frames // (2 * BLOCK_FRAMES) % 2 == 0], pixels
+    return frames[evidence.frame_number[frames] // (2 * BLOCK_FRAMES) % 2 == 0], pixels
 
 
 def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] = lambda _: None) -> list[Candidate]:
@@ -206,10 +209,10 @@ def pattern_gain(trial: Trial, state: State, mixture: Mixture, effect: FixedPatt
 
 
 def _memory(trial: Trial) -> Candidate | None:
-    effect = links.fit_memory(trial.scores, trial.mixture, trial.fit_part)
+    effect = links.fit_memory(trial.likelihood, trial.scores, trial.mixture, trial.fit_part)
     if effect is None:
         return None
-    gain = links.memory_gain(trial.scores, trial.mixture, trial.test_part, effect.coefficient)
+    gain = links.memory_gain(trial.likelihood, trial.scores, trial.mixture, trial.test_part, effect.coefficient)
     state = replace(trial.state, effects=(*trial.state.effects, effect))
     return Candidate(effect=effect, gain=gain, parameters=1, state=state)
 
@@ -247,7 +250,7 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
         moved = replace(state, effects=(*kept, *_poses(likelihood, shifts)))
         shifts = _newton(likelihood, moved, part, shifts, tolerance)
     best = replace(state, effects=(*kept, *_poses(likelihood, shifts)))
-    if any(isinstance(e, ExcessNoise) for e in (*likelihood.scene.model.effects, *kept)):
+    if any(isinstance(e, ExcessNoise) for e in (*likelihood.scene.effects, *kept)):
         return best
     limit = 0.1 * tolerance * _SLACK
     factors = np.array([1 - limit, 1.0, 1 + limit])
@@ -265,18 +268,28 @@ def _poses(likelihood: Likelihood, shifts: FloatArray) -> tuple[Effect, ...]:
 
 def _newton(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray, tolerance: float) -> FloatArray:
     m = likelihood.scene.mixture(state.effects)
-    sums = likelihood.sums(m, state, part).by_pixel
-    surface, single = m.of_main(m.surface), m.of_main(m.weight) > 0.9 * (1 - m.invalid[0])
+    slope, information = np.zeros(shifts.size), np.zeros(shifts.size)
+    for view in views(likelihood, m, part):
+        sums = likelihood.sums(m, state, view.part_of_all).by_pixel
+        _add_slopes(likelihood, view, sums, slope, information)
     out = shifts.copy()
     noise = likelihood.scene.model.sensor.noise_at(likelihood.scene.model.sensor.integration_time_ms)
-    for number in range(len(shifts)):
-        own = single & (surface == number)
-        if not own.any():
-            continue
-        slope = m.of_main(m.true_range)[own] / likelihood.scene.distance[number]
-        information = float((sums[own, 2] * slope**2).sum())
-        if information > 0:
-            step = float((sums[own, 1] * slope).sum()) / information
-            limit = _SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
-            out[number] = float(np.clip(shifts[number] + step, -limit, limit))
+    for number in np.flatnonzero(information > 0):
+        step = slope[number] / information[number]
+        limit = _SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
+        out[number] = float(np.clip(shifts[number] + step, -limit, limit))
     return out
+
+
+def _add_slopes(
+    likelihood: Likelihood, view: View, sums: FloatArray, slope: FloatArray, information: FloatArray
+) -> None:
+    """Add what one recording says of the surfaces' shifts."""
+    m = view.mixture
+    surface, single = m.of_main(m.surface), m.of_main(m.weight) > 0.9 * (1 - m.invalid[0])
+    for own_number, name in enumerate(view.scene.names):
+        own = single & (surface == own_number)
+        number = likelihood.scene.names.index(name)
+        lever = m.of_main(m.true_range)[own] / likelihood.scene.distance[number]
+        information[number] += float((sums[own, 2] * lever**2).sum())
+        slope[number] += float((sums[own, 1] * lever).sum())

@@ -37,6 +37,7 @@ class Curve:
     unit : str
         Unit of the axis.
     scale_mm : mean sigma of the bin's samples, mm.
+    recording : which one it is of, from 0.
     """
 
     statistic: str
@@ -47,6 +48,12 @@ class Curve:
     variance: FloatArray
     unit: str
     scale_mm: FloatArray
+    recording: int = 0
+
+    @property
+    def name(self) -> tuple[str, str, int]:
+        """Statistic, axis and recording: what tells it from the other curves of its panel."""
+        return self.statistic, self.axis, self.recording
 
     @property
     def chi2(self) -> float:

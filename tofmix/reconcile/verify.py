@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.reconcile import links
 from tofmix.reconcile.add import Added, Settings, held_out
 from tofmix.reconcile.compare import Compared, compare
-from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import disagreements
+from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.panel import Curve
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -61,6 +62,7 @@ SMOOTH = 0.2
 """Correlation of neighbours in a map above which it is no pattern of pixels."""
 
 _FEW = 0.1
+_SEEDS_APART = 1000
 _SIMULATED = 0.1
 _WITHIN_CHANCE = 0.15  # of a gap
 _SETTLED, _UNTOUCHED = 0.97, 0.7
@@ -151,7 +153,7 @@ def _weight(curve: Curve, floor: Compared) -> float:
     hang on few samples.
     """
     few = curve.statistic in ("skew_pattern", "tails_pattern")
-    own = {(c.statistic, c.axis): c.excess_nats for c in floor.curves}.get((curve.statistic, curve.axis), 0.0)
+    own = {c.name: c.excess_nats for c in floor.curves}.get(curve.name, 0.0)
     return max(curve.excess_nats - max(own, 0.0), 0.0) * (_FEW if few else 1.0)
 
 
@@ -197,25 +199,26 @@ def _verdict(added: Added, before: Compared, loud: list[Curve], *, enough: bool,
 
 def _settled(added: Added, before: Compared, loud: list[Curve]) -> bool:
     """Whether what is left stands on other curves than what was explained, and was there before."""
-    was = {(c.statistic, c.axis): c.excess_nats for c in before.curves}
-    now = {(c.statistic, c.axis): c.excess_nats for c in added.panel.curves}
+    was = {c.name: c.excess_nats for c in before.curves}
+    now = {c.name: c.excess_nats for c in added.panel.curves}
     top = max(was, key=lambda name: was[name])
     settled = now.get(top, 0.0) < (1 - _SETTLED) * was[top]
-    return settled and all(c.excess_nats > _UNTOUCHED * was.get((c.statistic, c.axis), 0.0) for c in loud[:3])
+    return settled and all(c.excess_nats > _UNTOUCHED * was.get(c.name, 0.0) for c in loud[:3])
 
 
-def refined_model(likelihood: Likelihood, state: State) -> Model:
-    """The model with a state's effects."""
-    model = likelihood.scene.model
-    effects: tuple[Effect, ...] = (*model.effects, *state.effects)
-    return replace(model, effects=effects)
+def refined_model(scene: Scene, state: State) -> Model:
+    """A scene's model with those of a state's effects that act in it."""
+    effects: tuple[Effect, ...] = (*scene.model.effects, *scene.own(state.effects))
+    return replace(scene.model, effects=effects)
 
 
 def _floor(likelihood: Likelihood, state: State, settings: Settings) -> Compared:
     evidence = likelihood.evidence
-    model = refined_model(likelihood, state)
-    simulated = simulate_like(model, evidence, seed=settings.seed + 1)
-    again = Likelihood(simulated, likelihood.scene)
+    samples = np.empty_like(evidence.samples)
+    for number, (frames, scene) in enumerate(zip(evidence.recordings, likelihood.scene.members, strict=True)):
+        seed = settings.seed + 1 + _SEEDS_APART * number
+        samples[frames] = simulate_like(refined_model(scene, state), frames.stop - frames.start, seed=seed)
+    again = Likelihood(replace(evidence, samples=samples), likelihood.scene)
     for effect in state.effects:
         if isinstance(effect, Interference):
             mixture = likelihood.scene.mixture(state.effects)
@@ -224,11 +227,10 @@ def _floor(likelihood: Likelihood, state: State, settings: Settings) -> Compared
     return compare(again, state, held_out(likelihood, settings), seed=settings.seed + 1)
 
 
-def simulate_like(model: Model, evidence: Evidence, *, seed: int) -> Evidence:
-    """A simulation with the frames of a recording."""
-    frames, pixels = evidence.shape
+def simulate_like(model: Model, frames: int, *, seed: int) -> NDArray[np.uint16]:
+    """Samples (frame, pixel) of a model, as `Evidence` holds them."""
+    pixels = model.sensor.rows * model.sensor.cols
     samples = np.empty((frames, pixels), dtype=np.uint16)
-    truth = cast_scene(model)
-    for block in render_blocks(model, truth, n_frames=frames, seed=seed, threads=2):
+    for block in render_blocks(model, cast_scene(model), n_frames=frames, seed=seed, threads=2):
         samples[block.start : block.stop] = block.range_mm.reshape(-1, pixels)
-    return replace(evidence, samples=samples)
+    return samples

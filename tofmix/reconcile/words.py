@@ -27,7 +27,7 @@ def headline(result: Reconciliation) -> str:
     place = where_text(result.where[0], result)
     if v.verdict == "unexplained":
         return f"Simulation and measurement disagree most {place}. None of the known effects explains it."
-    effects = " and ".join(effect_text(n) for n in result.named)
+    effects = " and ".join(effect_text(n, result) for n in result.named)
     verb = "explain" if len(result.named) > 1 else "explains"
     part = "it" if v.verdict == "explained" else "a part of it"
     fall = f"the gap falls from {v.before.gap:.1f} to {v.after.gap:.1f}, chance is {v.floor.gap:.1f}"
@@ -39,15 +39,16 @@ def where_text(place: Place, result: Reconciliation) -> str:
     low, high = place.interval
     unit = _UNITS.get(place.axis, "")
     axis = _AXES.get(place.axis, place.axis)
+    within = f" of recording {place.recording + 1}" if len(result.models) > 1 else ""
     size = f"{place.statistic.replace('_', ' ')} of {place.size:+.3g}{' mm' if place.unit == 'mm' else ''}"
     if place.axis == "all":
-        return f"everywhere ({size})"
+        return f"everywhere{within} ({size})"
     if place.axis == "surface":
-        names = [s.name for s in result.model.surfaces]
+        names = [s.name for s in result.models[place.recording].surfaces]
         numbers = range(max(math.floor(low), 0), math.ceil(high))
         named = " and ".join(f'"{names[n]}"' for n in numbers if n < len(names)) or "no return"
-        return f"on {named} ({size})"
-    return f"at {axis} {low:.4g} to {high:.4g}{' ' if unit else ''}{unit} ({size})"
+        return f"on {named}{within} ({size})"
+    return f"at {axis} {low:.4g} to {high:.4g}{' ' if unit else ''}{unit}{within} ({size})"
 
 
 def p_text(place: Place) -> str:
@@ -55,13 +56,15 @@ def p_text(place: Place) -> str:
     return f"p = {place.p_value:.1g}" if place.p_value > _NO_DOUBT else f"p < {_NO_DOUBT:g}"
 
 
-def effect_text(named: NamedEffect) -> str:
+def effect_text(named: NamedEffect, result: Reconciliation) -> str:
     """An effect and its numbers with their errors, such as ``wiggling (amplitude_mm 11.8 +- 0.2)``."""
+    some = len(named.recordings) < len(result.models)
+    within = f" in recording {', '.join(str(k + 1) for k in named.recordings)}" if some else ""
     shown = [
         f'"{value}"' if isinstance(value, str) else _with_error(name, value, named.stderr.get(name))
         for name, value in named.parameters.items()
     ]
-    return f"{named.effect.kind} ({', '.join(shown)})" if shown else named.effect.kind
+    return f"{named.effect.kind} ({', '.join(shown)}){within}" if shown else named.effect.kind
 
 
 def _with_error(name: str, value: float, error: float | None) -> str:
@@ -75,7 +78,9 @@ def summary_lines(result: Reconciliation) -> list[str]:
     """About ten lines for the terminal."""
     v = result.verified
     lines = [headline(result), "", f"verdict      {v.verdict}"]
-    lines += [f"effect       {effect_text(n)}, held-out gain {n.heldout_gain_nats:.0f} nats" for n in result.named]
+    lines += [
+        f"effect       {effect_text(n, result)}, held-out gain {n.heldout_gain_nats:.0f} nats" for n in result.named
+    ]
     lines += [f"where        {where_text(p, result)}, {p_text(p)}" for p in result.where[:2]]
     if result.named and result.left:
         lines.append(f"left         {where_text(result.left[0], result)}, {p_text(result.left[0])}")
@@ -88,9 +93,9 @@ def summary_lines(result: Reconciliation) -> list[str]:
     return lines
 
 
-def effect_tables(result: Reconciliation) -> str:
-    """The [[effect]] tables that are appended to the model file; empty if there are none."""
-    return "\n".join(_table(n) for n in result.named)
+def effect_tables(result: Reconciliation, recording: int = 0) -> str:
+    """The [[effect]] tables that are appended to a recording's model file; empty if there are none."""
+    return "\n".join(_table(n) for n in result.acting(recording))
 
 
 def _table(named: NamedEffect) -> str:

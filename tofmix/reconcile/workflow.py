@@ -3,7 +3,7 @@
 Use `reconcile` on samples in memory; `tofmix.cli.reconcile` does so on files.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,11 +15,11 @@ from tofmix.reconcile.add import Added, Settings, add, latent_states
 from tofmix.reconcile.aliases import separate_by
 from tofmix.reconcile.compare import Compared
 from tofmix.reconcile.evidence import Evidence
-from tofmix.reconcile.fits import numeric, standard_errors
+from tofmix.reconcile.joint import Recording, joint_likelihood, renamed
 from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import Place, localise
-from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.name import Candidate
+from tofmix.reconcile.standard_errors import numeric, standard_errors
 from tofmix.reconcile.verify import Verified, verify
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -45,11 +45,14 @@ class NamedEffect:
         Standard errors of its numbers.
     heldout_gain_nats : float
         Gain on data that its fit has not seen.
+    recordings : tuple of int
+        In which it acts, from 0: in all of them, but for effects of a surface that some do not have.
     """
 
     effect: Effect
     stderr: dict[str, float]
     heldout_gain_nats: float
+    recordings: tuple[int, ...] = (0,)
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -71,8 +74,8 @@ class Reconciliation:
 
     Parameters
     ----------
-    model : Model
-        As given.
+    models : tuple of Model
+        As given, one for each recording.
     named : tuple of NamedEffect
         Effects that were found.
     where : tuple of Place
@@ -81,12 +84,16 @@ class Reconciliation:
         Search and verification.
     """
 
-    model: Model
+    models: tuple[Model, ...]
     named: tuple[NamedEffect, ...]
     where: tuple[Place, ...]
     left: tuple[Place, ...]
     added: Added
     verified: Verified
+
+    def acting(self, recording: int) -> tuple[NamedEffect, ...]:
+        """What was found for one of the recordings, from 0."""
+        return tuple(n for n in self.named if recording in n.recordings)
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
@@ -101,13 +108,10 @@ class Reconciliation:
         v = self.verified
         return {
             "verdict": v.verdict,
-            "effects": [
-                {"kind": n.effect.kind, "parameters": n.parameters, "stderr": _rounded(n.stderr),
-                 "heldout_gain_nats": _short(n.heldout_gain_nats)}
-                for n in self.named
-            ],
-            "where": [_place(p) for p in self.where],
-            "left": [_place(p) for p in self.left],
+            "effects": [self._effect(n) for n in self.acting(0)],
+            **self._also(),
+            "where": [_place(p) | self._in_recording(p.recording) for p in self.where],
+            "left": [_place(p) | self._in_recording(p.recording) for p in self.left],
             "candidates": [
                 {"kind": c.kind, "heldout_gain_nats": _short(c.gain), "parameters": c.parameters}
                 for c in self.candidates
@@ -117,10 +121,27 @@ class Reconciliation:
                  "separate_by": separate_by([c.kind for c in group])}
                 for group in self.added.aliases if v.verdict not in ("agree", "unexplained")
             ],
-            "panel": _panel(v.before, v.after, v.floor),
+            "panel": [line | self._in_recording(number) for number, line in _panel(v.before, v.after, v.floor)],
             "gap": {"before": _short(v.before.gap), "after": _short(v.after.gap), "floor": _short(v.floor.gap),
                     "closed": None if v.closed is None else _short(v.closed)},
         }  # fmt: skip
+
+    def _effect(self, named: NamedEffect) -> dict[str, Any]:
+        said = {"kind": named.effect.kind, "parameters": named.parameters, "stderr": _rounded(named.stderr),
+                "heldout_gain_nats": _short(named.heldout_gain_nats)}  # fmt: skip
+        return said | ({"recordings": [k + 1 for k in named.recordings]} if len(self.models) > 1 else {})
+
+    def _also(self) -> dict[str, Any]:
+        """Effects that the first recording has not: `effects` are those of its model."""
+        others = [
+            {"recording": k + 1, "effects": [self._effect(n) for n in self.acting(k) if 0 not in n.recordings]}
+            for k in range(1, len(self.models))
+        ]
+        return {"also": others} if others else {}
+
+    def _in_recording(self, number: int) -> dict[str, Any]:
+        """Which recording, from 1, where there are several."""
+        return {"recording": number + 1} if len(self.models) > 1 else {}
 
 
 def _place(place: Place) -> dict[str, Any]:
@@ -130,11 +151,11 @@ def _place(place: Place) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _panel(before: Compared, after: Compared, floor: Compared) -> list[dict[str, Any]]:
-    now, chance = ({(c.statistic, c.axis): c.distance for c in part.curves} for part in (after, floor))
+def _panel(before: Compared, after: Compared, floor: Compared) -> list[tuple[int, dict[str, Any]]]:
+    now, chance = ({c.name: c.distance for c in part.curves} for part in (after, floor))
     return [
-        {"statistic": c.statistic, "axis": c.axis, "before": _short(c.distance),
-         "after": _short(now.get((c.statistic, c.axis), 1.0)), "floor": _short(chance.get((c.statistic, c.axis), 1.0))}
+        (c.recording, {"statistic": c.statistic, "axis": c.axis, "before": _short(c.distance),
+                       "after": _short(now.get(c.name, 1.0)), "floor": _short(chance.get(c.name, 1.0))})
         for c in before.curves
     ]  # fmt: skip
 
@@ -148,9 +169,14 @@ def _rounded(values: dict[str, float]) -> dict[str, float]:
 
 
 def reconcile(
-    model: Model, evidence: Evidence, settings: Settings, tick: Callable[[str], None] = lambda _: None
+    model: Model,
+    evidence: Evidence,
+    settings: Settings,
+    tick: Callable[[str], None] = lambda _: None,
+    *,
+    also: Sequence[Recording] = (),
 ) -> Reconciliation:
-    """Find the effects that a recording has and its model has not.
+    """Find the effects that a recording, or several of one camera, has and its model has not.
 
     Parameters
     ----------
@@ -162,21 +188,38 @@ def reconcile(
         How.
     tick : callable
         Told of each kind that was tried.
+    also : sequence of (Model, Evidence)
+        Further recordings of the camera, which share the effects' parameters, each with the model of its scene.
 
     Returns
     -------
     Reconciliation
         The same for the same seed.
+
+    Raises
+    ------
+    BadInputError
+        If the models' cameras differ.
     """
-    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    recordings = ((model, evidence), *also)
+    models = tuple(model for model, _ in recordings)
+    likelihood = joint_likelihood(recordings)
     added = add(likelihood, settings, tick)
     verified = verify(likelihood, added, settings)
     where = tuple(localise(verified.before, settings.alpha)) if verified.verdict != "agree" else ()
     left = tuple(localise(added.panel, settings.alpha)) if verified.verdict != "agree" else ()
     if verified.verdict == "partly_explained":
         where = (*left, *where)
-    named = _named(likelihood, added, verified, settings)
-    return Reconciliation(model=model, named=named, where=where, left=left, added=added, verified=verified)
+    named = tuple(_placed(n, likelihood, models) for n in _named(likelihood, added, verified, settings))
+    return Reconciliation(models=models, named=named, where=where, left=left, added=added, verified=verified)
+
+
+def _placed(named: NamedEffect, likelihood: Likelihood, models: tuple[Model, ...]) -> NamedEffect:
+    """In which recordings an effect acts, its surface under the name that it has in its model."""
+    scenes = likelihood.scene.members
+    own = tuple(k for k, scene in enumerate(scenes) if scene.own((named.effect,)))
+    given = {t.name: s.name for k in own for s, t in zip(models[k].surfaces, scenes[k].model.surfaces, strict=True)}
+    return replace(named, effect=renamed(named.effect, given), recordings=own)
 
 
 def _named(likelihood: Likelihood, added: Added, verified: Verified, settings: Settings) -> tuple[NamedEffect, ...]:
@@ -217,8 +260,8 @@ def _latent(
         everything = np.arange(frames), np.arange(pixels)
         mixture = likelihood.scene.mixture(state.effects)
         z = likelihood.scores(state, everything, settings.seed, mixture)
-        refitted = links.fit_memory(z, mixture, everything) or effect
-        return refitted, {"coefficient": links.memory_error(z, mixture, everything)}
+        refitted = links.fit_memory(likelihood, z, mixture, everything) or effect
+        return refitted, {"coefficient": links.memory_error(likelihood, z, mixture, everything)}
     if isinstance(effect, Quantisation):
         return effect, {"step_mm": 0.5 * effect.step_mm**2 / likelihood.scene.model.sensor.range_max_mm}
     return effect, {}

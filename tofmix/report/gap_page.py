@@ -16,7 +16,7 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
     result : Reconciliation
         From `tofmix.reconcile.workflow.reconcile`.
     source : str
-        Name of the recording.
+        Name of the recording, or names.
 
     Returns
     -------
@@ -36,21 +36,28 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
         headline=headline(result),
         verdict=said["verdict"].replace("_", " "),
         gap=said["gap"],
-        effects=[(effect_text(n), n.effect.explain(), n.heldout_gain_nats) for n in result.named],
+        effects=[(effect_text(n, result), n.effect.explain(), n.heldout_gain_nats) for n in result.named],
         where=[(where_text(p, result), p_text(p)) for p in result.where[:6]],
         left=[(where_text(p, result), p_text(p)) for p in result.left[:6]] if result.named else [],
-        candidates=[
-            (c.kind, effect_text(_fitted(c)).removeprefix(c.kind).strip("( )"), f"{c.gain:,.0f}", c.parameters)
-            for c in result.candidates
-        ],
+        candidates=[(c.kind, _fitted(c, result), f"{c.gain:,.0f}", c.parameters) for c in result.candidates],
         aliases=said["aliases"],
-        added=effect_tables(result),
+        added=_added(result),
         panel=said["panel"],
         curves=pictures.curve_pictures(result),
         maps=pictures.map_pictures(result),
     )
 
 
-def _fitted(candidate: Candidate) -> NamedEffect:
-    """A candidate in the words of an effect that was named; nothing is known of its errors."""
-    return NamedEffect(effect=candidate.effect, stderr={}, heldout_gain_nats=candidate.gain)
+def _fitted(candidate: Candidate, result: Reconciliation) -> str:
+    """The parameters of a candidate in words; nothing is known of their errors."""
+    everywhere = tuple(range(len(result.models)))
+    alone = NamedEffect(effect=candidate.effect, stderr={}, heldout_gain_nats=candidate.gain, recordings=everywhere)
+    return effect_text(alone, result).removeprefix(candidate.kind).strip("( )")
+
+
+def _added(result: Reconciliation) -> list[tuple[str, str]]:
+    """What was added to which model."""
+    tables = [effect_tables(result, number) for number in range(len(result.models))]
+    if len(set(tables)) == 1:
+        return [("the model" if len(tables) == 1 else "every model", tables[0])] if tables[0] else []
+    return [(f"the model of recording {number}", table) for number, table in enumerate(tables, 1) if table]

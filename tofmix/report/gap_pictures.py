@@ -50,25 +50,24 @@ class GapPicture(NamedTuple):
 def curve_pictures(result: Reconciliation) -> list[GapPicture]:
     """The curves of the panel that disagree most before, and the most telling one of each other statistic."""
     v = result.verified
-    after = {(c.statistic, c.axis): c for c in v.after.curves} if result.named else {}
+    after = {c.name: c for c in v.after.curves} if result.named else {}
     drawable = [c for c in v.before.curves if c.dof > 1 and not c.statistic.endswith("pattern")]
     by_z = sorted(drawable, key=lambda c: -c.z)
     top = by_z[:_MOST]
     for curve in by_z[_MOST:]:
         if curve.statistic not in {c.statistic for c in top} and (curve.value != 0).any():
             top.append(curve)
-    names = [s.name for s in result.model.surfaces]
-    return [_picture(_title(c), _alt(c, after), _curve(c, after.get((c.statistic, c.axis)), names)) for c in top]
+    several = len(result.models) > 1
+    return [_curve_picture(c, after.get(c.name), result, several=several) for c in top]
 
 
-def _title(curve: Curve) -> str:
-    return f"{curve.statistic.replace('_', ' ')} against {curve.axis.replace('_', ' ')}"
-
-
-def _alt(curve: Curve, after: dict[tuple[str, str], Curve]) -> str:
-    now = after.get((curve.statistic, curve.axis))
-    said = f"{_title(curve)}: {curve.distance:.1f} times chance before"
-    return said if now is None else f"{said}, {now.distance:.1f} after"
+def _curve_picture(before: Curve, after: Curve | None, result: Reconciliation, *, several: bool) -> GapPicture:
+    words = f"{before.statistic} against {before.axis}".replace("_", " ")
+    title = f"{words}, recording {before.recording + 1}" if several else words
+    now = "" if after is None else f", {after.distance:.1f} after"
+    alt = f"{title}: {before.distance:.1f} times chance before{now}"
+    names = [s.name for s in result.models[before.recording].surfaces]
+    return _picture(title, alt, _curve(before, after, names))
 
 
 def _picture(title: str, alt: str, draw: Callable[[Theme], Figure], kind: str = "svg") -> GapPicture:
@@ -130,14 +129,18 @@ def _count(axes: Axes, curve: Curve, names: list[str]) -> None:
 def map_pictures(result: Reconciliation) -> list[GapPicture]:
     """Each pixel's mean score, before and after."""
     v = result.verified
-    shape = (result.model.sensor.rows, result.model.sensor.cols)
+    shape = (result.models[0].sensor.rows, result.models[0].sensor.cols)
     parts: list[tuple[str, Compared]] = [("residual of each pixel, before", v.before)]
     if result.named:
         parts.append(("residual of each pixel, after", v.after))
     finite = v.before.pattern[np.isfinite(v.before.pattern)]
     limit = max(float(np.quantile(np.abs(finite), 0.98)) if finite.size else 1.0, 0.2)
     alt = "map of the image: each pixel's mean score, 0 if the model is right"
-    return [_picture(title, alt, _map(part.pattern.reshape(shape), limit), "png") for title, part in parts]
+    several = len(result.models) > 1
+    return [
+        _picture(f"{title}, recording {k + 1}" if several else title, alt, _map(pattern.reshape(shape), limit), "png")
+        for title, part in parts for k, pattern in enumerate(part.pattern)
+    ]  # fmt: skip
 
 
 def _map(values: FloatArray, limit: float) -> Callable[[Theme], Figure]:

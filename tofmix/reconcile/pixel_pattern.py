@@ -1,0 +1,131 @@
+"""Each pixel's own bias: the latent state of `fixed_pattern`, found pixel by pixel and integrated out as a whole."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from tofmix.arrays import BoolArray, FloatArray
+from tofmix.reconcile.evidence import Evidence
+from tofmix.reconcile.joint import views
+from tofmix.reconcile.likelihood import Likelihood, Part, State, Sums
+from tofmix.reconcile.mixture import Mixture
+
+_STEPS = 6  # of the iteration for pixels' biases
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PixelBiases:
+    """Each pixel's bias by itself: arrays (pixel,).
+
+    Parameters
+    ----------
+    bias : most likely bias, mm.
+    information : its information, 1/mm2; 0 where there is none.
+    gain : log-likelihood there over that without it.
+    """
+
+    bias: FloatArray
+    information: FloatArray
+    gain: FloatArray
+
+
+def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> PixelBiases:
+    """Find each pixel's bias by expectation maximisation, on top of the state's.
+
+    A bias of many sigma cannot be reached step by step: the median of a pixel's samples is another start.
+    """
+    first = likelihood.sums(mixture, state, part)
+    far = state.pixel_bias + _median_bias(likelihood, mixture, state, part)
+    other = likelihood.sums(mixture, state, part, bias=far)
+    better = other.by_pixel[:, 0] > first.by_pixel[:, 0]
+    bias = np.where(better, far, state.pixel_bias)
+    sums = Sums(np.where(better[:, None], other.by_pixel, first.by_pixel), first.by_frame)
+    for _ in range(_STEPS):
+        bias = bias + sums.by_pixel[:, 1] / np.maximum(sums.by_pixel[:, 2], 1e-12)
+        sums = likelihood.sums(mixture, state, part, bias=bias)
+    inside = np.zeros(bias.size, dtype=bool)
+    inside[part[1]] = True
+    inside &= state.working & (sums.by_pixel[:, 2] > 0)
+    return PixelBiases(
+        bias=np.where(inside, bias - state.pixel_bias, 0.0),
+        information=np.where(inside, sums.by_pixel[:, 2], 0.0),
+        gain=np.where(inside, sums.by_pixel[:, 0] - first.by_pixel[:, 0], 0.0),
+    )
+
+
+def _median_bias(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> FloatArray:
+    """Median of a pixel's samples less what its main surface has, mm; the mean of that over recordings.
+
+    0 where the pixel has no return or no sample.
+    """
+    total, count = np.zeros(state.pixel_bias.size), np.zeros(state.pixel_bias.size)
+    for view in views(likelihood, mixture, part):
+        own, usable = _medians(view.evidence, view.mixture, view.part)
+        total += np.where(usable, own - state.pixel_bias, 0.0)
+        count += usable
+    return total / np.maximum(count, 1)
+
+
+def _medians(evidence: Evidence, mixture: Mixture, part: Part) -> tuple[FloatArray, BoolArray]:
+    frames, pixels = part
+    values = evidence.samples[frames][:, pixels].astype(np.float32)
+    values -= mixture.frame_bias[frames, None].astype(np.float32)
+    valid = evidence.samples[frames][:, pixels] > 0
+    middle = np.zeros(evidence.shape[1])
+    some = valid.any(axis=0)
+    middle[pixels[some]] = np.nanmedian(np.where(valid, values, np.nan)[:, some], axis=0)
+    known = np.zeros(middle.size, dtype=bool)
+    known[pixels[some]] = True
+    usable = known & mixture.of_main(mixture.lit).astype(bool)
+    return middle - mixture.of_main(mixture.mean), usable
+
+
+def marginal_pattern(
+    found: PixelBiases, image: tuple[int, int], sigmas_mm: tuple[float, float, float]
+) -> tuple[float, FloatArray]:
+    """Gain of a Gaussian pattern over none, all patterns integrated out, and the pattern's mean given the data.
+
+    Parameters
+    ----------
+    found : PixelBiases
+        Bias and information of each pixel.
+    image : (int, int)
+        Rows, columns.
+    sigmas_mm : (float, float, float)
+        Standard deviations by pixel, column and row.
+
+    Returns
+    -------
+    gain : float
+        Nats.
+    pattern : (pixel,) float64
+        Posterior mean, mm: the biases shrunk by their noise.
+
+    References
+    ----------
+    Woodbury matrix identity, for the covariance D + U U' of pixels (D), columns and rows (U).
+    """
+    rows, cols = image
+    use = np.flatnonzero(found.information > 0)
+    row, col = np.divmod(use, cols)
+    b, noise = found.bias[use], 1.0 / found.information[use]
+    own, by_col, by_row = (max(float(s), 1e-6) ** 2 for s in sigmas_mm)
+    d = own + noise
+    cross: FloatArray = np.zeros((cols + rows, cols + rows))
+    np.add.at(cross, (col, cols + row), 1.0 / d)
+    cross += cross.T
+    cross[np.arange(cols), np.arange(cols)] = np.bincount(col, 1.0 / d, minlength=cols)
+    cross[cols + np.arange(rows), cols + np.arange(rows)] = np.bincount(row, 1.0 / d, minlength=rows)
+    prior = np.concatenate([np.full(cols, by_col), np.full(rows, by_row)])
+    inner = np.diag(1.0 / prior) + cross
+    pulled = np.concatenate([np.bincount(col, b / d, minlength=cols), np.bincount(row, b / d, minlength=rows)])
+    root = cho_factor(inner, lower=True, check_finite=False)
+    lines = cho_solve(root, pulled, check_finite=False)
+    quadratic = float((b * b / d).sum() - pulled @ lines)
+    logdet = float(np.log(d / noise).sum() + 2 * np.log(np.diag(root[0])).sum() + np.log(prior).sum())
+    gain = float(found.gain[use].sum()) - 0.5 * (quadratic + logdet)
+    stripes = lines[col] + lines[cols + row]
+    pattern = np.zeros(found.bias.size)
+    pattern[use] = stripes + own / d * (b - stripes)
+    return gain, pattern
