@@ -1,6 +1,7 @@
 """``tofmix reconcile`` on files: its folder, its refusals, and that the refined model runs."""
 
 import json
+import os
 import subprocess
 import sys
 import tomllib
@@ -156,6 +157,20 @@ def test_it_refuses_a_recording_without_a_valid_sample(
     assert done.err.count(str(files[1])) == 1
     assert "no sample is valid" in done.err
     assert not (tmp_path / "gap").exists()
+
+
+def test_it_refuses_a_folder_before_any_work(
+    tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    for folder, reason in (("file", "is not a folder"), ("no/such", "no such folder")):
+        done = tofmix("reconcile", *files, "-o", tmp_path / folder)
+        assert done.code == 4
+        assert reason in done.err
+    monkeypatch.setattr(os, "access", lambda _, mode: mode == os.R_OK)  # root may write everywhere
+    done = tofmix("reconcile", *files, "-o", tmp_path / "gap")
+    assert done.code == 4
+    assert "no permission" in done.err
 
 
 def test_it_refuses_an_unknown_effect(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
