@@ -1,6 +1,5 @@
 """The bench's one command, on a small fixed part of its cases."""
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -10,24 +9,33 @@ from blind import bench
 TESTS = Path(__file__).parents[1]
 
 
-def test_a_small_part_is_scored_once(
+def test_a_small_part_is_built_and_scored_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Started again, the command finds nothing left to do."""
+    """By `tofmix reconcile` itself: it names what is hidden, and nothing where nothing is.
+
+    Started again, the command finds nothing left to do.
+    """
     monkeypatch.setenv("PYTHONPATH", f"{TESTS}:{TESTS.parent}")
-    copy = f"{sys.executable} -m blind.fake_reconcile copy"
-    arguments = ["--output", str(tmp_path), "--select", "none-0", "--small", "--processes", "1", "--reconcile", copy]
+    cases = ("none-0", "wiggling-clear-0-0")
+    arguments = ["--output", str(tmp_path), "--select", *cases, "--small", "--processes", "1", "--no-ceiling"]
     bench.main(arguments)
-    (result,) = bench.read_results(tmp_path / "results.jsonl")
-    assert result["verdict"] == "agree"
-    assert result["named"] == []
-    assert 0.8 < result["before"] < 1.25
-    assert max(line[3] for line in result["panel"]) < 4.5
+    results = {result["case"]: result for result in bench.read_results(tmp_path / "results.jsonl")}
+    none, wiggling = (results[case] for case in cases)
+    assert (none["verdict"], none["named"]) == ("agree", [])
+    assert 0.8 < none["before"] < 1.25
+    assert max(line[3] for line in none["panel"]) < 4.5
+    assert (wiggling["verdict"], wiggling["named"]) == ("explained", ["wiggling"])
+    assert wiggling["parameters"]["wiggling"]["right"]
+    assert wiggling["closed"] > 0.95
+    assert wiggling["second_scene"]["closed"] > 0.95
     first = (tmp_path / "results.jsonl").read_text()
-    capsys.readouterr()
+    said = capsys.readouterr().out
     bench.main(arguments)
     assert (tmp_path / "results.jsonl").read_text() == first
-    assert "none: agree | 1/1 (100 %)" in capsys.readouterr().out
+    again = capsys.readouterr().out
+    assert again in said
+    assert "none: agree | 1/1 (100 %)" in again
 
 
 def test_the_sealed_half_needs_its_seed(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ The files appear one by one, each whole or not at all, and `gap.json` last: a fo
 
 import io
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path, PurePath
 from typing import Any
@@ -33,12 +34,14 @@ def check_folder(folder: Path, *, overwrite: bool, models: int = 1) -> None:
     UsageError
         If it holds a reconciliation already and may not be overwritten.
     StorageError
-        If it is a file, or the folder that it is to stand in does not exist.
+        If it is a file or may not be written, or if the folder that it is to stand in does not exist.
     """
     if folder.exists() and not folder.is_dir():
         raise StorageError(f"{folder} exists and is not a folder")
     if not folder.exists() and not folder.parent.is_dir():
         raise StorageError(f"{folder}: no such folder {folder.parent}")
+    if not os.access(folder if folder.exists() else folder.parent, os.W_OK | os.X_OK):
+        raise StorageError(f"{folder}: no permission to write there")
     there = [name for name in (*model_names(models), *_FILES) if (folder / name).exists()]
     if there and not overwrite:
         raise UsageError(f"{folder / there[0]} exists; pass --overwrite to replace it")

@@ -113,17 +113,19 @@ def make_evidence(
     Raises
     ------
     BadInputError
-        If the image differs from the model's camera, or there are too few frames to hold some out.
+        If the image differs from the model's camera, no sample is valid, or there are too few frames to hold some out.
     """
     frames, rows, cols = range_mm.shape
     if (rows, cols) != (model.sensor.rows, model.sensor.cols):
         raise BadInputError(
             f"range: an image of {rows} x {cols} pixels; the model's camera has "
-            f" {model.sensor.rows} x {model.sensor.cols}"
+            f"{model.sensor.rows} x {model.sensor.cols}"
         )
     if frames < _LEAST_FRAMES:
         raise BadInputError(f"range: {frames} frames; at least {_LEAST_FRAMES} are needed, to hold some out")
     valid = np.isfinite(range_mm)
+    if not valid.any():
+        raise BadInputError("range: no sample is valid")
     samples = np.where(valid, np.clip(np.rint(np.nan_to_num(range_mm)), 1, 65_534), 0).astype(np.uint16)
     now = np.arange(frames) / model.recording.frame_rate_hz if time_s is None else np.asarray(time_s, dtype=np.float64)
     if not (np.isfinite(now).all() and (np.diff(now) > 0).all()):

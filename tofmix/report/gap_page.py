@@ -2,8 +2,9 @@
 
 from importlib import import_module
 
+from tofmix.reconcile.name import Candidate
 from tofmix.reconcile.words import effect_tables, effect_text, headline, p_text, where_text
-from tofmix.reconcile.workflow import Reconciliation
+from tofmix.reconcile.workflow import NamedEffect, Reconciliation
 from tofmix.report.templates import load_template
 
 
@@ -38,13 +39,20 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
         effects=[(effect_text(n, result), n.effect.explain(), n.heldout_gain_nats) for n in result.named],
         where=[(where_text(p, result), p_text(p)) for p in result.where[:6]],
         left=[(where_text(p, result), p_text(p)) for p in result.left[:6]] if result.named else [],
-        candidates=said["candidates"],
+        candidates=[(c.kind, _fitted(c, result), f"{c.gain:,.0f}", c.parameters) for c in result.candidates],
         aliases=said["aliases"],
         added=_added(result),
         panel=said["panel"],
         curves=pictures.curve_pictures(result),
         maps=pictures.map_pictures(result),
     )
+
+
+def _fitted(candidate: Candidate, result: Reconciliation) -> str:
+    """The parameters of a candidate in words; nothing is known of their errors."""
+    everywhere = tuple(range(len(result.models)))
+    alone = NamedEffect(effect=candidate.effect, stderr={}, heldout_gain_nats=candidate.gain, recordings=everywhere)
+    return effect_text(alone, result).removeprefix(candidate.kind).strip("( )")
 
 
 def _added(result: Reconciliation) -> list[tuple[str, str]]:

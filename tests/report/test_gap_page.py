@@ -1,0 +1,87 @@
+"""The page of a reconciliation: what it says and shows, with an effect and without one."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tofmix.reconcile.add import Settings
+from tofmix.reconcile.evidence import make_evidence
+from tofmix.reconcile.workflow import Reconciliation, reconcile
+from tofmix.report.gap_page import render_gap
+from tofmix.sensors.registry import load_profile
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.render import render_blocks
+
+MODEL = Model(
+    sensor=replace(load_profile("sr4000"), rows=12, cols=16),
+    surfaces=(
+        Surface(name="<board>", center_mm=(-300.0, 0.0, 1500.0), size_mm=(500.0, 500.0)),
+        Surface(name="wall", center_mm=(0.0, 0.0, 3000.0), size_mm=(9000.0, 9000.0), yaw_deg=20.0),
+    ),
+    recording=RecordingSettings(frames=60),
+)
+
+
+def _reconciled(*effects: Effect) -> Reconciliation:
+    real = replace(MODEL, effects=effects)
+    (block,) = render_blocks(real, cast_scene(real), n_frames=60, seed=5, block_frames=60)
+    range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
+    settings = Settings(kinds=("range_offset", "surface_pose"))
+    return reconcile(MODEL, make_evidence(MODEL, range_mm, time_s=block.time_s), settings)
+
+
+@pytest.fixture(scope="module")
+def explained() -> Reconciliation:
+    return _reconciled(RangeOffset(offset_mm=9.0))
+
+
+@pytest.fixture(scope="module")
+def page(explained: Reconciliation) -> str:
+    return render_gap(explained, source="my <recording>.h5")
+
+
+def _titles(page: str) -> list[str]:
+    return re.findall(r"<h3>(.*?)</h3>", page)
+
+
+def test_it_says_what_was_missing_and_where(page: str) -> None:
+    assert "my &lt;recording&gt;.h5" in page
+    assert "<board>" not in page
+    for words in ("Verdict: explained", "What was missing", "Where they disagree", "Candidates", "Panel"):
+        assert words in page
+    (added,) = re.findall(r"<pre>(.*?)</pre>", page, re.DOTALL)
+    assert 'kind = "range_offset"' in added.replace("&#34;", '"')
+    fitted = re.search(r"<td>range_offset</td><td class=\"fitted\">offset_mm (.*?)</td>", page)
+    assert fitted is not None
+    assert float(fitted[1]) == pytest.approx(9.0, abs=0.5)
+    assert re.search(r'(src|srcset|href)="(?!data:)', page) is None
+
+
+def test_pictures_show_what_disagrees_most_and_each_statistic(page: str, explained: Reconciliation) -> None:
+    curves = [title for title in _titles(page) if " against " in title]
+    drawn = [c for c in explained.verified.before.curves if c.dof > 1 and not c.statistic.endswith("pattern")]
+    worst = max(drawn, key=lambda c: c.z)
+    assert curves[0] == f"{worst.statistic} against {worst.axis}".replace("_", " ")
+    shown = {title.split(" against ")[0] for title in curves}
+    assert {"bias", "spread", "skew", "tails", "trend", "common mode", "memory"} <= shown
+    assert re.search(rf'alt="{curves[0]}: \d+\.\d times chance before, \d\.\d after"', page) is not None
+
+
+def test_maps_are_drawn_before_and_after(page: str) -> None:
+    assert [t for t in _titles(page) if "pixel," in t] == [f"residual of each pixel, {w}" for w in ("before", "after")]
+    maps = re.findall(r'srcset="(data:image/png.*?)">\s*<img src="(data:image/png.*?)"', page)
+    assert len(maps) == 2
+    assert all(light != dark for light, dark in maps)
+
+
+def test_an_agreement_has_no_after() -> None:
+    page = render_gap(_reconciled(), source="a.h5")
+    assert "Verdict: agree" in page
+    assert "there is no after" in page
+    for words in ("What was missing", "Where they disagree", "Added to the model", "pixel, after"):
+        assert words not in page
