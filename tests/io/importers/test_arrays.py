@@ -16,7 +16,8 @@ from tofmix.io.importers import open_source
 from tofmix.io.importers.base import Request
 
 SHAPE = (6, 4, 5)
-ROWS_FIRST, FRAMES_FIRST = "row,col,frame", "frame,row,col"
+ROWS_FIRST = "row,col,frame"
+FRAMES_FIRST: Literal["frame,row,col"] = "frame,row,col"
 
 
 def samples(dtype: str = "u2", seed: int = 2) -> NDArray[Any]:
