@@ -20,9 +20,11 @@ from tofmix.cli.merge import merge
 from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
+from tofmix.cli.verify import verify
 from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
-from tofmix.io.storage import discard_unfinished, is_resumable
+from tofmix.io.unfinished import discard_unfinished, is_resumable
+from tofmix.io.watchdog import arm
 
 _EPILOG = """\b
 Start here:
@@ -58,7 +60,9 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report, reconcile, inspect, info, compare, import_, export, map_, merge, warmup):
+for _command in (
+    simulate, estimate, report, reconcile, inspect, info, verify, compare, import_, export, map_, merge, warmup,
+):  # fmt: skip
     main.add_command(_command)
 
 
@@ -66,6 +70,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code; never a traceback for a fault of the user's or the disk's."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _die)
+    arm()
     code = ExitCode.DONE
     try:
         code = main.main(args=arguments, prog_name="tofmix", standalone_mode=False) or code
@@ -80,6 +85,8 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     except SystemExit as leave:
         # click leaves with 1 where the reader of a pipe has gone (`| head`); by our table that were a bug of ours.
         sys.exit(ExitCode.CLOSED_PIPE if leave.code == 1 else leave.code)
+    except MemoryError:
+        _fail("out of memory; close other programs, or choose a smaller --memory or fewer --workers", ExitCode.STORAGE)
     except OSError as error:
         _discard_stdout()
         _fail(os_error_text(error, error.filename or "standard output"), ExitCode.STORAGE)

@@ -1,6 +1,7 @@
 """``tofmix reconcile``: a model and a measurement in, the missing effects out."""
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
     from tofmix.simulation.model import Model
 
     Files = tuple[tuple[str, Path], ...]
+
+_MOST_SAMPLES = 1 << 28
 
 
 @examples(
@@ -74,23 +77,23 @@ def reconcile(
     with --also share the effects' parameters. The page docs/reconcile.md explains
     the output.
     """
-    from tofmix.io.reconciliation import check_folder, model_names
+    from tofmix.io.reconciliation import claimed_folder, model_names
     from tofmix.reconcile.add import Settings
     from tofmix.reconcile.words import summary_lines
     from tofmix.reconcile.workflow import reconcile as run
 
     kinds = _kinds(effects)
     files = ((model, measured), *also)
-    check_folder(output, overwrite=overwrite, models=len(files))
-    first, *others = _read_all(files)
     settings = Settings(kinds=kinds, max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split, seed=seed)
-    with progress_bar(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
+    with claimed_folder(output, overwrite=overwrite, models=len(files)):
+        first, *others = _read_all(files)
+        with progress_bar(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
 
-        def tick(_: str) -> None:
-            bar.update(1)
+            def tick(_: str) -> None:
+                bar.update(1)
 
-        result = run(*first, settings, tick, also=others)
-    _write(result, files, output, overwrite)
+            result = run(*first, settings, tick, also=others)
+        _write(result, files, output, overwrite)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return
@@ -137,6 +140,11 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
 
     every = slice(0, None)
     with open_recording(measured) as file:
+        samples = math.prod(file.shape)
+        if samples > _MOST_SAMPLES:
+            raise BadInputError(
+                f"{measured}: range: {samples:,} samples; reconcile holds them all in memory, {_MOST_SAMPLES:,} at most"
+            )
         range_mm, time_s = file.read_range(every, every), file.read_time()
         amplitude = file.read_amplitude(every, every) if file.has_amplitude else None
         temperature_c = file.read_temperature()

@@ -99,13 +99,14 @@ def simulate(
         _explain(scene)
         return
 
-    from tofmix.io.storage import check_output
+    from tofmix.io.storage import check_output, claimed
 
     outputs = [output] if repeat is None else [_numbered(output, k) for k in range(1, repeat + 1)]
     for path in outputs:
         check_output(path, overwrite=overwrite, inputs=(Path(model),))
     for k, path in enumerate(outputs):
-        _write(replace(scene, recording=replace(chosen, seed=chosen.seed + k)), model, path, averaged, overwrite)
+        with claimed(path, overwrite=overwrite, inputs=(Path(model),)):
+            _write(replace(scene, recording=replace(chosen, seed=chosen.seed + k)), model, path, averaged, overwrite)
 
 
 def _numbered(output: Path, number: int) -> Path:
@@ -119,7 +120,7 @@ def _explain(scene: "Model") -> None:
 
 
 def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: bool) -> None:
-    from tofmix.io.recording_file import CHUNK_FRAMES, RecordingWriter
+    from tofmix.io.recording_writer import CHUNK_FRAMES, RecordingWriter
     from tofmix.simulation.cast import cast_scene
     from tofmix.simulation.exposure import drawn_truth
     from tofmix.simulation.render import recording_sensor, render_blocks

@@ -11,15 +11,15 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import gettempdir
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.errors import BadInputError
-from tofmix.io import hdf5
+from tofmix.errors import BadInputError, ExitCode, StorageError, TofmixError
+from tofmix.io import guard
 from tofmix.io.importers.arrays import (
     FRAMES_FIRST,
     TIME,
@@ -31,6 +31,8 @@ from tofmix.io.importers.arrays import (
     joined,
 )
 from tofmix.io.importers.base import IMAGE_DIMENSIONS, Axes, Frame, FrameSource, Request, check_numbers, foreign
+from tofmix.io.scratch_folder import scratch_folder
+from tofmix.io.watchdog import watched
 
 _FRAMES_LAST: Axes = "row,col,frame"
 _DIMENSIONS = 3
@@ -45,12 +47,12 @@ def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
     BadInputError
         If it is damaged, holds no fitting array or several, its axes cannot be told, or arrays do not go together.
     """
-    if h5py.is_hdf5(path):
-        with hdf5.open_for_reading(path) as root:
+    if guard.is_hdf5(path):
+        with guard.open_for_reading(path) as root:
             yield _of_hdf5(root, path, request)
     else:
-        with TemporaryDirectory(prefix="tofmix-") as folder:
-            yield _of_scipy(path, request, Path(folder))
+        with scratch_folder() as folder:
+            yield _of_scipy(path, request, folder)
 
 
 def _axes(shape: tuple[int, ...], request: Request, what: str) -> Axes:
@@ -70,7 +72,10 @@ def _axes(shape: tuple[int, ...], request: Request, what: str) -> Axes:
 def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
     program = [sys.executable, "-P", str(Path(__file__).with_name("mat_child.py")), str(path), str(folder)]
     pipe = subprocess.PIPE
-    with subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as child:  # noqa: S603  our own
+    with (
+        watched(f"{path}"),
+        subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as child,  # noqa: S603  our own
+    ):
         assert child.stdout is not None  # noqa: S101  for the type checker: it is a pipe
         listed = child.stdout.readline()
         if not listed:
@@ -84,17 +89,19 @@ def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
     if child.returncode:
         raise _refusal(child, complaint, path)
     with foreign(path):
-        held = [np.load(folder / f"{k}.npy", mmap_mode="r") for k in range(len(wanted))]
+        held = [np.load(folder / f"{k}.npy", mmap_mode="r", allow_pickle=False) for k in range(len(wanted))]
     arrays = [frames_first(held[k], axes, f"{path}: {one}") for k, one in enumerate(names)]
     time_s = held[-1] if TIME in shapes else None
     return _source(path, name, arrays, time_s, f"array {name} of a .mat")
 
 
-def _refusal(child: "subprocess.Popen[str]", complaint: str, path: Path) -> BadInputError:
+def _refusal(child: "subprocess.Popen[str]", complaint: str, path: Path) -> TofmixError:
     """What to say of a child that failed."""
     if child.returncode < 0:
         return BadInputError(f"{path}: cannot be read: SciPy's reader crashed on it; the file is damaged")
     reason = complaint.strip().splitlines()
+    if child.returncode == ExitCode.STORAGE:
+        return StorageError(f"{gettempdir()}: {reason[-1]}; {path} is unpacked there")
     return BadInputError(f"{path}: cannot be read: {reason[-1] if reason else 'no reason given'}")
 
 
@@ -115,7 +122,7 @@ def _source(path: Path, name: str, arrays: list[NDArray[Any]], time_s: Any, kind
 
 
 def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
-    with hdf5.reading(path, "variables"):
+    with guard.reading(path, "variables"):
         # HDF5 sees MATLAB's axes in reverse.
         shapes = {n: tuple(reversed(item.shape)) for n, item in root.items() if isinstance(item, h5py.Dataset)}
     name = choose(shapes, request.topic, path)
@@ -127,8 +134,8 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
         check_shapes(depth.shape, amplitude.shape, f"{path}: {amplitude.name}")
     time_s = None
     if TIME in shapes:
-        with hdf5.reading(path, TIME):
-            time_s = np.asarray(hdf5.checked_dataset(root, TIME, path)[...])
+        with guard.reading(path, TIME):
+            time_s = np.asarray(guard.checked_dataset(root, TIME, path)[...])
         check_time(time_s, depth.shape[0], path)
     return FrameSource(
         kind=f"array {name} of a .mat of version 7.3",
@@ -145,7 +152,7 @@ class _Variable:
 
     def __init__(self, root: h5py.File, name: str, axes: Axes, path: Path) -> None:
         self.name, self._path = name, path
-        self._dataset = hdf5.checked_dataset(root, name, path)
+        self._dataset = guard.checked_dataset(root, name, path)
         self._frames_first = axes == FRAMES_FIRST
         self.dtype: np.dtype[Any] = self._dataset.dtype
         check_numbers(self.dtype, f"{path}: {name}")
@@ -160,7 +167,7 @@ class _Variable:
         self.shape: tuple[int, int, int] = stored[::-1] if frames_last else (stored[0], stored[2], stored[1])
 
     def __getitem__(self, frame: int) -> NDArray[Any]:
-        with hdf5.reading(self._path, self.name):
+        with guard.reading(self._path, self.name):
             if self._single:
                 image = self._dataset[...]
             else:
