@@ -1,0 +1,231 @@
+"""Commands whose N-th system call fails, or who are killed at it, for N = 1, 2, ... until they succeed."""
+
+import errno
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from faults.fuzz import DONE, REFUSED
+from faults.pool import Job, Outcome, Pool
+from faults.same import same_content
+
+KILL_BEFORE, KILL_AFTER, SHORT = -1, -2, 0
+SOURCE = Path(__file__).with_name("shim.c")
+
+FAILURES: dict[str, tuple[str, int, int]] = {
+    "write: disk full": ("write", errno.ENOSPC, 0),
+    "write: one I/O error": ("write", errno.EIO, 1),
+    "write: a part only": ("write", SHORT, 1),
+    "truncate: disk full": ("truncate", errno.ENOSPC, 0),
+    "fsync: I/O error": ("fsync", errno.EIO, 1),
+    "rename: I/O error": ("rename", errno.EIO, 1),
+    "open: no permission": ("open", errno.EACCES, 1),
+    "open: too many files": ("open", errno.EMFILE, 0),
+    "unlink: I/O error": ("unlink", errno.EIO, 1),
+    "read: I/O error": ("read", errno.EIO, 1),
+    "read: a part only": ("read", SHORT, 1),
+    "allocation": ("alloc", errno.ENOMEM, 1),
+    "allocation, and all after": ("alloc", errno.ENOMEM, 0),
+    "killed before a write": ("write", KILL_BEFORE, 1),
+    "killed after a write": ("write", KILL_AFTER, 1),
+    "killed before fsync": ("fsync", KILL_BEFORE, 1),
+    "killed before rename": ("rename", KILL_BEFORE, 1),
+    "killed after rename": ("rename", KILL_AFTER, 1),
+    "killed before unlink": ("unlink", KILL_BEFORE, 1),
+}
+"""What fails: operation, errno (or one of the constants above), and whether only once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A command, its outputs, and how it is started again: from where it stopped, or from the beginning."""
+
+    command: str
+    outputs: tuple[str, ...]
+    again: str = " --overwrite"
+
+
+CASES: dict[str, Case] = {
+    "estimate": Case(
+        "estimate recording.h5 -o out.layers.h5 --window 5 --workers 1", ("out.layers.h5",), " --resume --overwrite"
+    ),
+    "estimate a part": Case(
+        "estimate recording.h5 -o out.part --window 5 --workers 1 --shard 1/2", ("out.part",), " --resume --overwrite"
+    ),
+    "merge": Case("merge 1.part 2.part -o out.layers.h5", ("out.layers.h5",)),
+    "simulate": Case("simulate model.toml -o out.h5", ("out.h5",)),
+    "import": Case("import a.npy -o out.h5 --sensor sensor.toml", ("out.h5",)),
+    "report": Case("report layers.h5 --html out.html", ("out.html",)),
+    "export points": Case("export layers.h5 -o out.ply", ("out.ply",)),
+    "export an image": Case("export layers.h5 -o out.tif --window 0", ("out.tif",)),
+    "map": Case("map layers.h5 -o out.yaml --voxels out.npz", ("out.yaml", "out.pgm", "out.npz")),
+    "inspect": Case("inspect layers.h5 --pixel 1,2 -o out.png", ("out.png",)),
+}
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts of one failure of one case, and the faults found."""
+
+    case: str
+    failure: str
+    runs: int = 0
+    refused: int = 0
+    killed: int = 0
+    done: int = 0
+    faults: list[str] = field(default_factory=list)
+
+
+def compiled(folder: Path) -> Path | None:
+    """Compile the shim; None where there is no C compiler."""
+    compiler = shutil.which("cc")
+    if compiler is None:
+        return None
+    library = folder / "shim.so"
+    subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", library, SOURCE, "-ldl"], check=True)
+    return library
+
+
+class Injection:
+    """Faults in commands on sound files.
+
+    Parameters
+    ----------
+    originals : Path
+        Folder of `faults.originals.make`.
+    pool : Pool
+        Whose processes have the shim.
+    """
+
+    def __init__(self, originals: Path, pool: Pool) -> None:
+        self._originals, self._pool = originals, pool
+        self._expected: dict[str, Path] = {}
+
+    def run(
+        self, case: str, failure: str, *, step: int = 1, most: int = 10_000, report: Callable[[str], object] = print
+    ) -> Tally:
+        """Fail at call 1, 1 + step, ... until a run meets no failure, in two settings: no output yet, and an old one."""
+        tally = Tally(case, failure)
+        expected = self._expected_of(case)
+        for old in (False, True):
+            for number in range(1, most, step):
+                with tempfile.TemporaryDirectory(prefix="inject-") as name:
+                    reached = self._once(CASES[case], failure, number, Path(name), expected, tally, old=old)
+                if not reached:
+                    break
+            else:
+                tally.faults.append(f"still failing at call {most}")
+        for fault in tally.faults:
+            report(f"{case}: {failure}: {fault}")
+        return tally
+
+    def _expected_of(self, case: str) -> Path:
+        if case not in self._expected:
+            folder = Path(tempfile.mkdtemp(dir=self._originals))
+            for name in _inputs(self._originals):
+                shutil.copy(self._originals / name, folder)
+            outcome = self._pool.run(Job(argv=tuple(CASES[case].command.split()), cwd=str(folder)))
+            if outcome.code:
+                raise RuntimeError(outcome.err)
+            self._expected[case] = folder
+        return self._expected[case]
+
+    def _once(
+        self, case: Case, failure: str, number: int, folder: Path, expected: Path, tally: Tally, *, old: bool
+    ) -> bool:
+        """Run once with the failure, look at what is left, and go on without it; False where it was not met."""
+        for name in _inputs(self._originals):
+            shutil.copy(self._originals / name, folder)
+        for name in case.outputs if old else ():
+            (folder / name).write_bytes(b"old")
+        operation, code, once = FAILURES[failure]
+        argv = tuple((case.command + " --overwrite" * old).split())
+        fault = (operation, number, code, once)
+        outcome = self._pool.run(Job(argv=argv, cwd=str(folder), fault=fault))
+        tally.runs += 1
+        where = f"call {number}{', over an old file' if old else ''}"
+        wrong = [_ending(outcome, code), *_left(case, folder, self._originals, expected, outcome, old=old)]
+        tally.killed += outcome.code == -9
+        tally.refused += outcome.code in REFUSED
+        tally.done += outcome.code in DONE
+        again = self._pool.run(Job(argv=tuple((case.command + case.again).split()), cwd=str(folder)))
+        if again.code:
+            wrong.append(f"started again: {again.code} {again.err[-300:]}")
+        else:
+            wrong += _left(case, folder, self._originals, expected, again, old=old)
+        tally.faults += [f"{where}: {text} [{outcome.err[-300:]}]" for text in wrong if text]
+        return outcome.calls >= number
+
+
+def _inputs(folder: Path) -> tuple[str, ...]:
+    names = ("recording.h5", "layers.h5", "model.toml", "sensor.toml", "a.npy", "1.part", "2.part")
+    return tuple(name for name in names if (folder / name).exists())
+
+
+def _ending(outcome: Outcome, code: int) -> str:
+    """Return what is wrong with how a run ended, or an empty text."""
+    if outcome.hung:
+        return "hang"
+    if outcome.code == -9 and code in (KILL_BEFORE, KILL_AFTER):
+        return ""
+    if outcome.code < 0:
+        return f"signal {-outcome.code}"
+    if "Traceback" in outcome.err or outcome.code not in (*DONE, *REFUSED):
+        return f"exit code {outcome.code}"
+    lines = outcome.err.splitlines()
+    if outcome.code in REFUSED and not (lines and lines[-1].startswith("tofmix: ")):
+        return "no reason"
+    if any(not line.startswith("tofmix: ") for line in lines):
+        return "stray line on stderr"
+    return ""
+
+
+def _left(
+    case: Case, folder: Path, originals: Path, expected: Path, outcome: Outcome, *, old: bool
+) -> Iterator[str]:
+    """Say what is wrong with the files after a run: outputs are new and whole, or old, or not there; inputs as before."""
+    for name in _inputs(originals):
+        if (folder / name).read_bytes() != (originals / name).read_bytes():
+            yield f"{name} has changed"
+    whole = []
+    for name in case.outputs:
+        path = folder / name
+        if not path.exists():
+            whole.append(False)
+            if old:
+                yield f"the old {name} is lost"
+        else:
+            is_new = path.read_bytes() != b"old"
+            whole.append(is_new)
+            if is_new and not same_content(expected / name, path):
+                yield f"{name} is not what it must be"
+            if not is_new and not old:
+                yield f"{name} is not what it must be"
+    if outcome.code in DONE and not all(whole):
+        yield "no output of a run that says it is done"
+    resumable = "estimate" in case.command and outcome.code != 0
+    for path in sorted(folder.iterdir()):
+        known = path.name in case.outputs or path.name in _inputs(originals)
+        hidden = path.name.startswith(".")
+        if not known and not (hidden and (outcome.code == -9 or (resumable and ".journal" in path.name))):
+            yield f"{path.name} is left"
+
+
+def table(tallies: list[Tally]) -> str:
+    """Counts by failure, as Markdown."""
+    lines = ["| failure | runs | refused | killed | done all the same | faults |", "|---|---|---|---|---|---|"]
+    for failure in dict.fromkeys(tally.failure for tally in tallies):
+        own = [tally for tally in tallies if tally.failure == failure]
+        sums = [sum(getattr(tally, name) for tally in own) for name in ("runs", "refused", "killed", "done")]
+        faults = sum(len(tally.faults) for tally in own)
+        lines.append(f"| {failure} | {' | '.join(map(str, sums))} | {faults} |")
+    return "\n".join(lines)
+
+
+def environment(library: Path) -> dict[str, str]:
+    """Variables of a pool whose processes have the shim."""
+    return {"LD_PRELOAD": os.pathsep.join(filter(None, (str(library), os.environ.get("LD_PRELOAD", ""))))}
