@@ -14,6 +14,11 @@ from tofmix.sensor import Sensor
 
 _DIMS = ("frame", "row", "col")
 
+MOST_PIXELS_A_SIDE = 4096
+"""Of an image, as for a camera; a damaged header must not ask for terabytes."""
+
+MOST_FRAMES = 1 << 26
+
 DECODED_SAMPLES = 1 << 20
 """About how many samples a source may hold in their stored form while it reads, where stored chunks are smaller."""
 

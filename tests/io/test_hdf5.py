@@ -6,13 +6,13 @@ import h5py
 import pytest
 
 from tofmix.errors import BadInputError
-from tofmix.io import hdf5
+from tofmix.io import guard, hdf5
 
 
 def test_a_reason_is_one_short_line() -> None:
     with (
         pytest.raises(BadInputError, match=r"^a\.h5: range: cannot be read: wrong checksum$"),
-        hdf5.reading(Path("a.h5"), "range"),
+        guard.reading(Path("a.h5"), "range"),
     ):
         raise OSError("Can't synchronously read data\n (wrong checksum)")
 

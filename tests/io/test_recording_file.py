@@ -13,7 +13,8 @@ import xarray
 from files import boards, write_recording
 
 from tofmix.errors import BadInputError, UsageError
-from tofmix.io.recording_file import RecordingWriter, file_sha256, open_recording
+from tofmix.io.recording_file import file_sha256, open_recording
+from tofmix.io.recording_writer import RecordingWriter
 from tofmix.sensor import NoiseCurve, Sensor
 
 EVERYTHING = (slice(None), slice(None))

@@ -23,6 +23,7 @@ from tofmix.cli.simulate import simulate
 from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
 from tofmix.io.storage import discard_unfinished, is_resumable
+from tofmix.io.watchdog import arm
 
 _EPILOG = """\b
 Start here:
@@ -66,6 +67,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and leave with its exit code; never a traceback for a fault of the user's or the disk's."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _die)
+    arm()
     code = ExitCode.DONE
     try:
         code = main.main(args=arguments, prog_name="tofmix", standalone_mode=False) or code

@@ -119,7 +119,7 @@ def _explain(scene: "Model") -> None:
 
 
 def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: bool) -> None:
-    from tofmix.io.recording_file import CHUNK_FRAMES, RecordingWriter
+    from tofmix.io.recording_writer import CHUNK_FRAMES, RecordingWriter
     from tofmix.simulation.cast import cast_scene
     from tofmix.simulation.exposure import drawn_truth
     from tofmix.simulation.render import recording_sensor, render_blocks

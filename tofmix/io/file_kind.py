@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tofmix.io import hdf5
+from tofmix.io import guard, hdf5
 
 
 def format_of(path: Path) -> str | None:
@@ -13,5 +13,5 @@ def format_of(path: Path) -> str | None:
     BadInputError
         If the file is missing, not HDF5 or cut short.
     """
-    with hdf5.open_for_reading(path) as root, hdf5.reading(path, "format"):
+    with guard.open_for_reading(path) as root, guard.reading(path, "format"):
         return hdf5.text_attribute(root, "format")

@@ -1,4 +1,4 @@
-"""What recordings and layers files have in common: named dimensions, attributes, checked reading.
+"""What recordings and layers files have in common: named dimensions, attributes, the group `sensor`.
 
 Files written here follow HDF5 dimension scales and CF-1.11, so that xarray and
 netCDF-4 open them with named dimensions, and NeXus, so that its viewers find a
@@ -15,8 +15,9 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tofmix.errors import BadInputError, os_error_text
-from tofmix.io.storage import AtomicFile, Sink, check_input
+from tofmix.errors import BadInputError
+from tofmix.io import guard
+from tofmix.io.storage import AtomicFile, Sink
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
 
 FORMAT_VERSION = "1.0"
@@ -24,6 +25,8 @@ CONVENTIONS = "CF-1.11"
 
 # Readable by h5dump of Debian 12 and by netCDF-C; "latest" is not.
 _LIBVER = (h5py.h5f.LIBVER_V18, h5py.h5f.LIBVER_V110)
+
+_MOST_POINTS = 100_000
 
 _SENSOR_NUMBERS = (
     "modulation_frequency_hz",
@@ -207,10 +210,14 @@ def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:
 
 
 def _numbers(group: h5py.Group, name: str, path: Path) -> NDArray[np.float64]:
-    dataset = checked_dataset(group, name, path)
+    dataset = guard.checked_dataset(group, name, path)
     if dataset.dtype.kind not in "iuf":
         raise BadInputError(f"{path}: sensor/{name}: expected numbers, got {dataset.dtype}")
-    with reading(path, f"sensor/{name}"):
+    if dataset.size > _MOST_POINTS:
+        raise BadInputError(
+            f"{path}: sensor/{name}: shape {dataset.shape}; a curve has no more than {_MOST_POINTS} points"
+        )
+    with guard.reading(path, f"sensor/{name}"):
         return np.asarray(dataset[...], dtype=np.float64)
 
 
@@ -231,61 +238,6 @@ def text_attribute(item: h5py.Group | h5py.Dataset, key: str) -> str | None:
     if isinstance(value, bytes):
         return value.decode("utf-8", "replace")
     return value if isinstance(value, str) else None
-
-
-@contextmanager
-def open_for_reading(path: Path) -> Iterator[h5py.File]:
-    """Open an HDF5 file, with one clear error for each way in which it can be unfit.
-
-    Raises
-    ------
-    BadInputError
-        If the file is missing, cannot be read, is not HDF5 or is cut short.
-    """
-    check_input(path)
-    try:
-        with path.open("rb") as probe:
-            probe.read(1)
-        if not h5py.is_hdf5(path):
-            raise BadInputError(f"{path}: not an HDF5 file")
-        file = h5py.File(path, "r")
-    except OSError as error:
-        reason = os_error_text(error, path) if error.errno else f"{path}: {_library_reason(error)}"
-        raise BadInputError(reason) from error
-    with file:
-        yield file
-
-
-@contextmanager
-def reading(path: Path, name: str) -> Iterator[None]:
-    """Turn what h5py raises while data are read into one `BadInputError` that names the dataset."""
-    try:
-        yield
-    except (OSError, RuntimeError, KeyError, UnicodeDecodeError) as error:  # the last: a damaged name
-        raise BadInputError(f"{path}: {name}: cannot be read: {_library_reason(error)}") from error
-
-
-def checked_dataset(group: h5py.Group, name: str, path: Path) -> h5py.Dataset:
-    """Return the dataset `name`.
-
-    Raises
-    ------
-    BadInputError
-        If there is none, or it is a group.
-    """
-    with reading(path, name):
-        link = group.get(name, getlink=True)
-        if isinstance(link, h5py.ExternalLink):
-            raise BadInputError(f"{path}: {name}: a link to another file; refused")
-        item = group.get(name)
-    if item is None:
-        raise BadInputError(f"{path}: no dataset {name}")
-    if not isinstance(item, h5py.Dataset):
-        raise BadInputError(f"{path}: {name}: expected a dataset, got a group")
-    # Their data lie in other files, of which a recording from elsewhere must not choose the names.
-    if item.external or item.is_virtual:
-        raise BadInputError(f"{path}: {name}: its data lie in another file; refused")
-    return item
 
 
 def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> None:
@@ -321,11 +273,3 @@ def fill_value(dataset: h5py.Dataset) -> NDArray[np.generic] | None:
     if fill.size == 0 or fill.dtype.kind not in "iuf":
         raise BadInputError(f"{dataset.name.lstrip('/')}: _FillValue: expected a number, got {value!r}")
     return fill
-
-
-def _library_reason(error: BaseException) -> str:
-    """Shorten the HDF5 library's message to its reason: the text in its last brackets."""
-    text = " ".join(str(error).split())
-    if "truncated file" in text or "bad byte number" in text:
-        return "truncated HDF5 file; the rest of it is missing"
-    return text[text.rfind("(") + 1 : -1] if text.endswith(")") else text

@@ -4,7 +4,6 @@ The datasets are those of `tofmix.layers.LAYER_FIELDS`. The same layers and the
 same provenance give the same bytes, in whatever blocks they are written.
 """
 
-import io
 import json
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -19,9 +18,10 @@ from numpy.typing import NDArray
 from tofmix.errors import BadInputError
 from tofmix.flags import Status, status_name
 from tofmix.grid import Grid
-from tofmix.io import hdf5
+from tofmix.io import guard, hdf5
 from tofmix.io.storage import AtomicFile
-from tofmix.layers import LAYER_FIELDS, LayerField, Layers, Provenance
+from tofmix.layers import LAYER_FIELDS, MAX_LAYERS_LIMIT, LayerField, Layers, Provenance
+from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.windows import Windows
 
 FORMAT = "tofmix-layers"
@@ -168,7 +168,7 @@ def read_header_image(image: bytes, path: Path) -> tuple[Provenance, Grid]:
     BadInputError
         If it is damaged.
     """
-    with hdf5.reading(path, "header"), h5py.File(io.BytesIO(image), "r") as root:
+    with guard.open_image(image, path) as root:
         windows, rows_cols, step = (root.attrs[key].tolist() for key in ("windows", "image", "step"))
         grid = Grid(Windows(*windows), (rows_cols[0], rows_cols[1]), (step[0], step[1]))
         return _read_provenance(root, path), grid
@@ -183,6 +183,11 @@ class LayersFile:
         shape = self._datasets["range"].shape
         self.shape: tuple[int, int, int] = shape[:3]
         self.max_layers = int(shape[3])
+        if max(shape[1:3]) > MOST_PIXELS_A_SIDE or shape[0] > MOST_FRAMES or shape[3] > MAX_LAYERS_LIMIT:
+            raise BadInputError(
+                f"{path}: range: shape {shape}; no more than {MOST_FRAMES} windows of {MOST_PIXELS_A_SIDE} pixels"
+                f" a side and {MAX_LAYERS_LIMIT} layers"
+            )
         if 0 in shape:
             raise BadInputError(f"{path}: range: shape {shape} holds no layer")
         for name, dataset in self._datasets.items():
@@ -202,7 +207,7 @@ class LayersFile:
         """
         arrays: dict[str, Any] = {}
         for name, dataset in self._datasets.items():
-            with hdf5.reading(self.path, name):
+            with guard.reading(self.path, name):
                 arrays[name] = dataset[window]
         return Layers(**arrays)
 
@@ -214,14 +219,14 @@ class LayersFile:
         BadInputError
             If it cannot be read.
         """
-        with hdf5.reading(self.path, name):
+        with guard.reading(self.path, name):
             return np.asarray(self._datasets[name][window])
 
     def tally(self) -> tuple[int, ...]:
         """Pixels by their number of surfaces, each window counted."""
         counts = np.zeros(self.max_layers + 1, dtype=np.int64)
         for window in range(self.shape[0]):
-            with hdf5.reading(self.path, "n_modes"):
+            with guard.reading(self.path, "n_modes"):
                 counts += np.bincount(self._datasets["n_modes"][window].ravel(), minlength=len(counts))
         return tuple(counts.tolist())
 
@@ -243,15 +248,15 @@ def open_layers(path: Path) -> Iterator[LayersFile]:
     BadInputError
         If the file is missing, not HDF5 or cut short, or is no layers file.
     """
-    with hdf5.open_for_reading(path) as root:
-        with hdf5.reading(path, "header"):
+    with guard.open_for_reading(path) as root:
+        with guard.reading(path, "header"):
             hdf5.check_format(root, path, kind=FORMAT, required=True)
             layers = LayersFile(root, path)
         yield layers
 
 
 def _checked(root: h5py.File, spec: LayerField, path: Path) -> h5py.Dataset:
-    dataset = hdf5.checked_dataset(root, spec.name, path)
+    dataset = guard.checked_dataset(root, spec.name, path)
     rank = 4 if spec.per_layer else 3
     if dataset.ndim != rank or dataset.dtype != np.dtype(spec.dtype):
         raise BadInputError(
@@ -261,10 +266,10 @@ def _checked(root: h5py.File, spec: LayerField, path: Path) -> h5py.Dataset:
 
 
 def _window_bounds(root: h5py.File, name: str, count: int, path: Path) -> NDArray[np.uint64]:
-    dataset = hdf5.checked_dataset(root, name, path)
+    dataset = guard.checked_dataset(root, name, path)
     if dataset.shape != (count,):
         raise BadInputError(f"{path}: {name}: shape {dataset.shape}, expected ({count},)")
-    with hdf5.reading(path, name):
+    with guard.reading(path, name):
         return np.asarray(dataset[...], dtype=np.uint64)
 
 

@@ -1,39 +1,26 @@
-"""Recordings (`*.h5`): reading any that fits the contract, writing ours.
+"""Recordings (`*.h5`): reading any that fits the contract, in blocks.
 
-Use `open_recording` for samples in blocks and `RecordingWriter` to stream frames
-into a new file. The contract is docs/formats.md.
+Use `open_recording`. The contract is docs/formats.md; `tofmix.io.recording_writer` writes ours.
 """
 
 import hashlib
+import os
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Literal, Self
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix import __version__
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.errors import BadInputError, os_error_text
-from tofmix.io import hdf5
-from tofmix.io.storage import AtomicFile
-from tofmix.io.truth_effects import add_effect_truth, add_range_true_frames, write_range_true_frames
-from tofmix.recording import DECODED_SAMPLES
-from tofmix.sensor import Sensor
-from tofmix.simulation.effects import EffectTruth
-from tofmix.simulation.truth import Truth
+from tofmix.io import guard, hdf5
+from tofmix.io.watchdog import watched
+from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE
 
 FORMAT = "tofmix-recording"
-CHUNK_FRAMES = 100
-"""Frames stored together; also what `simulate` holds in memory at once."""
-
-_CHUNK_ROWS = 8
-_CHUNK_COLS = 22
-_NO_SAMPLE = 0
-_DIMS = ("frame", "row", "col")
+DIMS = ("frame", "row", "col")
 
 
 class RecordingFile:
@@ -44,7 +31,8 @@ class RecordingFile:
 
     def __init__(self, root: h5py.File, path: Path) -> None:
         self._root, self.path = root, path
-        self.sensor: Sensor = hdf5.read_sensor(root, path)
+        self._identity = guard.identity(root)
+        self.sensor = hdf5.read_sensor(root, path)
         self._range = _samples(root, "range", path)
         frames, rows, cols = self._range.shape
         self.shape: tuple[int, int, int] = (frames, rows, cols)
@@ -56,6 +44,33 @@ class RecordingFile:
             raise BadInputError(f"{path}: {error}") from error
         if self._amplitude is not None and self._amplitude.shape != self.shape:
             raise BadInputError(f"{path}: amplitude: shape {self._amplitude.shape} differs from range {self.shape}")
+
+    def check_unchanged(self) -> None:
+        """Refuse what was read if the file was written to meanwhile.
+
+        Raises
+        ------
+        BadInputError
+            If its size or the time of its last change is another than when it was opened.
+        """
+        guard.check_unchanged(self._root, self._identity, self.path)
+
+    def sha256(self) -> str:
+        """SHA-256 of the file that is open, whatever its path may lead to by now.
+
+        Raises
+        ------
+        BadInputError
+            If it cannot be read, or changes meanwhile.
+        """
+        try:
+            with watched(str(self.path)), os.fdopen(os.dup(self._root.id.get_vfd_handle()), "rb") as file:
+                file.seek(0)
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            raise BadInputError(os_error_text(error, self.path)) from error
+        self.check_unchanged()
+        return digest
 
     @property
     def has_amplitude(self) -> bool:
@@ -82,7 +97,7 @@ class RecordingFile:
     def attributes(self) -> dict[str, str | int | float]:
         """Root attributes that are one text or one number."""
         found: dict[str, str | int | float] = {}
-        with hdf5.reading(self.path, "attributes"):
+        with guard.reading(self.path, "attributes"):
             for key in sorted(self._root.attrs):
                 value = np.asarray(self._root.attrs[key]).reshape(-1)
                 text = hdf5.text_attribute(self._root, key)
@@ -102,12 +117,12 @@ class RecordingFile:
         """
         if "time" not in self._root:
             return None
-        dataset = hdf5.checked_dataset(self._root, "time", self.path)
+        dataset = guard.checked_dataset(self._root, "time", self.path)
         if dataset.shape != self.shape[:1] or dataset.dtype.kind not in "iuf":
             raise BadInputError(
                 f"{self.path}: time: expected one number a frame, got {dataset.dtype} of shape {dataset.shape}"
             )
-        with hdf5.reading(self.path, "time"):
+        with guard.reading(self.path, "time"):
             return np.asarray(dataset[...], dtype=np.float64)
 
     @property
@@ -135,7 +150,7 @@ class RecordingFile:
         for row_part in _whole_chunks(first_row, bottom, self.row_step, high):
             deep = DECODED_SAMPLES // (self.shape[2] * (row_part.stop - row_part.start))
             for part in _whole_chunks(first_frame, end, self.frame_step, deep):
-                with hdf5.reading(self.path, "range"):
+                with guard.reading(self.path, "range"):
                     raw = self._range[part, row_part]
                 out = samples[part.start - first_frame : part.stop - first_frame, row_part.start - first_row :]
                 self._decode(raw, out[:, : row_part.stop - row_part.start])
@@ -159,7 +174,7 @@ class RecordingFile:
         """
         if self._amplitude is None:
             raise BadInputError(f"{self.path}: no dataset amplitude")
-        with hdf5.reading(self.path, "amplitude"):
+        with guard.reading(self.path, "amplitude"):
             raw = self._amplitude[frames, rows]
         with np.errstate(over="ignore"):
             amplitude: Float32Array = raw.astype(np.float32)
@@ -177,8 +192,8 @@ def open_recording(path: Path) -> Iterator[RecordingFile]:
     BadInputError
         If the file is missing, not HDF5 or cut short, is no recording, or does not fit the contract.
     """
-    with hdf5.open_for_reading(path) as root:
-        with hdf5.reading(path, "header"):
+    with guard.open_for_reading(path) as root:
+        with guard.reading(path, "header"):
             hdf5.check_format(root, path, kind=FORMAT, required=False)
             recording = RecordingFile(root, path)
         yield recording
@@ -193,7 +208,7 @@ def file_sha256(path: Path) -> str:
         If it cannot be read.
     """
     try:
-        with path.open("rb") as file:
+        with watched(str(path)), path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise BadInputError(os_error_text(error, path)) from error
@@ -209,11 +224,16 @@ def _whole_chunks(start: int, stop: int, step: int, wanted: int) -> Iterator[sli
 
 
 def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
-    dataset = hdf5.checked_dataset(root, name, path)
-    if dataset.ndim != len(_DIMS):
+    dataset = guard.checked_dataset(root, name, path)
+    if dataset.ndim != len(DIMS):
         raise BadInputError(f"{path}: {name}: expected (frame, row, col), got shape {dataset.shape}")
     if 0 in dataset.shape:
         raise BadInputError(f"{path}: {name}: shape {dataset.shape} holds no sample")
+    if max(dataset.shape[1:]) > MOST_PIXELS_A_SIDE or dataset.shape[0] > MOST_FRAMES:
+        raise BadInputError(
+            f"{path}: {name}: shape {dataset.shape}; no more than {MOST_FRAMES} frames of {MOST_PIXELS_A_SIDE} pixels"
+            " a side"
+        )
     if dataset.dtype.kind not in "iuf":
         raise BadInputError(f"{path}: {name}: expected integers or floats, got {dataset.dtype}")
     units = hdf5.text_attribute(dataset, "units")
@@ -228,183 +248,3 @@ def _invalid(raw: NDArray[np.generic], fill: NDArray[np.generic] | None) -> Bool
         invalid: BoolArray = ~np.isfinite(raw)
         return invalid if fill is None else invalid | (raw == fill)
     return np.asarray(raw == (0 if fill is None else fill), dtype=np.bool_)
-
-
-class RecordingWriter:
-    """Streams frames into a new recording, which gets its name when the last one is in.
-
-    Use it as a context manager; write every frame, in order, in blocks of `chunk_frames`.
-
-    Parameters
-    ----------
-    path : Path
-        The new file.
-    shape : (int, int, int)
-        Frames, rows, columns.
-    sensor : Sensor
-        The camera, with the noise curve at this recording's integration time.
-    truth : Truth, optional
-        Ground truth of a synthetic recording.
-    model_text : str
-        Text of the model file that a synthetic recording is made from; goes with `truth`.
-    effect_truth : tuple of EffectTruth
-        What effects drew for this recording; goes with `truth`.
-    moving : bool
-        Whether true ranges will be written frame by frame; goes with `truth`.
-    title : str
-        The file's title.
-    has_amplitude, has_time, has_temperature : bool
-        Whether amplitudes, times and temperatures will be written.
-    dtype : {"u2", "f4"}
-        Type of the ranges: whole mm with 0 for no sample, or float32 with NaN.
-    chunk_frames : int
-        Frames that are stored, and best written, together.
-    attributes : dict, optional
-        Further root attributes.
-    overwrite, inputs
-        As for `AtomicFile`.
-
-    Raises
-    ------
-    UsageError, StorageError
-        As for `AtomicFile`.
-    """
-
-    def __init__(
-        self,
-        path: Path,
-        *,
-        shape: tuple[int, int, int],
-        sensor: Sensor,
-        truth: Truth | None = None,
-        model_text: str = "",
-        effect_truth: tuple[EffectTruth, ...] = (),
-        moving: bool = False,
-        title: str = "time-of-flight recording",
-        has_amplitude: bool = True,
-        has_time: bool = True,
-        has_temperature: bool = False,
-        dtype: Literal["u2", "f4"] = "u2",
-        chunk_frames: int = CHUNK_FRAMES,
-        attributes: dict[str, str | int | float] | None = None,
-        overwrite: bool = False,
-        inputs: tuple[Path, ...] = (),
-    ) -> None:
-        self._shape = shape
-        self._sensor = sensor
-        self._truth = truth
-        self._model_text = model_text
-        self._effect_truth = effect_truth
-        self._moving = moving
-        self._title = title
-        self._has_amplitude = has_amplitude
-        self._has_time = has_time
-        self._has_temperature = has_temperature
-        self._dtype = dtype
-        self._chunk_frames = chunk_frames
-        self._attributes = attributes or {}
-        self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs)
-
-    def __enter__(self) -> Self:
-        history = f"written by tofmix {__version__}"
-        with ExitStack() as stack:  # undone if anything below fails
-            stack.enter_context(self._file)
-            root = stack.enter_context(hdf5.create(self._file, kind=FORMAT, title=self._title, history=history))
-            root.attrs.update(self._attributes)
-            self._root = root
-            self._add_frames(root)
-            hdf5.write_sensor(root, self._sensor)
-            if self._truth is not None:
-                _write_truth(root, self._truth, self._model_text)
-                self._add_more_truth(root["truth"], self._truth)
-            hdf5.add_nexus_view(root, name="recording", signal="range", axes=_DIMS)
-            self._stack = stack.pop_all()
-        return self
-
-    def _add_more_truth(self, group: h5py.Group, truth: Truth) -> None:
-        if self._effect_truth:
-            add_effect_truth(group, self._effect_truth, CHUNK_FRAMES)
-        if self._moving:
-            frames, rows, cols = self._shape
-            layers = truth.range_true.shape[2]
-            chunks = (min(frames, CHUNK_FRAMES), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS), layers)
-            add_range_true_frames(group, (*self._shape, layers), chunks)
-
-    def _add_frames(self, root: h5py.File) -> None:
-        frames, rows, cols = self._shape
-        dims = dict(zip(_DIMS, self._shape, strict=True))
-        for name, length in dims.items():
-            hdf5.add_scale(root, name, length)
-        chunks = (min(frames, self._chunk_frames), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS))
-        fill = _NO_SAMPLE if self._dtype == "u2" else np.nan
-        hdf5.add_variable(
-            root, "range", dims=dims, dtype=self._dtype, units="mm", long_name="radial range", chunks=chunks, fill=fill
-        )
-        if self._has_amplitude:
-            hdf5.add_variable(root, "amplitude", dims=dims, dtype="f4", units="1", long_name="amplitude", chunks=chunks)
-        frame = {"frame": frames}
-        if self._has_time:
-            hdf5.add_variable(root, "time", dims=frame, dtype="f8", units="s", long_name="start of the frame")
-        if self._has_temperature:
-            hdf5.add_variable(root, "temperature", dims=frame, dtype="f4", units="degC", long_name="temperature")
-
-    def write(
-        self,
-        start: int,
-        range_mm: NDArray[np.uint16] | Float32Array,
-        *,
-        time_s: FloatArray | None = None,
-        amplitude: Float32Array | None = None,
-        temperature_c: Float32Array | None = None,
-        range_true: Float32Array | None = None,
-    ) -> None:
-        """Write frames [start, start + n).
-
-        range_mm (n, row, col) uint16, 0 where invalid, or float32, NaN where invalid;
-        amplitude (n, row, col); time_s and temperature_c (n,); range_true (n, row, col, layer), where surfaces move.
-
-        Raises
-        ------
-        StorageError
-            If the disk is full or fails.
-        """
-        stop = start + len(range_mm)
-        self._root["range"][start:stop] = range_mm
-        if time_s is not None:
-            self._root["time"][start:stop] = time_s
-        if amplitude is not None:
-            self._root["amplitude"][start:stop] = amplitude
-        if temperature_c is not None:
-            self._root["temperature"][start:stop] = temperature_c
-        if range_true is not None:
-            write_range_true_frames(self._root["truth"], start, range_true)
-        self._file.check()
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stack.__exit__(kind, error, trace)
-
-
-def _write_truth(root: h5py.File, truth: Truth, model_text: str) -> None:
-    group = hdf5.add_group(root, "truth")
-    group.attrs["model"] = model_text
-    rows, cols, layers = truth.range_true.shape
-    hdf5.add_scale(group, "layer", layers)
-    image = {"row": rows, "col": cols}
-    layered = {**image, "layer": layers}
-    hdf5.add_variable(
-        group, "n_modes", dims=image, dtype="u1", units="1", long_name="surfaces in the beam", data=truth.n_modes
-    )
-    hdf5.add_variable(
-        group, "range_true", dims=layered, dtype="f4", units="mm", long_name="range of each surface, near to far",
-        fill=np.nan, data=truth.range_true,
-    )  # fmt: skip
-    hdf5.add_variable(
-        group, "weight_true", dims=layered, dtype="f4", units="1", long_name="share of the beam, p(c_i)",
-        fill=np.nan, data=truth.weight_true,
-    )  # fmt: skip
-    hdf5.add_variable(
-        group, "weight_no_return", dims=image, dtype="f4", units="1", long_name="share without a return, p(c_0)",
-        data=truth.weight_no_return,
-    )  # fmt: skip

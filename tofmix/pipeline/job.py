@@ -10,7 +10,7 @@ from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.io.chunks import EncodedCell
 from tofmix.io.layers_file import header_image
-from tofmix.io.recording_file import RecordingFile, file_sha256
+from tofmix.io.recording_file import RecordingFile
 from tofmix.layers import Provenance
 from tofmix.windows import Windows
 
@@ -77,7 +77,7 @@ def plan_job(
     """
     provenance = Provenance(
         source=source.path.name,
-        source_sha256=file_sha256(source.path),
+        source_sha256=source.sha256(),
         version=__version__,
         sensor=source.sensor,
         options=options.as_dict() | of_sensor | {"window": windows.length, "stride": windows.stride},

@@ -11,6 +11,7 @@ from tofmix.estimation.reading import MemoryTooSmallError, plan_reading
 from tofmix.estimation.sequence import estimate_cells
 from tofmix.grid import Cell, Grid
 from tofmix.io.chunks import EncodedCell, encode_cell
+from tofmix.io.recording_file import RecordingFile
 from tofmix.io.scratch import on_scratch
 from tofmix.pipeline.job import Job
 from tofmix.recording import SampleSource
@@ -47,6 +48,8 @@ class LocalEngine:
         ------
         UsageError
             If one row of one window does not fit into memory.
+        BadInputError
+            If the recording cannot be read, or has changed meanwhile.
         """
         buffer_bytes, source = self.memory_bytes - PROGRAM_BYTES, self.source
         with ExitStack() as stack:
@@ -61,6 +64,8 @@ class LocalEngine:
             yield from estimate_cells(
                 source, job.grid, job.options, finish, workers=self.workers, buffer_bytes=buffer_bytes, wanted=wanted
             )
+        if isinstance(self.source, RecordingFile):
+            self.source.check_unchanged()
 
 
 def _extent(grid: Grid, cells: Sequence[Cell]) -> tuple[slice, slice]:

@@ -14,11 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError, TofmixError, os_error_text
+from tofmix.recording import MOST_PIXELS_A_SIDE
 
 IMAGE_DIMENSIONS = 2
-MOST_PIXELS_A_SIDE = 4096
-"""As for a camera; a damaged header must not ask for terabytes."""
-
 DepthAxis = Literal["z", "ray"]
 Axes = Literal["frame,row,col", "row,col,frame"]
 

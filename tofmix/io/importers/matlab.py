@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io import hdf5
+from tofmix.io import guard
 from tofmix.io.importers.arrays import (
     FRAMES_FIRST,
     TIME,
@@ -45,8 +45,8 @@ def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
     BadInputError
         If it is damaged, holds no fitting array or several, its axes cannot be told, or arrays do not go together.
     """
-    if h5py.is_hdf5(path):
-        with hdf5.open_for_reading(path) as root:
+    if guard.is_hdf5(path):
+        with guard.open_for_reading(path) as root:
             yield _of_hdf5(root, path, request)
     else:
         with TemporaryDirectory(prefix="tofmix-") as folder:
@@ -115,7 +115,7 @@ def _source(path: Path, name: str, arrays: list[NDArray[Any]], time_s: Any, kind
 
 
 def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
-    with hdf5.reading(path, "variables"):
+    with guard.reading(path, "variables"):
         # HDF5 sees MATLAB's axes in reverse.
         shapes = {n: tuple(reversed(item.shape)) for n, item in root.items() if isinstance(item, h5py.Dataset)}
     name = choose(shapes, request.topic, path)
@@ -127,8 +127,8 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
         check_shapes(depth.shape, amplitude.shape, f"{path}: {amplitude.name}")
     time_s = None
     if TIME in shapes:
-        with hdf5.reading(path, TIME):
-            time_s = np.asarray(hdf5.checked_dataset(root, TIME, path)[...])
+        with guard.reading(path, TIME):
+            time_s = np.asarray(guard.checked_dataset(root, TIME, path)[...])
         check_time(time_s, depth.shape[0], path)
     return FrameSource(
         kind=f"array {name} of a .mat of version 7.3",
@@ -145,7 +145,7 @@ class _Variable:
 
     def __init__(self, root: h5py.File, name: str, axes: Axes, path: Path) -> None:
         self.name, self._path = name, path
-        self._dataset = hdf5.checked_dataset(root, name, path)
+        self._dataset = guard.checked_dataset(root, name, path)
         self._frames_first = axes == FRAMES_FIRST
         self.dtype: np.dtype[Any] = self._dataset.dtype
         check_numbers(self.dtype, f"{path}: {name}")
@@ -160,7 +160,7 @@ class _Variable:
         self.shape: tuple[int, int, int] = stored[::-1] if frames_last else (stored[0], stored[2], stored[1])
 
     def __getitem__(self, frame: int) -> NDArray[Any]:
-        with hdf5.reading(self._path, self.name):
+        with guard.reading(self._path, self.name):
             if self._single:
                 image = self._dataset[...]
             else:

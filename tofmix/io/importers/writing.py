@@ -12,7 +12,7 @@ import numpy as np
 from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource
 from tofmix.io.importers.conversion import Conversion
-from tofmix.io.recording_file import CHUNK_FRAMES, RecordingWriter
+from tofmix.io.recording_writer import CHUNK_FRAMES, RecordingWriter
 from tofmix.sensor import Sensor
 
 BLOCK_BYTES = 64_000_000
