@@ -103,7 +103,7 @@ class Fuzz:
 
     def _command(self, kind: str, seed: str, mutant: Path, command: str, change: str) -> Verdict:
         with tempfile.TemporaryDirectory(prefix="fuzz-") as cwd:
-            outcome = self._pool.run(Job(argv=self.arguments(command, mutant), cwd=cwd))
+            outcome = self._pool.run(Job(argv=self.arguments(command, mutant), cwd=cwd, fresh=False))
             names = {path.name for path in Path(cwd).iterdir()}
             names |= {path.name for path in mutant.parent.iterdir()} - {mutant.name}
             fault = judge(outcome, names, mutant=mutant.name)

@@ -194,4 +194,4 @@ def _bag(folder: Path, kind: str) -> Original:
             bag.image(AMPLITUDE, frame, stamp_ns=stamp)
         bag.info(INFO, (6, 8), (9.0, 9.0, 3.5, 2.5))
     files = tuple(sorted(file for file in path.iterdir())) if path.is_dir() else (path,)
-    return Original(files, "bytes", (_IMPORT, f"{_IMPORT} --topic {DEPTH}"))
+    return Original(files, "bytes", (f"{_IMPORT} --topic {DEPTH}", f"{_IMPORT} --topic {DEPTH} --amplitude {AMPLITUDE}"))

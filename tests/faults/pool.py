@@ -31,6 +31,8 @@ class Job:
         Arguments of `tofmix`.
     cwd : str
         The folder.
+    fresh : bool
+        Whether in a process of its own, which all that follows but the time needs.
     timeout_s, cpu_s : float
         After which it hangs, and is killed.
     file_bytes : int, optional
@@ -43,6 +45,7 @@ class Job:
 
     argv: tuple[str, ...]
     cwd: str
+    fresh: bool = True
     timeout_s: float = HANG_S
     cpu_s: int = HANG_CPU_S
     file_bytes: int | None = None
