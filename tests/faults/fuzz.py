@@ -16,6 +16,9 @@ from faults.same import same_content
 MOST_EXTRA_BYTES = 1_000_000_000
 """The default of --memory; no mutant's own content needs a hundredth of it."""
 
+MOST_REFUSED = 2
+"""Commands that a foreign recording has not all for: --noise auto and --wrap."""
+
 DONE = (0, 6)
 REFUSED = (2, 3, 4)
 
@@ -83,6 +86,20 @@ class Fuzz:
         numbers = range(seed, seed + count)
         for verdicts in self._pool.map(lambda number: self._mutant(kinds, number, commands), numbers):
             yield from verdicts
+
+    def check_originals(self) -> None:
+        """Run every command on its original: fuzzing tells nothing of a reader that refuses sound files."""
+        work = [(kind, command) for kind, original in self._originals.items() for command in original.commands]
+
+        def run(item: tuple[str, str]) -> tuple[str, Outcome]:
+            kind, command = item
+            given = self._originals[kind].given
+            with tempfile.TemporaryDirectory(prefix="fuzz-") as cwd:
+                return command, self._pool.run(Job(argv=self.arguments(command, given), cwd=cwd, fresh=False))
+
+        refused = [f"{command}: {outcome.err}" for command, outcome in self._pool.map(run, work) if outcome.code]
+        if len(refused) > MOST_REFUSED:
+            raise AssertionError("\n".join(refused))
 
     def _mutant(self, kinds: list[str], number: int, commands: int) -> list[Verdict]:
         kind = kinds[number % len(kinds)]

@@ -313,7 +313,9 @@ def odd_values(root: h5py.File, chance: Chance) -> str:
     values = np.asarray(dataset[...])
     if values.dtype.kind not in "uif":
         return f"{dataset.name}: {values.dtype}"
-    odd: tuple[float, ...] = (0, 1, 255, -1, 65535, 1e9) + ((np.nan, np.inf, -np.inf, 1e38, -1e38, 1e-45) if values.dtype.kind == "f" else ())
+    odd: tuple[float, ...] = (0, 1, 255, -1, 65535, 1e9) + (
+        (np.nan, np.inf, -np.inf, 1e38, -1e38, 1e-45) if values.dtype.kind == "f" else ()
+    )
     value = np.float64(chance.choice(odd))
     mask = np.random.default_rng(chance.randrange(1 << 30)).random(values.shape) < chance.choice((0.01, 0.3, 1.1))
     with np.errstate(all="ignore"):
@@ -333,7 +335,16 @@ def shuffled_values(root: h5py.File, chance: Chance) -> str:
 @_hostile
 def dataset_added(root: h5py.File, chance: Chance) -> str:
     """A dataset that readers know, of another kind than they expect."""
-    names = ("time", "amplitude", "temperature", "truth", "sensor/noise_range", "sensor/noise_amplitude", "frame", "status")
+    names = (
+        "time",
+        "amplitude",
+        "temperature",
+        "truth",
+        "sensor/noise_range",
+        "sensor/noise_amplitude",
+        "frame",
+        "status",
+    )
     name, (value, text) = chance.choice(names), _odd_values(chance)
     if name in root:
         del root[name]

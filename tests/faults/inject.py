@@ -3,15 +3,19 @@
 import errno
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeAlias
 
 from faults.fuzz import DONE, REFUSED
 from faults.pool import Job, Outcome, Pool
 from faults.same import same_content
+
+Report: TypeAlias = Callable[[str], object]
 
 KILL_BEFORE, KILL_AFTER, SHORT = -1, -2, 0
 SOURCE = Path(__file__).with_name("shim.c")
@@ -104,61 +108,124 @@ class Injection:
     def __init__(self, originals: Path, pool: Pool) -> None:
         self._originals, self._pool = originals, pool
         self._expected: dict[str, Path] = {}
+        self._seconds: dict[str, float] = {}
 
-    def run(
-        self, case: str, failure: str, *, step: int = 1, most: int = 10_000, report: Callable[[str], object] = print
-    ) -> Tally:
+    def run(self, case: str, failure: str, *, step: int = 1, most: int = 10_000, report: Report = print) -> Tally:
         """Fail at call 1, 1 + step, ... until a run meets no failure, in two settings: no output yet, and an old one."""
         tally = Tally(case, failure)
         expected = self._expected_of(case)
+        operation, code, once = FAILURES[failure]
         for old in (False, True):
             for number in range(1, most, step):
+                job = Job(argv=(), cwd="", fault=(operation, number, code, once))
                 with tempfile.TemporaryDirectory(prefix="inject-") as name:
-                    reached = self._once(CASES[case], failure, number, Path(name), expected, tally, old=old)
-                if not reached:
+                    outcome = self._once(CASES[case], job, f"call {number}", Path(name), expected, tally, old=old)
+                if outcome.calls < number:
                     break
             else:
                 tally.faults.append(f"still failing at call {most}")
-        for fault in tally.faults:
-            report(f"{case}: {failure}: {fault}")
-        return tally
+        return _reported(tally, report)
+
+    def kill(
+        self, case: str, moments: Iterable[float], *, number: int = signal.SIGKILL, report: Report = print
+    ) -> Tally:
+        """Send a signal at some moments, shares of the time that a whole run takes."""
+        tally = Tally(case, f"{signal.Signals(number).name} at a random moment")
+        expected = self._expected_of(case)
+        for moment in moments:
+            job = Job(argv=(), cwd="", kill_after_s=moment * self._seconds[case], kill_signal=number)
+            with tempfile.TemporaryDirectory(prefix="inject-") as name:
+                self._once(CASES[case], job, f"at {moment:.3f} of the run", Path(name), expected, tally, old=False)
+        return _reported(tally, report)
+
+    def limit(self, case: str, sizes: Iterable[int], *, report: Report = print) -> Tally:
+        """Run with limits of the size of files, as `ulimit -f` sets them."""
+        tally = Tally(case, "ulimit -f")
+        expected = self._expected_of(case)
+        for size in sizes:
+            job = Job(argv=(), cwd="", file_bytes=size)
+            with tempfile.TemporaryDirectory(prefix="inject-") as name:
+                self._once(CASES[case], job, f"at {size} bytes", Path(name), expected, tally, old=bool(size % 2))
+        return _reported(tally, report)
+
+    def fill(self, case: str, place: Path, free: Iterable[int], *, report: Report = print) -> Tally:
+        """Run on a small disk, mounted at `place`, on which a few bytes are free."""
+        tally = Tally(case, "a disk of 8 MB, full")
+        expected = self._expected_of(case)
+        for size in free:
+            with tempfile.TemporaryDirectory(dir=place) as name:
+                self._once(
+                    CASES[case], Job(argv=(), cwd=""), f"{size} bytes free", Path(name), expected, tally, old=False,
+                    leave_free=size,
+                )  # fmt: skip
+        return _reported(tally, report)
 
     def _expected_of(self, case: str) -> Path:
         if case not in self._expected:
             folder = Path(tempfile.mkdtemp(dir=self._originals))
-            for name in _inputs(self._originals):
-                shutil.copy(self._originals / name, folder)
+            inputs_into(self._originals, folder)
             outcome = self._pool.run(Job(argv=tuple(CASES[case].command.split()), cwd=str(folder)))
             if outcome.code:
                 raise RuntimeError(outcome.err)
             self._expected[case] = folder
+            self._seconds[case] = outcome.seconds
         return self._expected[case]
 
     def _once(
-        self, case: Case, failure: str, number: int, folder: Path, expected: Path, tally: Tally, *, old: bool
-    ) -> bool:
-        """Run once with the failure, look at what is left, and go on without it; False where it was not met."""
-        for name in _inputs(self._originals):
-            shutil.copy(self._originals / name, folder)
+        self,
+        case: Case,
+        job: Job,
+        where: str,
+        folder: Path,
+        expected: Path,
+        tally: Tally,
+        *,
+        old: bool,
+        leave_free: int | None = None,
+    ) -> Outcome:
+        """Run once with the failure, look at what is left, and go on without it."""
+        inputs_into(self._originals, folder)
         for name in case.outputs if old else ():
             (folder / name).write_bytes(b"old")
-        operation, code, once = FAILURES[failure]
+        ballast = None if leave_free is None else _ballast(folder.parent, leave_free)
         argv = tuple((case.command + " --overwrite" * old).split())
-        fault = (operation, number, code, once)
-        outcome = self._pool.run(Job(argv=argv, cwd=str(folder), fault=fault))
+        outcome = self._pool.run(replace(job, argv=argv, cwd=str(folder)))
         tally.runs += 1
-        where = f"call {number}{', over an old file' if old else ''}"
-        wrong = [_ending(outcome, code), *_left(case, folder, self._originals, expected, outcome, old=old)]
-        tally.killed += outcome.code == -9
+        asked_for = outcome.code == -job.kill_signal and (
+            job.kill_after_s is not None or (job.fault or (0, 0, 0))[2] in (KILL_BEFORE, KILL_AFTER)
+        )
+        hard = asked_for and outcome.code == -signal.SIGKILL
+        wrong = [_ending(outcome, killed=asked_for)]
+        wrong += _left(case, folder, self._originals, expected, outcome, old=old, killed=hard)
+        tally.killed += asked_for
         tally.refused += outcome.code in REFUSED
         tally.done += outcome.code in DONE
+        if ballast is not None:
+            ballast.unlink()
         again = self._pool.run(Job(argv=tuple((case.command + case.again).split()), cwd=str(folder)))
         if again.code:
             wrong.append(f"started again: {again.code} {again.err[-300:]}")
         else:
             wrong += _left(case, folder, self._originals, expected, again, old=old)
-        tally.faults += [f"{where}: {text} [{outcome.err[-300:]}]" for text in wrong if text]
-        return outcome.calls >= number
+        tally.faults += [
+            f"{where}{', over an old file' * old}: {text} [{outcome.err[-300:]}]" for text in wrong if text
+        ]
+        return outcome
+
+
+def _reported(tally: Tally, report: Report) -> Tally:
+    for fault in tally.faults:
+        report(f"{tally.case}: {tally.failure}: {fault}")
+    return tally
+
+
+def _ballast(disk: Path, leave_free: int) -> Path:
+    """Fill a disk up to some bytes."""
+    state = os.statvfs(disk)
+    path = disk / "ballast"
+    with path.open("wb") as file:
+        file.write(bytes(max(0, state.f_bavail * state.f_frsize - leave_free)))
+    return path
 
 
 def _inputs(folder: Path) -> tuple[str, ...]:
@@ -166,12 +233,18 @@ def _inputs(folder: Path) -> tuple[str, ...]:
     return tuple(name for name in names if (folder / name).exists())
 
 
-def _ending(outcome: Outcome, code: int) -> str:
+def inputs_into(originals: Path, folder: Path) -> None:
+    """Copy what the cases read."""
+    for name in _inputs(originals):
+        shutil.copy(originals / name, folder)
+
+
+def _ending(outcome: Outcome, *, killed: bool) -> str:
     """Return what is wrong with how a run ended, or an empty text."""
     if outcome.hung:
         return "hang"
-    if outcome.code == -9 and code in (KILL_BEFORE, KILL_AFTER):
-        return ""
+    if killed:
+        return "traceback" if "Traceback" in outcome.err else ""
     if outcome.code < 0:
         return f"signal {-outcome.code}"
     if "Traceback" in outcome.err or outcome.code not in (*DONE, *REFUSED):
@@ -185,7 +258,7 @@ def _ending(outcome: Outcome, code: int) -> str:
 
 
 def _left(
-    case: Case, folder: Path, originals: Path, expected: Path, outcome: Outcome, *, old: bool
+    case: Case, folder: Path, originals: Path, expected: Path, outcome: Outcome, *, old: bool, killed: bool = False
 ) -> Iterator[str]:
     """Say what is wrong with the files after a run: outputs are new and whole, or old, or not there; inputs as before."""
     for name in _inputs(originals):
@@ -211,7 +284,7 @@ def _left(
     for path in sorted(folder.iterdir()):
         known = path.name in case.outputs or path.name in _inputs(originals)
         hidden = path.name.startswith(".")
-        if not known and not (hidden and (outcome.code == -9 or (resumable and ".journal" in path.name))):
+        if not known and not (hidden and (killed or (resumable and ".journal" in path.name))):
             yield f"{path.name} is left"
 
 

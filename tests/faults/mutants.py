@@ -165,7 +165,9 @@ def _nest(text: str, chance: random.Random) -> tuple[str, str]:
 
 
 def _odd(text: str, chance: random.Random) -> tuple[str, str]:
-    odd = chance.choice(("\0", "\ud800", "\ufeff", "\r", "\x1b[2J", "\u202e", "#" * 1_000_000, "a" * 1_000_000 + " = 1\n"))
+    odd = chance.choice(
+        ("\0", "\ud800", "\ufeff", "\r", "\x1b[2J", "\u202e", "#" * 1_000_000, "a" * 1_000_000 + " = 1\n")
+    )
     place = chance.randrange(len(text) + 1)
     return text[:place] + odd + text[place:], f"{odd[:3]!r} at {place}"
 

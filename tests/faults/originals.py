@@ -92,6 +92,11 @@ class Original:
     commands: tuple[str, ...]
     own: bool = False
 
+    @property
+    def given(self) -> Path:
+        """What commands are given: the file, or the folder of a bag of several."""
+        return self.files[0].parent if self.files[0].parent.name.startswith("bag_") else self.files[0]
+
 
 _IMPORT = "import @ -o out.h5 --sensor %sensor"
 _READ_RECORDING = (
@@ -180,9 +185,7 @@ def _arrays(folder: Path) -> dict[str, Original]:
         file.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
     tifffile.imwrite(folder / "a.tif", samples, compression="zlib", photometric="minisblack")
     options = {"npy": "", "npz": " --topic depth --amplitude amplitude", "mat": " --axes frame,row,col", "tif": ""}
-    found = {
-        name: Original((folder / f"a.{name}",), "bytes", (_IMPORT + more,)) for name, more in options.items()
-    }
+    found = {name: Original((folder / f"a.{name}",), "bytes", (_IMPORT + more,)) for name, more in options.items()}
     return found | {"mat 7.3": Original((folder / "b.mat",), "hdf5", (f"{_IMPORT} --axes frame,row,col",))}
 
 
@@ -194,4 +197,6 @@ def _bag(folder: Path, kind: str) -> Original:
             bag.image(AMPLITUDE, frame, stamp_ns=stamp)
         bag.info(INFO, (6, 8), (9.0, 9.0, 3.5, 2.5))
     files = tuple(sorted(file for file in path.iterdir())) if path.is_dir() else (path,)
-    return Original(files, "bytes", (f"{_IMPORT} --topic {DEPTH}", f"{_IMPORT} --topic {DEPTH} --amplitude {AMPLITUDE}"))
+    return Original(
+        files, "bytes", (f"{_IMPORT} --topic {DEPTH}", f"{_IMPORT} --topic {DEPTH} --amplitude {AMPLITUDE}")
+    )
