@@ -65,7 +65,10 @@ def _unknown_filter(root: h5py.File) -> None:
         (_dataset((1,) * 9), "x: 9 dimensions; at most 8"),
         (_dataset((1 << 30, 1 << 30), chunks=(1, 4)), r"x: shape .* takes 2.306e\+06 TB; at most 17.59 TB"),
         (_dataset((10_000_000, 4, 4), chunks=(1000, 4, 4)), r"announces 320 MB, the file holds .* bytes; refused"),
-        (_dataset((10, 144, 176), chunks=(30_000, 144, 176), maxshape=(None, 144, 176)), "x: one chunk .* takes 1.521 GB; at most 268.4 MB"),
+        (
+            _dataset((10, 144, 176), chunks=(30_000, 144, 176), maxshape=(None, 144, 176)),
+            "x: one chunk .* takes 1.521 GB; at most 268.4 MB",
+        ),
         (_dataset((1 << 25,), chunks=(1,), dtype="u1"), "x: 33554432 chunks of 1 bytes"),
         (_dataset((1,), dtype="S2000000"), "x: one value takes 2 MB"),
     ],

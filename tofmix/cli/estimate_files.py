@@ -101,7 +101,7 @@ def _outputs(
     recordings: Sequence[Path], output: Path | None, output_dir: Path | None, request: Request, *, several: bool
 ) -> list[tuple[Path, Path]]:
     """Pair each recording with its output; what cannot be is refused before anything is done."""
-    from tofmix.io.storage import check_output
+    from tofmix.io.storage import check_output, sync_folder
 
     ending = "layers.h5" if request.shard is None else "layers.{}-of-{}.part".format(*request.shard)
     if not several:
@@ -112,6 +112,7 @@ def _outputs(
         raise UsageError("several recordings need --output-dir")
     try:
         output_dir.mkdir(exist_ok=True)
+        sync_folder(output_dir.absolute().parent)
     except OSError as error:
         raise StorageError(os_error_text(error, output_dir)) from error
     owner: dict[Path, Path] = {}

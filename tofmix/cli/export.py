@@ -67,15 +67,14 @@ def export(
     """
     from tofmix.io.exporters import IMAGE_WRITERS, check_suffix
     from tofmix.io.layers_file import open_layers
-    from tofmix.io.storage import check_output
+    from tofmix.io.storage import claimed
 
     check_suffix(output)
     as_image = output.suffix.lower() in IMAGE_WRITERS
     for name, option in (_POINTS_ONLY if as_image else _IMAGES_ONLY).items():
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
             raise UsageError(f"{option} does not belong to {output.suffix}")
-    with open_layers(layers) as file:
-        check_output(output, overwrite=overwrite, inputs=(layers,))
+    with open_layers(layers) as file, claimed(output, overwrite=overwrite, inputs=(layers,)):
         if window is not None and window >= file.shape[0]:
             raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
         if as_image:

@@ -93,7 +93,7 @@ def import_(
     from tofmix.io.importers.base import Request
     from tofmix.io.importers.conversion import Conversion
     from tofmix.io.importers.writing import write_recording
-    from tofmix.io.storage import check_output
+    from tofmix.io.storage import claimed
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):
         if value is not None and not math.isfinite(value):
@@ -106,8 +106,7 @@ def import_(
     )  # fmt: skip
     inputs = [Path(name) for name in (source, sensor, amplitude) if name is not None]
     inputs += [file for folder in inputs if folder.is_dir() for file in folder.iterdir()]
-    check_output(output, overwrite=overwrite, inputs=tuple(inputs))
-    with open_source(source, request) as frames:
+    with claimed(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
         over_depth, geometry = _geometry(frames, camera, depth_axis or frames.depth_axis, given, source)
         conversion = Conversion(
             dtype=frames.dtype, unit_mm=scale or frames.unit_mm, invalid=invalid, ray_over_depth=over_depth

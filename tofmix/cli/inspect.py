@@ -60,15 +60,15 @@ def inspect(
     """
     from tofmix.io.layers_file import open_layers
     from tofmix.io.recording_file import open_recording
-    from tofmix.io.storage import check_output
+    from tofmix.io.storage import claimed
     from tofmix.report.figures import FIGURE_SUFFIXES
 
     inputs = tuple(path for path in (layers, recording) if path is not None)
-    if output is not None:
-        if output.suffix.lower() not in FIGURE_SUFFIXES:
-            raise UsageError(f"{output}: the name must end in one of {', '.join(FIGURE_SUFFIXES)}")
-        check_output(output, overwrite=overwrite, inputs=inputs)
+    if output is not None and output.suffix.lower() not in FIGURE_SUFFIXES:
+        raise UsageError(f"{output}: the name must end in one of {', '.join(FIGURE_SUFFIXES)}")
     with ExitStack() as stack:
+        if output is not None:
+            stack.enter_context(claimed(output, overwrite=overwrite, inputs=inputs))
         file = stack.enter_context(open_layers(layers))
         row, col = _place(pixel, file)
         if window >= file.shape[0]:
@@ -87,8 +87,8 @@ def inspect(
         noise = file.provenance.sensor.noise
         views = view_pixels(file.read_window(window), row=row, cols=cols, samples=samples, noise=noise)
         growth = _growth(views[0], file) if over_frames else None
-    if output is not None:
-        _write_figure(output, views, file, growth, inputs, overwrite)
+        if output is not None:
+            _write_figure(output, views, file, growth, inputs, overwrite)
     _print(views, col, growth, as_json)
     if output is not None:
         click.echo(f"figure: {output}", err=as_json)

@@ -22,7 +22,7 @@ from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
 from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
-from tofmix.io.storage import discard_unfinished, is_resumable
+from tofmix.io.unfinished import discard_unfinished, is_resumable
 from tofmix.io.watchdog import arm
 
 _EPILOG = """\b
@@ -82,6 +82,8 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     except SystemExit as leave:
         # click leaves with 1 where the reader of a pipe has gone (`| head`); by our table that were a bug of ours.
         sys.exit(ExitCode.CLOSED_PIPE if leave.code == 1 else leave.code)
+    except MemoryError:
+        _fail("out of memory; close other programs, or choose a smaller --memory or fewer --workers", ExitCode.STORAGE)
     except OSError as error:
         _discard_stdout()
         _fail(os_error_text(error, error.filename or "standard output"), ExitCode.STORAGE)

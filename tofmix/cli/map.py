@@ -114,6 +114,7 @@ def map_(
     """
     from tofmix.io.layers_file import open_layers
     from tofmix.io.map_file import encode_map
+    from tofmix.io.storage import claimed
     from tofmix.io.together import write_together
     from tofmix.io.voxel_file import encode_voxels
     from tofmix.mapping.grid import plan_grid
@@ -121,39 +122,37 @@ def map_(
     from tofmix.mapping.pose import Pose
 
     source = choices["from"]
-    _check_call(output, voxels, source, recording, overwrite, inputs=tuple(filter(None, (layers, recording))))
+    inputs = tuple(filter(None, (layers, recording)))
+    outputs = _check_call(output, voxels, source, recording)
     threads = workers or default_workers()
-    with open_layers(layers) as file:
-        if window >= file.shape[0]:
-            raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
-        beams = _beams(file, window, source, recording, min_probability, threads)
-        comment = _comment(file, source, recording)
-    try:
-        camera = Pose(x_mm=pose[0], y_mm=pose[1], yaw_deg=pose[2], pitch_deg=pitch)
-        grid = plan_grid(beams, camera, cell_mm=cell, height_mm=None if voxels is not None else height)
-        if output is not None:
-            grid = grid.with_levels(height)
-    except ValueError as error:
-        raise UsageError(str(error)) from error
-    with progress_bar(grid.size, "map", "cell") as bar:
-        space = map_beams(beams, camera, grid, min_share=min_share, workers=threads, progress=bar.update)
-    contents: dict[Path, bytes] = {}
-    if voxels is not None:
-        contents[voxels] = encode_voxels(space, voxels, comment=comment)
-    floor = None if output is None else project(space, height)
-    if output is not None and floor is not None:
-        contents |= encode_map(floor, output, comment=comment)
-    write_together(contents, overwrite=overwrite, inputs=tuple(filter(None, (layers, recording))))
+    with claimed(*outputs, overwrite=overwrite, inputs=inputs):
+        with open_layers(layers) as file:
+            if window >= file.shape[0]:
+                raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
+            beams = _beams(file, window, source, recording, min_probability, threads)
+            comment = _comment(file, source, recording)
+        try:
+            camera = Pose(x_mm=pose[0], y_mm=pose[1], yaw_deg=pose[2], pitch_deg=pitch)
+            grid = plan_grid(beams, camera, cell_mm=cell, height_mm=None if voxels is not None else height)
+            if output is not None:
+                grid = grid.with_levels(height)
+        except ValueError as error:
+            raise UsageError(str(error)) from error
+        with progress_bar(grid.size, "map", "cell") as bar:
+            space = map_beams(beams, camera, grid, min_share=min_share, workers=threads, progress=bar.update)
+        contents: dict[Path, bytes] = {}
+        if voxels is not None:
+            contents[voxels] = encode_voxels(space, voxels, comment=comment)
+        floor = None if output is None else project(space, height)
+        if output is not None and floor is not None:
+            contents |= encode_map(floor, output, comment=comment)
+        write_together(contents, overwrite=overwrite, inputs=inputs)
     _say(output, floor, voxels, space, as_json)
 
 
-def _check_call(
-    output: Path | None, voxels: Path | None, source: str, recording: Path | None, overwrite: bool,
-    inputs: tuple[Path, ...],
-) -> None:  # fmt: skip
-    """Refuse what cannot work before any work is done."""
+def _check_call(output: Path | None, voxels: Path | None, source: str, recording: Path | None) -> tuple[Path, ...]:
+    """Refuse what cannot work before any work is done; return what will be written."""
     from tofmix.io.map_file import map_paths
-    from tofmix.io.storage import check_output
     from tofmix.io.voxel_file import check_voxel_path
 
     if output is None and voxels is None:
@@ -166,8 +165,7 @@ def _check_call(
     if voxels is not None:
         check_voxel_path(voxels)
         paths = (*paths, voxels)
-    for path in paths:
-        check_output(path, overwrite=overwrite, inputs=inputs)
+    return paths
 
 
 def _beams(

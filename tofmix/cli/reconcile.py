@@ -1,6 +1,7 @@
 """``tofmix reconcile``: a model and a measurement in, the missing effects out."""
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,8 @@ if TYPE_CHECKING:
     from tofmix.reconcile.evidence import Evidence
     from tofmix.reconcile.workflow import Reconciliation
     from tofmix.simulation.model import Model
+
+_MOST_SAMPLES = 1 << 28
 
 
 @examples(
@@ -65,23 +68,23 @@ def reconcile(
     docs/reconcile.md explains the output.
     """
     from tofmix.io.model_file import load_model
-    from tofmix.io.reconciliation import check_folder
+    from tofmix.io.reconciliation import claimed_folder
     from tofmix.reconcile.add import Settings
     from tofmix.reconcile.words import summary_lines
     from tofmix.reconcile.workflow import reconcile as run
 
     kinds = _kinds(effects)
-    check_folder(output, overwrite=overwrite)
-    scene = load_model(model)
-    evidence = _read(scene, measured)
     settings = Settings(kinds=kinds, max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split, seed=seed)
-    with progress_bar(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
+    with claimed_folder(output, overwrite=overwrite):
+        scene = load_model(model)
+        evidence = _read(scene, measured)
+        with progress_bar(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
 
-        def tick(_: str) -> None:
-            bar.update(1)
+            def tick(_: str) -> None:
+                bar.update(1)
 
-        result = run(scene, evidence, settings, tick)
-    _write(result, model, measured, output, overwrite)
+            result = run(scene, evidence, settings, tick)
+        _write(result, model, measured, output, overwrite)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return
@@ -111,6 +114,11 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
     from tofmix.reconcile.evidence import make_evidence
 
     with open_recording(measured) as file:
+        samples = math.prod(file.shape)
+        if samples > _MOST_SAMPLES:
+            raise BadInputError(
+                f"{measured}: range: {samples:,} samples; reconcile holds them all in memory, {_MOST_SAMPLES:,} at most"
+            )
         every = slice(0, None)
         try:
             return make_evidence(scene, file.read_range(every, every), time_s=file.read_time())

@@ -36,7 +36,7 @@ def report(
     from tofmix.errors import UsageError
     from tofmix.io.layers_file import open_layers
     from tofmix.io.recording_file import open_recording
-    from tofmix.io.storage import check_output, write_text
+    from tofmix.io.storage import claimed, write_text
     from tofmix.report.summary import summarise
     from tofmix.report.tables import format_table
 
@@ -49,7 +49,7 @@ def report(
         if window >= file.shape[0]:
             raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
         if html is not None:
-            check_output(html, overwrite=overwrite, inputs=inputs)
+            stack.enter_context(claimed(html, overwrite=overwrite, inputs=inputs))
         summary = summarise(file)
         if html is not None:
             from tofmix.report.page import render_page

@@ -99,13 +99,14 @@ def simulate(
         _explain(scene)
         return
 
-    from tofmix.io.storage import check_output
+    from tofmix.io.storage import check_output, claimed
 
     outputs = [output] if repeat is None else [_numbered(output, k) for k in range(1, repeat + 1)]
     for path in outputs:
         check_output(path, overwrite=overwrite, inputs=(Path(model),))
     for k, path in enumerate(outputs):
-        _write(replace(scene, recording=replace(chosen, seed=chosen.seed + k)), model, path, averaged, overwrite)
+        with claimed(path, overwrite=overwrite, inputs=(Path(model),)):
+            _write(replace(scene, recording=replace(chosen, seed=chosen.seed + k)), model, path, averaged, overwrite)
 
 
 def _numbered(output: Path, number: int) -> Path:

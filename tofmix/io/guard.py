@@ -163,8 +163,9 @@ def _open(path: Path) -> h5py.File:
     try:
         return h5py.File(path, "r")
     except LIBRARY_FAULTS as error:
-        of_system = isinstance(error, OSError) and error.errno
-        raise BadInputError(os_error_text(error, path) if of_system else f"{path}: {library_reason(error)}") from error
+        if isinstance(error, OSError) and error.errno:
+            raise BadInputError(os_error_text(error, path)) from error
+        raise BadInputError(f"{path}: {library_reason(error)}") from error
 
 
 @contextmanager

@@ -18,7 +18,8 @@ from typing import Self
 
 from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
 from tofmix.io.chunks import EncodedCell
-from tofmix.io.storage import check_input, forget_unfinished, keep_unfinished, sync_folder
+from tofmix.io.storage import check_input, sync_folder
+from tofmix.io.unfinished import forget_unfinished, keep_unfinished
 
 FORMAT = "tofmix-journal 1"
 

@@ -5,6 +5,9 @@ The files appear one by one, each whole or not at all, and `gap.json` last: a fo
 
 import io
 import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -12,7 +15,8 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import StorageError, UsageError, os_error_text
-from tofmix.io.storage import AtomicFile, write_text
+from tofmix.io.claims import hold, let_go
+from tofmix.io.storage import AtomicFile, sync_folder, write_text
 
 FILES = ("model.toml", "report.html", "gap.json")
 
@@ -34,6 +38,26 @@ def check_folder(folder: Path, *, overwrite: bool) -> None:
     there = [name for name in FILES if (folder / name).exists()]
     if there and not overwrite:
         raise UsageError(f"{folder / there[0]} exists; pass --overwrite to replace it")
+
+
+@contextmanager
+def claimed_folder(folder: Path, *, overwrite: bool) -> Iterator[None]:
+    """Claim the folder before the work for it is done; a second run is refused at once.
+
+    Raises
+    ------
+    UsageError
+        As for `check_folder`, or if another run is writing it.
+    StorageError
+        As for `check_folder`.
+    """
+    check_folder(folder, overwrite=overwrite)
+    target = Path(os.path.realpath(folder))
+    hold(target)
+    try:
+        yield
+    finally:
+        let_go(target)
 
 
 def write_folder(
@@ -73,6 +97,8 @@ def write_folder(
         folder.mkdir(exist_ok=True)
         for name in maps:
             (folder / PurePath(name)).parent.mkdir(parents=True, exist_ok=True)
+        sync_folder(folder)
+        sync_folder(folder.absolute().parent)
     except OSError as error:
         raise StorageError(os_error_text(error, folder)) from error
     for name, values in maps.items():

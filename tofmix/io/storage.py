@@ -1,45 +1,23 @@
 """Outputs that appear whole or not at all.
 
 A new file is written beside its final place under a temporary name, synced, and
-renamed. HDF5 cannot bear a failing write (the library dies at exit once a write
-has failed), so it writes through `Sink`, which remembers the first failure and
-swallows all that follows; `AtomicFile.commit` then raises it in good order.
+renamed; `tofmix.io.claims` keeps other runs from it meanwhile. HDF5 cannot bear a
+failing write (the library dies at exit once a write has failed), so it writes through
+`Sink`, which remembers the first failure and swallows all that follows;
+`AtomicFile.commit` then raises it in good order.
 """
 
 import os
-import secrets
 import stat
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
-
-_unfinished: set[Path] = set()
-_resumable: set[Path] = set()
-
-
-def discard_unfinished() -> None:
-    """Remove the temporary files of all outputs that are being written: for a process that is about to die."""
-    for temporary in list(_unfinished):
-        temporary.unlink(missing_ok=True)
-
-
-def keep_unfinished(*paths: Path, resumable: bool) -> None:
-    """Say of files beside an output whether `discard_unfinished` removes them, or leaves them to a later run."""
-    (_resumable if resumable else _unfinished).update(paths)
-    (_unfinished if resumable else _resumable).difference_update(paths)
-
-
-def forget_unfinished(*paths: Path) -> None:
-    """Say that files are gone or finished."""
-    _unfinished.difference_update(paths)
-    _resumable.difference_update(paths)
-
-
-def is_resumable() -> bool:
-    """Whether work is left to a later run."""
-    return bool(_resumable)
+from tofmix.io.claims import Claim, hold, let_go, take
+from tofmix.io.unfinished import forget_unfinished, keep_unfinished
 
 
 class Sink:
@@ -127,7 +105,8 @@ class AtomicFile:
     Raises
     ------
     UsageError
-        If `path` exists and `overwrite` is false, or `path` is one of `inputs`.
+        If `path` exists and `overwrite` is false, `path` is one of `inputs`, or, when the block is entered, another
+        run is writing it.
     StorageError
         If nothing can be created there; a folder without permission shows when the block is entered.
     """
@@ -140,30 +119,32 @@ class AtomicFile:
         check_output(path, overwrite=overwrite, inputs=inputs)
         # A link stays a link: its target is replaced.
         self._target = Path(os.path.realpath(path))
-        self._reused = temporary is not None
-        own = self._target.with_name(f".{self._target.name}.{secrets.token_hex(6)}.partial")
-        self._temporary = temporary or own
-        self._descriptor = -1
+        self._temporary = temporary
+        self._claim: Claim | None = None
 
     def __enter__(self) -> Self:
-        _unfinished.add(self._temporary)
-        try:
-            if self._reused:
-                self._temporary.unlink(missing_ok=True)
-            self._descriptor = os.open(self._temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
-            self.sink = Sink(self._descriptor)
-        except OSError as error:
-            _unfinished.discard(self._temporary)
-            raise StorageError(os_error_text(error, self.path)) from error
+        if self._temporary is None:
+            self._claim = take(self._target)
+        else:
+            self._claim = self._anew(self._temporary)
+        self.sink = Sink(self._claim.descriptor)
         return self
+
+    def _anew(self, path: Path) -> Claim:
+        keep_unfinished(path, resumable=False)
+        try:
+            path.unlink(missing_ok=True)
+            return Claim(path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
+        except OSError as error:
+            forget_unfinished(path)
+            raise StorageError(os_error_text(error, self.path)) from error
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._descriptor >= 0:
-            self._close()
-            self._temporary.unlink(missing_ok=True)
-        _unfinished.discard(self._temporary)
+        claim, self._claim = self._claim, None
+        if claim is not None:
+            claim.release()
 
     def check(self) -> None:
         """Raise the first failed write, so that a long job stops at once.
@@ -187,18 +168,45 @@ class AtomicFile:
             If another program has made a file of that name meanwhile.
         """
         self.check()
+        claim = self._claim
+        if claim is None:
+            raise RuntimeError("a file is committed once, inside its block")
         try:
-            os.fsync(self._descriptor)
+            os.fsync(claim.descriptor)
             check_output(self.path, overwrite=self._overwrite)
-            self._temporary.replace(self._target)
-            self._close()
+            if not claim.is_there():
+                raise StorageError(f"{self.path}: its temporary file {claim.path.name} has gone; nothing was written")
+            claim.path.replace(self._target)
             sync_folder(self._target.parent)
         except OSError as error:
             raise StorageError(os_error_text(error, self.path)) from error
 
-    def _close(self) -> None:
-        descriptor, self._descriptor = self._descriptor, -1
-        os.close(descriptor)
+
+@contextmanager
+def claimed(*paths: Path, overwrite: bool, inputs: tuple[Path, ...] = ()) -> Iterator[None]:
+    """Claim outputs before the work for them is done: no other run can write them then, and refusals come at once.
+
+    Those that the block writes, through `AtomicFile`, pass to the writer.
+
+    Parameters
+    ----------
+    paths : Path
+        The outputs.
+    overwrite, inputs
+        As for `AtomicFile`.
+
+    Raises
+    ------
+    UsageError, StorageError
+        As for `AtomicFile`.
+    """
+    for path in paths:
+        check_output(path, overwrite=overwrite, inputs=inputs)
+    with ExitStack() as stack:
+        for target in dict.fromkeys(Path(os.path.realpath(path)) for path in paths):
+            hold(target)
+            stack.callback(let_go, target)
+        yield
 
 
 def check_output(path: Path, *, overwrite: bool, inputs: tuple[Path, ...] = ()) -> None:

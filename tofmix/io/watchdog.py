@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from tofmix.errors import ExitCode
-from tofmix.io.storage import discard_unfinished, is_resumable
+from tofmix.io.unfinished import discard_unfinished, is_resumable
 
 READ_LIMIT_S = 120.0
 """For one read, which is of one stored chunk or of some MB."""

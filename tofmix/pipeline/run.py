@@ -104,7 +104,10 @@ def run_job(
         tally = _total(journal.done().values())
         if shard == WHOLE:
             parts = ((job.grid.cell(index), journal.cell(index)) for index in cells)
-            _assemble(parts, journal.path, header, target, overwrite=overwrite, inputs=(job.recording,))
+            temporary = partial_path(journal.path)  # the journal's lock is over it
+            _assemble(
+                parts, journal.path, header, target, overwrite=overwrite, inputs=(job.recording,), temporary=temporary
+            )
             journal.remove()
         else:
             check_output(target, overwrite=overwrite)
@@ -199,15 +202,16 @@ def _finished(target: Path, header: bytes, shard: Shard) -> tuple[int, ...] | No
 
 def _assemble(
     cells: Iterable[tuple[Cell, EncodedCell]],
-    journal_file: Path,
+    header_file: Path,
     header: bytes,
     target: Path,
     *,
     overwrite: bool,
     inputs: tuple[Path, ...] = (),
+    temporary: Path | None = None,
 ) -> None:
     """Write the layers file from all cells in their order."""
-    provenance, grid = read_header_image(header, journal_file)
+    provenance, grid = read_header_image(header, header_file)
     writer = LayersWriter(
         target,
         windows=grid.windows,
@@ -217,7 +221,7 @@ def _assemble(
         provenance=provenance,
         overwrite=overwrite,
         inputs=inputs,
-        temporary=partial_path(journal_file),
+        temporary=temporary,
     )
     with writer:
         for cell, encoded in cells:
@@ -263,8 +267,7 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
                 f"{first}: {missing} of the run's {grid.count} blocks are in no part; a part is damaged"
             )
         cells = ((grid.cell(index), owner[index].cell(index)) for index in range(grid.count))
-        partial = journal_path(Path(os.path.realpath(target)))
-        _assemble(cells, partial, header, target, overwrite=overwrite, inputs=tuple(parts))
+        _assemble(cells, first, header, target, overwrite=overwrite, inputs=tuple(parts))
     return Outcome(target=target, grid=grid, tally=_total(tallies.values()), cells=grid.count)
 
 

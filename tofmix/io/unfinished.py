@@ -1,0 +1,33 @@
+"""Which files and folders of this process are unfinished: what goes when it dies, and what a later run takes up."""
+
+import shutil
+from pathlib import Path
+
+_unfinished: set[Path] = set()
+_resumable: set[Path] = set()
+
+
+def discard_unfinished() -> None:
+    """Remove the temporary files of all outputs that are being written: for a process that is about to die."""
+    for temporary in list(_unfinished):
+        if temporary.is_dir() and not temporary.is_symlink():
+            shutil.rmtree(temporary, ignore_errors=True)
+        else:
+            temporary.unlink(missing_ok=True)
+
+
+def keep_unfinished(*paths: Path, resumable: bool) -> None:
+    """Say of files beside an output whether `discard_unfinished` removes them, or leaves them to a later run."""
+    (_resumable if resumable else _unfinished).update(paths)
+    (_unfinished if resumable else _resumable).difference_update(paths)
+
+
+def forget_unfinished(*paths: Path) -> None:
+    """Say that files are gone or finished."""
+    _unfinished.difference_update(paths)
+    _resumable.difference_update(paths)
+
+
+def is_resumable() -> bool:
+    """Whether work is left to a later run."""
+    return bool(_resumable)
