@@ -10,7 +10,7 @@ from pathlib import Path
 def small_disk(place: Path, *, bytes_: int = 8 << 20) -> Iterator[Path | None]:
     """Mount a disk in memory at a new folder; None where that is not allowed."""
     place.mkdir()
-    command = ["/usr/bin/mount", "-t", "tmpfs", "-o", f"size={bytes_}", "tmpfs", place]
+    command: list[str | Path] = ["/usr/bin/mount", "-t", "tmpfs", "-o", f"size={bytes_}", "tmpfs", place]
     try:
         mounted = subprocess.run(command, capture_output=True, check=False).returncode == 0
     except OSError:  # no such program

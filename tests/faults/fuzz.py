@@ -113,7 +113,12 @@ class Fuzz:
 
     def arguments(self, command: str, given: Path) -> tuple[str, ...]:
         """Fill in a command of an original."""
-        names = {"@": given, "%recording": "recording.h5", "%layers": "layers.h5", "%sensor": "sensor.toml"}
+        names: dict[str, Path | str] = {
+            "@": given,
+            "%recording": "recording.h5",
+            "%layers": "layers.h5",
+            "%sensor": "sensor.toml",
+        }
         names |= {"%array": "a.npy", "%part": "2.part"}
         filled = (names.get(word, word) for word in shlex.split(command))
         return tuple(str(self._folder / word if str(word) in _SOUND else word) for word in filled)

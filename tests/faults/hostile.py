@@ -6,7 +6,7 @@ Each takes the path of a sound file, changes it in place and says what it did.
 import random
 import zlib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -35,7 +35,7 @@ def _hostile(change: Callable[[h5py.File, Chance], str]) -> Callable[[h5py.File,
 
 def _objects(root: h5py.File) -> dict[str, Any]:
     found: dict[str, Any] = {"/": root}
-    root.visititems(lambda name, item: found.__setitem__(name, item))
+    root.visititems(found.__setitem__)
     return found
 
 
@@ -46,7 +46,7 @@ def _dataset(root: h5py.File, chance: Chance) -> h5py.Dataset:
 
 
 @contextmanager
-def _replaced(root: h5py.File, dataset: h5py.Dataset) -> Iterator[tuple[h5py.Group, str, dict[str, Any], Any]]:
+def _replaced(dataset: h5py.Dataset) -> Iterator[tuple[h5py.Group, str, dict[str, Any], Any]]:
     """Take a dataset out; the block puts another one there, which then gets the old one's attributes."""
     parent, name, values = dataset.parent, dataset.name.split("/")[-1], dataset[...]
     scales = ("DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME")
@@ -60,11 +60,14 @@ def _replaced(root: h5py.File, dataset: h5py.Dataset) -> Iterator[tuple[h5py.Gro
 
 def _odd_values(chance: Chance) -> tuple[Any, str]:
     values: tuple[Any, ...] = (
-        float("nan"), float("inf"), -float("inf"), -1, 0, 1e308, 1 << 63, -(1 << 62), "text", "", "µ\ud83d\ude00", b"\xff\xfe\x00",
-        np.zeros(0), np.zeros((3, 3)), np.arange(5000.0), np.bool_(True), np.complex128(1j), np.float16(2), np.longdouble(3),
-        np.void(b"opaque"), h5py.Empty("f8"), h5py.Empty("S10"), "[" * 5000, '{"window": "x", "stride": -1}', "null", "3.0", "1.0", "2",
-        np.array([(1, 2.0)], dtype=[("a", "i4"), ("b", "f8")]), ["a", "b"], "mm", "m", "x" * 60_000, np.array([1 << 63], "u8"),
-        '{"unambiguous_range_mm": 1e999}', '{"stride": 1e400, "max_layers": "many"}', "tofmix-layers", "tofmix-recording",
+        float("nan"), float("inf"), -float("inf"), -1, 0, 1e308, 1 << 63, -(1 << 62), "text", "", "mm", "m",
+        "x" * 60_000,
+        "\u00b5\U0001f600", b"\xff\xfe\x00", "[" * 5000, "null", "3.0", "1.0", "2", ["a", "b"],
+        np.zeros(0), np.zeros((3, 3)), np.arange(5000.0), np.ones(1, "?")[0], np.complex128(1j), np.float16(2),
+        np.longdouble(3), np.void(b"opaque"), h5py.Empty("f8"), h5py.Empty("S10"), np.array([1 << 63], "u8"),
+        np.array([(1, 2.0)], dtype=[("a", "i4"), ("b", "f8")]), '{"window": "x", "stride": -1}',
+        '{"unambiguous_range_mm": 1e999}', '{"stride": 1e400, "max_layers": "many"}', "tofmix-layers",
+        "tofmix-recording",
     )  # fmt: skip
     value = chance.choice(values)
     return value, repr(value)[:30]
@@ -162,27 +165,29 @@ def dataset_made_datatype(root: h5py.File, chance: Chance) -> str:
 @_hostile
 def other_type(root: h5py.File, chance: Chance) -> str:
     types: tuple[Any, ...] = (
-        "f2", ">f4", "f8", "g", "i1", ">i8", "u8", "?", "c8", "S5", h5py.string_dtype(), h5py.vlen_dtype("f8"), h5py.ref_dtype,
-        h5py.enum_dtype({"a": 1, "b": 2}, basetype="u1"), h5py.opaque_dtype("M8[s]"), [("a", "f4"), ("b", "u2")], "(3,)f4", "u2", "f4",
+        "f2", ">f4", "f8", "g", "i1", ">i8", "u8", "?", "c8", "S5", h5py.string_dtype(), h5py.vlen_dtype("f8"),
+        h5py.ref_dtype, h5py.enum_dtype({"a": 1, "b": 2}, basetype="u1"), h5py.opaque_dtype("M8[s]"),
+        [("a", "f4"), ("b", "u2")], "(3,)f4", "u2", "f4",
     )  # fmt: skip
     dtype = chance.choice(types)
-    with _replaced(root, _dataset(root, chance)) as (parent, name, _, values):
+    with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         new = parent.create_dataset(name, shape=values.shape, dtype=dtype)
-        try:
+        with suppress(TypeError, ValueError, OSError):  # what cannot be converted stays its fill value
             new[...] = values
-        except (TypeError, ValueError, OSError):  # what cannot be converted stays its fill value
-            pass
         return f"{name}: {dtype!s}"
 
 
 @_hostile
 def other_shape(root: h5py.File, chance: Chance) -> str:
-    with _replaced(root, _dataset(root, chance)) as (parent, name, _, values):
+    with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         shape = values.shape
-        shapes: tuple[Any, ...] = (
-            (), (0,), (1,), shape[::-1], (*shape, 1), shape[:-1], (0, *shape[1:]), (*shape[:-1], 0), (1,) * 32, (*shape[:-1], 2 * shape[-1]),
-            (shape[0] + 1, *shape[1:]), tuple(max(1, n - 1) for n in shape), (1 << 20, 1, 1), (1, 1, 300_000), (1, 3000, 1),
-        ) if shape else ((0,), (1, 1, 1), (2, 2))  # fmt: skip
+        shapes: tuple[Any, ...] = ((0,), (1, 1, 1), (2, 2))
+        if shape:
+            first, *rest, last = shape if len(shape) > 1 else (*shape, 1)
+            shapes = (
+                (), (0,), (1,), shape[::-1], (*shape, 1), shape[:-1], (0, *rest, last), (first, *rest, 0), (1,) * 32,
+                (first, *rest, 2 * last), (first + 1, *rest, last), (1 << 20, 1, 1), (1, 1, 300_000), (1, 3000, 1),
+            )  # fmt: skip
         new = chance.choice(shapes)
         parent.create_dataset(name, data=np.resize(values, new))
         return f"{name}: {new}"
@@ -190,7 +195,7 @@ def other_shape(root: h5py.File, chance: Chance) -> str:
 
 @_hostile
 def null_dataspace(root: h5py.File, chance: Chance) -> str:
-    with _replaced(root, _dataset(root, chance)) as (parent, name, _, values):
+    with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         parent.create_dataset(name, data=h5py.Empty(values.dtype))
         return str(name)
 
@@ -198,7 +203,7 @@ def null_dataspace(root: h5py.File, chance: Chance) -> str:
 @_hostile
 def huge_declared_shape(root: h5py.File, chance: Chance) -> str:
     """Nothing is stored; reading all would give fill values without end."""
-    with _replaced(root, _dataset(root, chance)) as (parent, name, _, values):
+    with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         sides: tuple[Any, ...] = (
             (_MANY, 6, 8), (20, _MANY, 8), (20, 6, _MANY), (1 << 20, 1 << 20, 1 << 20), (_MANY,), (1 << 33, 144, 176),
             (50_000, 3000, 4000), (1 << 62, 1, 1), (2, 6, 8, 1 << 44),
@@ -211,7 +216,7 @@ def huge_declared_shape(root: h5py.File, chance: Chance) -> str:
 
 @_hostile
 def huge_contiguous_shape(root: h5py.File, chance: Chance) -> str:
-    with _replaced(root, _dataset(root, chance)) as (parent, name, _, values):
+    with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         shape = chance.choice(((100_000, 500, 500), (_MANY, 6, 8), (_MANY,)))
         space = h5py.h5s.create_simple(shape)
         creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
@@ -231,7 +236,7 @@ def _bomb() -> bytes:
 @_hostile
 def bomb(root: h5py.File, chance: Chance) -> str:
     """One chunk of a modest shape that unpacks to hundreds of megabytes."""
-    with _replaced(root, _dataset(root, chance)) as (parent, name, _, values):
+    with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         shape = values.shape if chance.random() < 0.5 else (_BOMB_BYTES // values.dtype.itemsize // 48, 6, 8)
         new = parent.create_dataset(name, shape=shape, dtype=values.dtype, chunks=shape, compression="gzip")
         new.id.write_direct_chunk((0,) * len(shape), _bomb())
@@ -240,7 +245,7 @@ def bomb(root: h5py.File, chance: Chance) -> str:
 
 @_hostile
 def odd_chunks(root: h5py.File, chance: Chance) -> str:
-    with _replaced(root, _dataset(root, chance)) as (parent, name, _, values):
+    with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         most = tuple(None for _ in values.shape)
         if chance.random() < 0.3:  # a chunk of gigabytes is only claimed
             chunks = (1, 20_000, 20_000, 1)[: values.ndim]
@@ -253,10 +258,10 @@ def odd_chunks(root: h5py.File, chance: Chance) -> str:
 
 @_hostile
 def filters(root: h5py.File, chance: Chance) -> str:
-    with _replaced(root, _dataset(root, chance)) as (parent, name, _, values):
+    with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         options: tuple[dict[str, Any], ...] = (
-            {"compression": "lzf"}, {"compression": "szip"}, {"scaleoffset": 0}, {"scaleoffset": 2}, {"fletcher32": True},
-            {"shuffle": True}, {"compression": "gzip", "compression_opts": 9, "shuffle": True, "fletcher32": True},
+            {"compression": "lzf"}, {"compression": "szip"}, {"scaleoffset": 0}, {"scaleoffset": 2}, {"shuffle": True},
+            {"fletcher32": True}, {"compression": "gzip", "compression_opts": 9, "shuffle": True, "fletcher32": True},
         )  # fmt: skip
         chosen = chance.choice(options)
         parent.create_dataset(name, data=values, chunks=True, **chosen)
@@ -265,7 +270,7 @@ def filters(root: h5py.File, chance: Chance) -> str:
 
 @_hostile
 def unknown_filter(root: h5py.File, chance: Chance) -> str:
-    with _replaced(root, _dataset(root, chance)) as (parent, name, _, values):
+    with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         creation.set_chunk(tuple(max(1, n) for n in values.shape))
         number, flag = chance.choice((301, 32001, 32013, 65535)), chance.choice((0, h5py.h5z.FLAG_OPTIONAL))
@@ -283,14 +288,15 @@ def damaged_chunk(root: h5py.File, chance: Chance) -> str:
     dataset = chance.choice(datasets)
     place = tuple(chance.randrange(-(-n // c)) * c for n, c in zip(dataset.shape, dataset.chunks, strict=True))
     _, data = dataset.id.read_direct_chunk(place)
-    made: bytes = chance.choice((chance.randbytes(len(data)), data[: len(data) // 2], data * 3, bytes(len(data)), b""))
+    rubbish = chance.randbytes(len(data))
+    made: bytes = chance.choice((rubbish, data[: len(data) // 2], data * 3, bytes(len(data)), b""))
     dataset.id.write_direct_chunk(place, made, chance.choice((0, 0, 1, 0xFF)))
     return f"{dataset.name} at {place}: {len(made)} bytes for {len(data)}"
 
 
 @_hostile
 def external_storage(root: h5py.File, chance: Chance) -> str:
-    with _replaced(root, _dataset(root, chance)) as (parent, name, _, values):
+    with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         file = chance.choice(("/etc/hostname", "/etc/passwd", "/dev/zero", "/dev/stdin", "recording.h5", "/nowhere"))
         parent.create_dataset(name, shape=values.shape, dtype=values.dtype, external=[(file, 0, h5py.h5f.UNLIMITED)])
         return f"{name} in {file}"
@@ -298,7 +304,7 @@ def external_storage(root: h5py.File, chance: Chance) -> str:
 
 @_hostile
 def virtual_dataset(root: h5py.File, chance: Chance) -> str:
-    with _replaced(root, _dataset(root, chance)) as (parent, name, _, values):
+    with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         file, inside = chance.choice((("recording.h5", "range"), (".", name), ("/etc/hostname", "x"), ("%b", "range")))
         layout = h5py.VirtualLayout(shape=values.shape, dtype=values.dtype)
         layout[...] = h5py.VirtualSource(file, inside, shape=values.shape)
@@ -313,9 +319,9 @@ def odd_values(root: h5py.File, chance: Chance) -> str:
     values = np.asarray(dataset[...])
     if values.dtype.kind not in "uif":
         return f"{dataset.name}: {values.dtype}"
-    odd: tuple[float, ...] = (0, 1, 255, -1, 65535, 1e9) + (
-        (np.nan, np.inf, -np.inf, 1e38, -1e38, 1e-45) if values.dtype.kind == "f" else ()
-    )
+    odd: list[float] = [0, 1, 255, -1, 65535, 1e9]
+    if values.dtype.kind == "f":
+        odd += [np.nan, np.inf, -np.inf, 1e38, -1e38, 1e-45]
     value = np.float64(chance.choice(odd))
     mask = np.random.default_rng(chance.randrange(1 << 30)).random(values.shape) < chance.choice((0.01, 0.3, 1.1))
     with np.errstate(all="ignore"):

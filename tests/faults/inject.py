@@ -111,7 +111,7 @@ class Injection:
         self._seconds: dict[str, float] = {}
 
     def run(self, case: str, failure: str, *, step: int = 1, most: int = 10_000, report: Report = print) -> Tally:
-        """Fail at call 1, 1 + step, ... until a run meets no failure, in two settings: no output yet, and an old one."""
+        """Fail at call 1, 1 + step, ... until a run meets no failure; without an output there, and over an old one."""
         tally = Tally(case, failure)
         expected = self._expected_of(case)
         operation, code, once = FAILURES[failure]
@@ -241,43 +241,35 @@ def inputs_into(originals: Path, folder: Path) -> None:
 
 def _ending(outcome: Outcome, *, killed: bool) -> str:
     """Return what is wrong with how a run ended, or an empty text."""
-    if outcome.hung:
-        return "hang"
+    lines = outcome.err.splitlines()
     if killed:
         return "traceback" if "Traceback" in outcome.err else ""
-    if outcome.code < 0:
-        return f"signal {-outcome.code}"
-    if "Traceback" in outcome.err or outcome.code not in (*DONE, *REFUSED):
-        return f"exit code {outcome.code}"
-    lines = outcome.err.splitlines()
-    if outcome.code in REFUSED and not (lines and lines[-1].startswith("tofmix: ")):
-        return "no reason"
-    if any(not line.startswith("tofmix: ") for line in lines):
-        return "stray line on stderr"
-    return ""
+    rules = (
+        (outcome.hung, "hang"),
+        (outcome.code < 0, f"signal {-outcome.code}"),
+        ("Traceback" in outcome.err or outcome.code not in (*DONE, *REFUSED), f"exit code {outcome.code}"),
+        (outcome.code in REFUSED and not lines, "no reason"),
+        (any(not line.startswith("tofmix: ") for line in lines), "stray line on stderr"),
+    )
+    return next((text for wrong, text in rules if wrong), "")
 
 
 def _left(
     case: Case, folder: Path, originals: Path, expected: Path, outcome: Outcome, *, old: bool, killed: bool = False
 ) -> Iterator[str]:
-    """Say what is wrong with the files after a run: outputs are new and whole, or old, or not there; inputs as before."""
+    """Say what is wrong with the files after a run: outputs are new and whole, old or not there; inputs as before."""
     for name in _inputs(originals):
         if (folder / name).read_bytes() != (originals / name).read_bytes():
             yield f"{name} has changed"
     whole = []
     for name in case.outputs:
         path = folder / name
-        if not path.exists():
-            whole.append(False)
-            if old:
-                yield f"the old {name} is lost"
-        else:
-            is_new = path.read_bytes() != b"old"
-            whole.append(is_new)
-            if is_new and not same_content(expected / name, path):
-                yield f"{name} is not what it must be"
-            if not is_new and not old:
-                yield f"{name} is not what it must be"
+        there = path.read_bytes() if path.exists() else None
+        whole.append(there not in (None, b"old"))
+        if old and there is None:
+            yield f"the old {name} is lost"
+        if (there == b"old" and not old) or (whole[-1] and not same_content(expected / name, path)):
+            yield f"{name} is not what it must be"
     if outcome.code in DONE and not all(whole):
         yield "no output of a run that says it is done"
     resumable = "estimate" in case.command and outcome.code != 0
@@ -299,6 +291,6 @@ def table(tallies: list[Tally]) -> str:
     return "\n".join(lines)
 
 
-def environment(library: Path) -> dict[str, str]:
+def with_shim(library: Path) -> dict[str, str]:
     """Variables of a pool whose processes have the shim."""
     return {"LD_PRELOAD": os.pathsep.join(filter(None, (str(library), os.environ.get("LD_PRELOAD", ""))))}

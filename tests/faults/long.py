@@ -1,8 +1,9 @@
 """The long run: every kind of fault, load and property, with counts.
 
-Usage: python -m faults.long --output FOLDER [--only STAGE,...] [--mutants 5000] [--guided 600] [--processes 2]
-(with `tests` and the package on PYTHONPATH). It can be stopped and started again: what is done is kept in FOLDER. It
-prints what it finds as it goes, and at the end the tables of all that has been run. It leaves with 1 if there is a fault.
+Usage: python -m faults.long --output FOLDER [--only STAGE,...] [--mutants 5000] [--guided 600] [--processes 2], with
+`tests` and the package on PYTHONPATH. It can be stopped and started again: what is done is kept in FOLDER. It
+prints what it finds as it goes, and at the end the tables of all that has been run; it leaves with 1 if there are
+faults.
 """
 
 import argparse
@@ -22,7 +23,7 @@ from typing import Any, TypeAlias
 from faults import disk, load
 from faults.changing import changing
 from faults.fuzz import Fuzz, Verdict, table
-from faults.inject import CASES, FAILURES, Injection, Tally, compiled, environment, inputs_into
+from faults.inject import CASES, FAILURES, Injection, Tally, compiled, inputs_into, with_shim
 from faults.inject import table as injection_table
 from faults.originals import make
 from faults.pool import Job, Outcome, Pool
@@ -84,12 +85,12 @@ def _verdict(values: dict[str, Any]) -> Verdict:
     return Verdict(**values | {"outcome": Outcome(**values["outcome"])})
 
 
-def _with_shim(run: Run, work: Callable[[Injection], list[Tally]]) -> str:
+def _with_shim(work: Callable[[Injection], list[Tally]]) -> str:
     with tempfile.TemporaryDirectory(prefix="originals-") as name:
         library = compiled(Path(name))
         if library is None:
             return "not run: no C compiler"
-        with Pool(1, environment(library)) as pool:
+        with Pool(1, with_shim(library)) as pool:
             make(Path(name), pool)
             tallies = work(Injection(Path(name), pool))
     return injection_table(tallies)
@@ -103,7 +104,7 @@ def _failing_calls(run: Run) -> str:
         path = run.folder / f"failing {case}.json"
         if not path.exists():
 
-            def work(injection: Injection, case: str = case) -> list[Tally]:
+            def work(injection: Injection, case: str = case, path: Path = path) -> list[Tally]:
                 found = []
                 for failure in FAILURES:
                     # Allocations are many, and alike: at most some hundred of them.
@@ -112,7 +113,7 @@ def _failing_calls(run: Run) -> str:
                 path.write_text(json.dumps([asdict(tally) for tally in found]))
                 return found
 
-            print(_with_shim(run, work), flush=True)
+            print(_with_shim(work), flush=True)
         if path.exists():
             tallies += [Tally(**values) for values in json.loads(path.read_text())]
     return _counted(run, tallies)
@@ -137,7 +138,7 @@ def _kills(run: Run) -> str:
         for case in CASES:
             count = share * 4 if case == "estimate" else share
             for number in (9, 2, 15):
-                moments = [chance.random() for _ in range(count if number == 9 else count // 4)]  # noqa: PLR2004
+                moments = [chance.random() for _ in range(count if number == 9 else count // 4)]
                 tallies.append(injection.kill(case, moments, number=number, report=lambda _: None))
     return _counted(run, tallies)
 
@@ -169,7 +170,7 @@ def _read_only(run: Run, originals: Path, place: Path, pool: Pool) -> str:
     for case in CASES.values():
         outcome = pool.run(Job(argv=tuple(case.command.split()), cwd=str(place)))
         codes[outcome.code] += 1
-        if outcome.code != 4 or "Read-only file system" not in outcome.err:  # noqa: PLR2004
+        if outcome.code != 4 or "Read-only file system" not in outcome.err:
             run.report(f"read-only disk: {case.command}: {outcome.code} {outcome.err}")
     return f"a read-only disk: {sum(codes.values())} commands, exit codes {dict(codes)}"
 
@@ -213,10 +214,8 @@ def _properties(run: Run) -> str:
         "no:cacheprovider",
         str(TESTS / "faults" / "test_properties.py"),
     ]
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, env=os.environ | {"TOFMIX_TEST_EXAMPLES_TIMES": str(times)},
-        cwd=TESTS.parent,
-    )  # fmt: skip
+    environment = os.environ | {"TOFMIX_TEST_EXAMPLES_TIMES": str(times)}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=TESTS.parent)
     if done.returncode:
         run.report(done.stdout[-3000:])
     return f"- {times} times the examples of each property test: {done.stdout.splitlines()[-1]}"

@@ -3,7 +3,6 @@
 import random
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 from faults.hostile import HOSTILE
@@ -11,9 +10,9 @@ from faults.originals import Original
 
 _INTERESTING = (0x00, 0x01, 0x7F, 0x80, 0xFE, 0xFF)
 _VALUES = (
-    "nan", "inf", "-inf", "-1", "0", "0.0", "1", "1e-300", "1e308", "1e999", "-1e9", "4294967296", "18446744073709551616",
-    "9" * 400, "true", '""', '"text"', "[]", "[1.0]", "[[[[1.0]]]]", "{}", "1979-05-27", "0x10", "0.5", "1e6", "3", "1e4",
-    '"../../etc/hostname"', '"map.npy"', '"sr3000"', '"\\u0000"',
+    "nan", "inf", "-inf", "-1", "0", "0.0", "1", "1e-300", "1e308", "1e999", "-1e9", "4294967296",
+    "18446744073709551616", "9" * 400, "true", '""', '"text"', "[]", "[1.0]", "[[[[1.0]]]]", "{}", "1979-05-27", "0x10",
+    "0.5", "1e6", "3", "1e4", '"../../etc/hostname"', '"map.npy"', '"sr3000"', '"\\u0000"',
 )  # fmt: skip
 _DEPTH = 20_000
 
@@ -43,7 +42,7 @@ def mutate(original: Original, seed: str, target: Path) -> tuple[Path, str]:
         path = target / chosen.name
     else:
         shutil.copyfile(chosen, target)
-    kinds: list[Callable[[Path, random.Random], str]] = [_bytes]
+    kinds = [_bytes]
     if original.format == "hdf5":
         kinds.append(_structure)
     elif original.format == "text" or chosen.suffix in (".yaml", ".toml"):
@@ -54,9 +53,7 @@ def mutate(original: Original, seed: str, target: Path) -> tuple[Path, str]:
 def _bytes(path: Path, chance: random.Random) -> str:
     """Flip, overwrite, cut, lengthen or move bytes."""
     data = bytearray(path.read_bytes())
-    done = []
-    for _ in range(chance.choice((1, 1, 1, 2, 8))):
-        done.append(chance.choice(_BYTE_CHANGES)(data, chance))
+    done = [chance.choice(_BYTE_CHANGES)(data, chance) for _ in range(chance.choice((1, 1, 1, 2, 8)))]
     path.write_bytes(data)
     return "bytes: " + ", ".join(done)
 

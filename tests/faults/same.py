@@ -19,7 +19,7 @@ def same_content(a: Path, b: Path) -> bool:
         )
 
 
-def _values(root: h5py.File) -> dict[str, np.ndarray]:  # type: ignore[type-arg]  # of any type
+def _values(root: h5py.File) -> dict[str, np.ndarray]:
     found = {}
 
     def visit(name: str, item: h5py.HLObject) -> None:

@@ -88,11 +88,14 @@ def _rehearsal(folder: Path) -> list[list[str]]:
         for argv in (
             ("simulate", model, "-o", recording),
             ("estimate", recording, "--window", 10),
+            ("estimate", recording, "--noise", "auto", "--outliers", "auto", "-o", folder / "b.layers.h5"),
+            ("estimate", recording, "--wrap", "-o", folder / "c.layers.h5"),
             ("info", recording),
             ("report", layers, "--recording", recording, "--html", folder / "a.html"),
             ("inspect", layers, "--pixel", "1,2", "--recording", recording, "-o", folder / "a.png"),
             ("export", layers, "-o", folder / "a.csv"),
             ("map", layers, "-o", folder / "a.yaml"),
+            ("map", layers, "--from", "averaged", "--recording", recording, "-o", folder / "b.yaml"),
         )
     ]
 
