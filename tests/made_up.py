@@ -19,7 +19,7 @@ def made_up_layers(shape: tuple[int, ...], max_layers: int, seed: int = 3) -> La
     ):  # fmt: skip
         values = rng.uniform(low, high, present.shape)
         getattr(layers, name)[present] = (np.sort(values, axis=-1) if name == "range" else values)[present]
-    layers.weight[present] = rng.dirichlet(np.ones(max_layers), shape)[present].astype("f4")
+    layers.weight[present] = 0.99 * rng.dirichlet(np.ones(max_layers), shape)[present].astype("f4")
     unknown = rng.random(shape) < 1 / 7
     layers.range_stderr[unknown] = np.nan
     layers.weight_outlier[...] = 1e-4

@@ -1,6 +1,6 @@
 """``python -m tofmix`` is the command ``tofmix``."""
 
-from tofmix.cli.main import run
+from tofmix.cli.start import run
 
 if __name__ == "__main__":
     run()

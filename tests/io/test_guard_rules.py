@@ -55,9 +55,23 @@ def _unknown_filter(root: h5py.File) -> None:
     h5py.h5d.create(root.id, b"x", h5py.h5t.NATIVE_UINT16, h5py.h5s.create_simple((4,)), plist)
 
 
+def _filtered(*filters: tuple[int, tuple[int, ...]]) -> Change:
+    def change(root: h5py.File) -> None:
+        plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        plist.set_chunk((4,))
+        for code, values in filters:
+            plist.set_filter(code, h5py.h5z.FLAG_OPTIONAL, values)
+        h5py.h5d.create(root.id, b"x", h5py.h5t.NATIVE_UINT16, h5py.h5s.create_simple((4,)), plist)
+
+    return change
+
+
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
+        (_filtered((1, (1,)), (1, (1,))), "x: packed by gzip and then by another filter"),
+        (_filtered((1, (1,)), (32000, ())), "x: packed by gzip and then by another filter"),
+        (_dataset((9_000_000,), chunks=(9_000_000,), compression="lzf"), "x: one chunk, packed by lzf, is over 16.78"),
         (_external, "sensor/x: a link to another file"),
         (_virtual, "group/x: its data lie in another file"),
         (_dataset((4,), external=[("/etc/passwd", 0, 8)]), "x: its data lie in another file"),

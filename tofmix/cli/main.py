@@ -20,6 +20,7 @@ from tofmix.cli.merge import merge
 from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
+from tofmix.cli.verify import verify
 from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
 from tofmix.io.unfinished import discard_unfinished, is_resumable
@@ -59,7 +60,9 @@ def main() -> None:
     """
 
 
-for _command in (simulate, estimate, report, reconcile, inspect, info, compare, import_, export, map_, merge, warmup):
+for _command in (
+    simulate, estimate, report, reconcile, inspect, info, verify, compare, import_, export, map_, merge, warmup,
+):  # fmt: skip
     main.add_command(_command)
 
 

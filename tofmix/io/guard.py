@@ -25,6 +25,7 @@ import h5py
 from tofmix.errors import BadInputError, StorageError, os_error_text
 from tofmix.io.library_reason import library_reason
 from tofmix.io.storage import check_input
+from tofmix.io.unpacking import BoundedDataset
 from tofmix.io.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
 
 _GRACE_S = 2.0
@@ -227,4 +228,5 @@ def checked_dataset(group: h5py.Group, name: str, path: Path) -> h5py.Dataset:
         raise BadInputError(f"{path}: no dataset {name}")
     if not isinstance(item, h5py.Dataset):
         raise BadInputError(f"{path}: {name}: expected a dataset, got a group")
-    return item
+    with reading(path, name):
+        return BoundedDataset(item.id)

@@ -38,6 +38,12 @@ MOST_ATTRIBUTE_BYTES = 16 << 20
 FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 4: "szip", 5: "nbit", 6: "scaleoffset", 32000: "lzf"}
 """Filters that may be asked for, by their numbers: those of the library, none that is loaded from a path."""
 
+MOST_LZF_BYTES = 16 << 20
+"""A chunk packed by lzf: its unpacking cannot be checked beforehand, and it grows by 90 at most."""
+
+_OWN_COUNT = ("nbit", "scaleoffset")
+"""Filters that believe their own parameters as to how many values they give."""
+
 _CHUNK_SLACK_BYTES = 64 << 10
 
 _Object: TypeAlias = "h5py.h5g.GroupID | h5py.h5d.DatasetID | h5py.h5t.TypeID"
@@ -129,12 +135,26 @@ def check_dataset(item: h5py.h5d.DatasetID, name: str, file_bytes: int) -> None:
         raise RefusedError(
             f"{name}: shape {shape} announces {_size(declared)}, the file holds {_size(file_bytes)}; refused"
         )
-    for number in range(plist.get_nfilters()):
-        code = plist.get_filter(number)[0]
+    if layout == h5py.h5d.CHUNKED:
+        _check_filters(plist, value, name)
+        _check_chunks(item, plist.get_chunk(), shape, name, file_bytes)
+
+
+def _check_filters(plist: h5py.h5p.PropDCID, value_bytes: int, name: str) -> None:
+    """Check that each filter is known, and cannot unpack a chunk to more than it declares, or not without notice."""
+    values = math.prod(plist.get_chunk())
+    found = [plist.get_filter(number) for number in range(plist.get_nfilters())]
+    codes = [one[0] for one in found]
+    for code, _, parameters, _ in found:
         if code not in FILTERS:
             raise RefusedError(f"{name}: filter {code} is not one of {', '.join(FILTERS.values())}; refused")
-    if layout == h5py.h5d.CHUNKED:
-        _check_chunks(item, plist.get_chunk(), shape, name, file_bytes)
+        if FILTERS[code] in _OWN_COUNT and parameters[2:3] != (values,):
+            raise RefusedError(f"{name}: {FILTERS[code]} is set for another number of values than a chunk has; refused")
+    names = [FILTERS[code] for code in codes]
+    if "gzip" in names and not set(names[names.index("gzip") + 1 :]) <= {"shuffle", "fletcher32"}:
+        raise RefusedError(f"{name}: packed by gzip and then by another filter; refused")
+    if names.count("lzf") > 1 or ("lzf" in names and values * value_bytes > MOST_LZF_BYTES):
+        raise RefusedError(f"{name}: one chunk, packed by lzf, is over {_size(MOST_LZF_BYTES)}; refused")
 
 
 def _check_chunks(

@@ -211,6 +211,34 @@ class LayersFile:
                 arrays[name] = dataset[window]
         return Layers(**arrays)
 
+    @property
+    def step(self) -> tuple[int, int]:
+        """Windows and rows of a stored chunk."""
+        chunks = self._datasets["range"].chunks
+        return (int(chunks[0]), int(chunks[1])) if chunks else (1, 1)
+
+    def read_block(self, windows: slice, rows: slice) -> Layers:
+        """Read the layers of some windows and rows, of the leading shape (window, row, col).
+
+        Raises
+        ------
+        BadInputError
+            If they cannot be read.
+        """
+        arrays: dict[str, Any] = {spec.name: self.read_dataset(spec.name, windows, rows) for spec in LAYER_FIELDS}
+        return Layers(**arrays)
+
+    def read_dataset(self, name: str, windows: slice, rows: slice) -> NDArray[Any]:
+        """Read one dataset of `LAYER_FIELDS` for some windows and rows.
+
+        Raises
+        ------
+        BadInputError
+            If it cannot be read.
+        """
+        with guard.reading(self.path, name):
+            return np.asarray(self._datasets[name][windows, rows])
+
     def read_field(self, name: str, window: int) -> NDArray[Any]:
         """Read one dataset of `LAYER_FIELDS` for one window, (row, col) or (row, col, layer).
 

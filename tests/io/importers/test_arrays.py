@@ -1,5 +1,6 @@
 """NumPy's and MATLAB's files: exact values, axes, and every refusal."""
 
+import resource
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,10 +11,13 @@ from numpy.typing import NDArray
 from reading import depths, read_source
 from scipy.io import savemat
 
-from tofmix.errors import BadInputError
+from tofmix.errors import BadInputError, StorageError
+from tofmix.io.importers import open_source
+from tofmix.io.importers.base import Request
 
 SHAPE = (6, 4, 5)
-ROWS_FIRST, FRAMES_FIRST = "row,col,frame", "frame,row,col"
+ROWS_FIRST = "row,col,frame"
+FRAMES_FIRST: Literal["frame,row,col"] = "frame,row,col"
 
 
 def samples(dtype: str = "u2", seed: int = 2) -> NDArray[Any]:
@@ -185,3 +189,17 @@ def test_arrays_that_do_not_go_together_are_refused(tmp_path: Path) -> None:
             read_source(tmp_path / name, amplitude="amplitude", axes=FRAMES_FIRST)
     with pytest.raises(BadInputError, match="time: expected 6 numbers"):
         read_source(tmp_path / "t.npz")
+
+
+def test_a_full_disk_while_a_mat_is_unpacked_is_no_fault_of_the_file(tmp_path: Path) -> None:
+    path = save(tmp_path / "a.mat", "5", a=samples())
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))  # the child inherits it
+    try:
+        with (
+            pytest.raises(StorageError, match=r"a\.mat is unpacked there"),
+            open_source(path, Request(axes=FRAMES_FIRST)),
+        ):
+            pass
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)

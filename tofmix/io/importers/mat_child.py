@@ -6,16 +6,28 @@ imports it.
 """
 
 import json
+import resource
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.io import loadmat, whosmat
+
+_STORAGE = 4
+_MEMORY_BYTES = 6 << 30
+"""What one file may take: its arrays are read whole."""
+
+_SECONDS = 600
+"""Of computing, should nobody be left to end this process."""
 
 
 def main() -> None:
     """List and unpack; a failure is one line on stderr and exit code 1."""
     path, folder = sys.argv[1:]
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    for what, limit in ((resource.RLIMIT_AS, _MEMORY_BYTES), (resource.RLIMIT_CPU, _SECONDS)):
+        resource.setrlimit(what, (limit, resource.getrlimit(what)[1]))
     try:
         sys.stdout.write(json.dumps({name: shape for name, shape, _ in whosmat(path)}) + "\n")
         sys.stdout.flush()
@@ -24,9 +36,20 @@ def main() -> None:
         for number, name in enumerate(names):
             if not isinstance(held.get(name), np.ndarray):
                 sys.exit(f"{name}: not a full array of numbers")
-            np.save(Path(folder) / f"{number}.npy", held[name], allow_pickle=False)
+            _save(Path(folder) / f"{number}.npy", held[name])
+    except MemoryError:
+        sys.exit(f"its arrays take more than {_MEMORY_BYTES >> 30} GB")
     except Exception as error:  # noqa: BLE001  whatever a damaged file makes of the library
         sys.exit(" ".join(str(error).split()) or type(error).__name__)
+
+
+def _save(path: Path, values: "np.ndarray[Any, Any]") -> None:
+    """Store an array; a full disk has an exit code of its own."""
+    try:
+        np.save(path, values, allow_pickle=False)
+    except OSError as error:
+        sys.stderr.write(f"{error.strerror or error}\n")
+        sys.exit(_STORAGE)
 
 
 if __name__ == "__main__":

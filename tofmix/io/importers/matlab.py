@@ -11,14 +11,14 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import gettempdir
 from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.errors import BadInputError
+from tofmix.errors import BadInputError, ExitCode, StorageError, TofmixError
 from tofmix.io import guard
 from tofmix.io.importers.arrays import (
     FRAMES_FIRST,
@@ -31,6 +31,8 @@ from tofmix.io.importers.arrays import (
     joined,
 )
 from tofmix.io.importers.base import IMAGE_DIMENSIONS, Axes, Frame, FrameSource, Request, check_numbers, foreign
+from tofmix.io.scratch_folder import scratch_folder
+from tofmix.io.watchdog import watched
 
 _FRAMES_LAST: Axes = "row,col,frame"
 _DIMENSIONS = 3
@@ -49,8 +51,8 @@ def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
         with guard.open_for_reading(path) as root:
             yield _of_hdf5(root, path, request)
     else:
-        with TemporaryDirectory(prefix="tofmix-") as folder:
-            yield _of_scipy(path, request, Path(folder))
+        with scratch_folder() as folder:
+            yield _of_scipy(path, request, folder)
 
 
 def _axes(shape: tuple[int, ...], request: Request, what: str) -> Axes:
@@ -70,7 +72,10 @@ def _axes(shape: tuple[int, ...], request: Request, what: str) -> Axes:
 def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
     program = [sys.executable, "-P", str(Path(__file__).with_name("mat_child.py")), str(path), str(folder)]
     pipe = subprocess.PIPE
-    with subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as child:  # noqa: S603  our own
+    with (
+        watched(f"{path}"),
+        subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as child,  # noqa: S603  our own
+    ):
         assert child.stdout is not None  # noqa: S101  for the type checker: it is a pipe
         listed = child.stdout.readline()
         if not listed:
@@ -84,17 +89,19 @@ def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
     if child.returncode:
         raise _refusal(child, complaint, path)
     with foreign(path):
-        held = [np.load(folder / f"{k}.npy", mmap_mode="r") for k in range(len(wanted))]
+        held = [np.load(folder / f"{k}.npy", mmap_mode="r", allow_pickle=False) for k in range(len(wanted))]
     arrays = [frames_first(held[k], axes, f"{path}: {one}") for k, one in enumerate(names)]
     time_s = held[-1] if TIME in shapes else None
     return _source(path, name, arrays, time_s, f"array {name} of a .mat")
 
 
-def _refusal(child: "subprocess.Popen[str]", complaint: str, path: Path) -> BadInputError:
+def _refusal(child: "subprocess.Popen[str]", complaint: str, path: Path) -> TofmixError:
     """What to say of a child that failed."""
     if child.returncode < 0:
         return BadInputError(f"{path}: cannot be read: SciPy's reader crashed on it; the file is damaged")
     reason = complaint.strip().splitlines()
+    if child.returncode == ExitCode.STORAGE:
+        return StorageError(f"{gettempdir()}: {reason[-1]}; {path} is unpacked there")
     return BadInputError(f"{path}: cannot be read: {reason[-1] if reason else 'no reason given'}")
 
 

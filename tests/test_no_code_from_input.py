@@ -1,0 +1,99 @@
+"""Nothing in the package runs code that comes from a file, opens a connection by itself, or holds a secret."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import tofmix
+
+PACKAGE = Path(tofmix.__file__).parent
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+RUNS_CODE = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "shelve", "marshal", "joblib", "code", "runpy"}
+CONNECTS = {"socket", "ssl", "http", "urllib", "urllib3", "requests", "ftplib", "smtplib", "telnetlib", "aiohttp"}
+BUILTINS = {"eval", "exec", "compile", "__import__"}
+STARTS_PROGRAMS = {"io/guard.py", "io/importers/matlab.py"}
+"""Modules that start a process: each starts the interpreter with a file of the package, never what a file names."""
+
+IMPORTS_BY_NAME = {"io/extras.py", "report/figures.py"}
+"""Optional libraries and backends, by names that stand in our own code."""
+
+
+@cache
+def _nodes(module: Path) -> tuple[ast.AST, ...]:
+    return tuple(ast.walk(ast.parse(module.read_text())))
+
+
+def _name(module: Path) -> str:
+    return str(module.relative_to(PACKAGE))
+
+
+def _imported(module: Path) -> set[str]:
+    found: set[str] = set()
+    for node in _nodes(module):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return found
+
+
+def _calls(module: Path) -> dict[str, list[ast.Call]]:
+    found: dict[str, list[ast.Call]] = {}
+    for node in _nodes(module):
+        if isinstance(node, ast.Call):
+            found.setdefault(ast.unparse(node.func), []).append(node)
+    return found
+
+
+@pytest.mark.parametrize("module", MODULES, ids=_name)
+def test_no_module_runs_what_a_file_says(module: Path) -> None:
+    tops = {name.split(".")[0] for name in _imported(module)}
+    assert not tops & RUNS_CODE
+    assert not tops & CONNECTS
+    assert not {"ctypes", "cffi"} & tops
+    calls = _calls(module)
+    assert not BUILTINS & calls.keys()
+    assert not [name for name in calls if name.startswith(("os.system", "os.popen", "os.exec", "os.spawn"))]
+    assert "yaml.load" not in calls
+    for name, nodes in calls.items():
+        for node in nodes:
+            options = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+            assert options.get("allow_pickle", "False") == "False", name
+            assert options.get("shell", "False") == "False", name
+            if name in ("np.load", "numpy.load", "npy_format.read_array"):
+                assert options.get("allow_pickle") == "False", f"{name} without allow_pickle=False"
+
+
+@pytest.mark.parametrize("module", MODULES, ids=_name)
+def test_programs_and_modules_by_name_are_few_and_known(module: Path) -> None:
+    if "subprocess" in _imported(module) or "multiprocessing" in _imported(module):
+        assert _name(module) in STARTS_PROGRAMS
+    for name, nodes in _calls(module).items():
+        if name.endswith("import_module") and _name(module) not in IMPORTS_BY_NAME:
+            assert all(isinstance(node.args[0], ast.Constant) for node in nodes)
+
+
+@pytest.mark.parametrize("name", sorted(STARTS_PROGRAMS))
+def test_what_is_started_is_a_file_of_ours(name: str) -> None:
+    text = (PACKAGE / name).read_text()
+    assert re.search(r'\(?\[?sys\.executable, "-P", str\(Path\(__file__\)\.with_name\("\w+\.py"\)\)', text)
+
+
+def test_the_package_holds_no_secret() -> None:
+    words = re.compile(r"(?i)(password|passwd|api_?key|secret_?key|access_?token|BEGIN [A-Z ]*PRIVATE KEY)\s*[=:]")
+    for path in PACKAGE.rglob("*"):
+        if path.is_file() and path.suffix in (".py", ".toml", ".html", ".js", ".css"):
+            assert not words.search(path.read_text()), path
+
+
+def test_pages_load_nothing_from_elsewhere() -> None:
+    for path in PACKAGE.rglob("*"):
+        if path.suffix in (".html", ".js", ".css"):
+            text = path.read_text()
+            assert not re.search(r"""(src|href)\s*=\s*["']https?:|@import|fetch\(|XMLHttpRequest|WebSocket""", text), (
+                path
+            )
