@@ -130,11 +130,15 @@ class Fuzz:
             names |= {path.name for path in mutant.parent.iterdir()} - {mutant.name}
             fault = judge(outcome, names, mutant=mutant.name)
             result = "done" if outcome.code in DONE else "refused"
-            if not fault and result == "done" and self._originals[kind].own and change.startswith("bytes"):
+            if not fault and result == "done" and self._comparable(kind, change, outcome):
                 result, fault = self._compared(kind, command, Path(cwd))
         return Verdict(
             kind=kind, mutant=seed, command=command, change=change, outcome=outcome, fault=fault, result=result
         )
+
+    def _comparable(self, kind: str, change: str, outcome: Outcome) -> bool:
+        """Whether the result must be the original's: all values have checksums, and the command says nothing else."""
+        return self._originals[kind].own and change.startswith("bytes") and not outcome.err
 
     def _compared(self, kind: str, command: str, cwd: Path) -> tuple[str, str]:
         """Compare what was made of a damaged file with what its original gives: the same, as it could be read."""

@@ -65,8 +65,10 @@ def _stream(name: str) -> str:
 
 def _warm() -> Any:  # noqa: ANN401  the program's entry, imported late
     """Import what commands import, and compile or load every kernel."""
+    from faults import scout
     from tofmix.cli.main import run
 
+    scout.use()
     with tempfile.TemporaryDirectory() as name:
         for argv in _rehearsal(Path(name)):
             try:
