@@ -24,6 +24,11 @@ _TYPE_NAMES = {
 }
 
 
+_MOST_CHARACTERS = 1_000_000
+_MOST_IN_A_LINE = 2000
+"""The parser's memory grows with the square of a dotted key's length, which a line bounds."""
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """``; did you mean "x"?`` and the known names, to end a refusal of `name`."""
     names = sorted(known)
@@ -163,8 +168,14 @@ def parse_toml(text: str, *, source: str) -> TomlTable:
     Raises
     ------
     BadInputError
-        If it is not TOML; the message has the line as `tomllib` gives it.
+        If it is not TOML, or longer than any that a person writes; the message has the line as `tomllib` gives it.
     """
+    longest = max(map(len, text.split("\n")))
+    if len(text) > _MOST_CHARACTERS or longest > _MOST_IN_A_LINE:
+        raise BadInputError(
+            f"{source}: {len(text)} characters, {longest} in the longest line; no more than {_MOST_CHARACTERS} and"
+            f" {_MOST_IN_A_LINE} are read"
+        )
     try:
         return TomlTable(tomllib.loads(text), source)
     except RecursionError:

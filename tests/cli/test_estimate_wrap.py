@@ -38,7 +38,8 @@ def _read(path: Path) -> dict[str, Any]:
 def test_a_wall_at_the_fold_is_one_surface(tofmix: Tofmix, tmp_path: Path, dtype: str, option: list[object]) -> None:
     recording, layers = _folded(tmp_path / "a.h5", dtype), tmp_path / "a.layers.h5"
     outcome = tofmix("estimate", recording, *option)
-    assert (outcome.code, outcome.err) == (0, "")
+    said = [line for line in outcome.err.splitlines() if "compiling the kernels" not in line]
+    assert (outcome.code, said) == (0, [])
     found = _read(layers)
     assert (found["n_modes"] == 1).all()
     wall = fold(found["range"][0, :, :6, 0] + LENGTH / 2, LENGTH) - LENGTH / 2

@@ -18,7 +18,7 @@ from enum import IntEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.special import betainc, betaincc
+from scipy.special import betainc
 
 from tofmix.arrays import ByteArray, Float32Array, FloatArray
 from tofmix.mapping.beams import Beams
@@ -172,7 +172,7 @@ def log_odds(
     if not 0 < min_share < 1:
         raise ValueError(f"min_share: {min_share:g} is not between 0 and 1")
     k, f = np.asarray(stopped, dtype=np.float64) + 1.0, np.asarray(passed, dtype=np.float64) + 1.0
-    occupied = np.log(np.maximum(betaincc(k, f, min_share), _TINY) / (1.0 - min_share))
+    occupied = np.log(np.maximum(betainc(f, k, 1.0 - min_share), _TINY) / (1.0 - min_share))
     free = np.log(np.maximum(betainc(k, f, min_share), _TINY) / min_share)
     sure = np.minimum(np.asarray(probability, dtype=np.float64), 1.0 - 1e-9)
     with np.errstate(divide="ignore"):

@@ -274,6 +274,7 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
 def _check_parts(parts: Sequence[Journal]) -> None:
     first, seen = parts[0], dict[int, Journal]()
     for part in parts:
+        _grid(part)  # a damaged header is told of under the name of its own file
         if part.header != first.header:
             raise UsageError(
                 f"{part.path}: of another run than {first.path}; it differs in"

@@ -83,6 +83,10 @@ class _Bag:
     def __enter__(self) -> Self:
         with foreign(self.path):
             self._reader.open()
+        for c in self._reader.connections:  # a ROS 2 bag's come from a text file, and the library takes any type
+            if not (isinstance(c.topic, str) and isinstance(c.msgtype, str) and isinstance(c.msgcount, int)):
+                self._reader.close()
+                raise BadInputError(f"{self.path}: its list of topics is damaged")
         return self
 
     def __exit__(self, *_: object) -> None:
