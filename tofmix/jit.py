@@ -9,8 +9,7 @@ that is not writable in the user's cache folder, or else in the temporary folder
 ``nogil=True``: threads run kernels side by side on one process's memory.
 ``error_model="numpy"``: a division by zero gives inf or NaN as in NumPy, and the
 loop vectorises; kernels never rely on an exception.
-A call with a constant argument does not compile its callee again for that constant: the first compile of all kernels
-takes a fifth less time.
+Kernels that others call are compiled as a part of these (`jit_linking`).
 No ``fastmath``: sums must not depend on how the compiler reorders them on another
 machine.
 """
@@ -25,7 +24,8 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import numba
-from numba.core import types
+
+from tofmix import jit_linking
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -45,20 +45,14 @@ def jit(function: Callable[P, R]) -> Callable[P, R]:
         compiled: Callable[P, R] = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     finally:
         config.CACHE_DIR = theirs
-    _compile_constants_once(compiled)
+    _link_into_callers(compiled)
     return compiled
 
 
-def _compile_constants_once(compiled: Any) -> None:  # noqa: ANN401  a dispatcher, or the plain function without the JIT
-    """Keep a call with a constant, `grow(samples, 1, ...)`, from compiling the callee once more for that constant."""
-    find, general = getattr(compiled, "get_call_template", None), types.unliteral
-    if find is not None:
-
-        def find_for_types(args: tuple[Any, ...], kws: dict[str, Any]) -> Any:  # noqa: ANN401  numba's own
-            kinds = {name: general(kind) for name, kind in kws.items()}
-            return find(tuple(general(kind) for kind in args), kinds)
-
-        compiled.get_call_template = find_for_types
+def _link_into_callers(compiled: Any) -> None:  # noqa: ANN401  a dispatcher, or the plain function without the JIT
+    if hasattr(compiled, "get_call_template"):
+        callee = jit_linking.Callee(compiled)
+        compiled.get_call_template, compiled.get_overload = callee.template, callee.code
 
 
 @cache
@@ -101,7 +95,7 @@ def _writable(folder: Path) -> bool:
 
 def _fingerprint() -> str:
     """Hash of every source file that may hold a kernel, or a constant that one has compiled in."""
-    digest = hashlib.sha256(Path(__file__).read_bytes())
+    digest = hashlib.sha256(Path(__file__).read_bytes() + Path(jit_linking.__file__).read_bytes())
     for name in _KERNEL_FOLDERS:
         for source in sorted((_PACKAGE / name).rglob("*.py")):
             if source.name in _WITHOUT_KERNELS:
