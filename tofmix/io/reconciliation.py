@@ -20,7 +20,8 @@ from tofmix.errors import StorageError, UsageError, os_error_text
 from tofmix.io.claims import hold, let_go
 from tofmix.io.storage import AtomicFile, sync_folder, write_text
 
-_FILES = ("report.html", "gap.json")
+FILES = ("report.html", "gap.json")
+"""Beside the models and their maps."""
 
 
 def model_names(models: int) -> list[str]:
@@ -44,7 +45,7 @@ def check_folder(folder: Path, *, overwrite: bool, models: int = 1) -> None:
         raise StorageError(f"{folder}: no such folder {folder.parent}")
     if not os.access(folder if folder.exists() else folder.parent, os.W_OK | os.X_OK):
         raise StorageError(f"{folder}: no permission to write there")
-    there = [name for name in (*model_names(models), *_FILES) if (folder / name).exists()]
+    there = [name for name in (*model_names(models), *FILES) if (folder / name).exists()]
     if there and not overwrite:
         raise UsageError(f"{folder / there[0]} exists; pass --overwrite to replace it")
 

@@ -20,7 +20,7 @@ from tofmix.io import guard, hdf5, layers_file
 from tofmix.io.findings import Findings
 from tofmix.io.layers_file import LayersFile
 from tofmix.io.model_file import load_model
-from tofmix.io.reconciliation import FILES
+from tofmix.io.reconciliation import FILES, model_names
 from tofmix.io.recording_file import RecordingFile
 from tofmix.io.storage import read_text
 from tofmix.io.verify_recording import verify_recording
@@ -129,7 +129,7 @@ def _check_block(layers: LayersFile, windows: slice, rows: slice, findings: Find
 
 def _verify_folder(folder: Path, findings: Findings) -> None:
     findings.kind = "reconciliation"
-    for name in FILES:
+    for name in (*model_names(1), *FILES):
         if not (folder / name).is_file():
             findings.add(name, "missing; the folder is not a whole reconciliation")
     if not findings.ok:
