@@ -200,7 +200,7 @@ def _wrapping(s: Setting) -> Iterator[Problem]:
     """At the camera's own turn (a free one takes up an offset), and only where something is near enough to it."""
     reach = np.where(s.mixture.lit & (s.mixture.weight > 0), s.mixture.true_range, 0.0) + 4 * s.sigma
     if reach.max() > s.turn:
-        yield Problem(make=lambda _: MAKE["phase_wrapping"](), starts=((),), steps=())
+        yield Problem(make=lambda _: MAKE["phase_wrapping"](unambiguous_range_mm=s.turn), starts=((),), steps=())
 
 
 PROBLEMS: dict[str, _Maker] = {
