@@ -8,6 +8,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tofmix.arrays import FloatArray
+from tofmix.reconcile.joint import acting_part
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.searches import Problem
 from tofmix.simulation.effects import Effect
@@ -45,6 +46,7 @@ def fit(
     start : (parameter,), optional
         Where to start, instead of the problem's starts: near the end, with small steps.
     """
+    part = _heard(problem, likelihood, part)
 
     def cost(x: FloatArray) -> float:
         try:
@@ -65,3 +67,13 @@ def fit(
         found = minimize(cost, best, method="Nelder-Mead", options=options)
         best, value = np.asarray(found.x), float(found.fun)
     return Fitted(effect=problem.make(best), vector=best, problem=problem, value=-value)
+
+
+def _heard(problem: Problem, likelihood: Likelihood, part: Part) -> Part:
+    """The part without recordings that have nothing to do with what is searched."""
+    for start in problem.starts:
+        try:
+            return acting_part(likelihood, problem.make(np.array(start)), part)
+        except ValueError:
+            continue
+    return part
