@@ -4,6 +4,8 @@ import json
 import tomllib
 from pathlib import Path
 
+import h5py
+import numpy as np
 import pytest
 from commandline import Tofmix
 
@@ -123,6 +125,17 @@ def test_it_refuses_a_recording_of_another_image(tofmix: Tofmix, files: tuple[Pa
     assert done.code == 3
     assert "12 x 16" in done.err
     assert not (tmp_path / "gap").exists()
+
+
+def test_it_refuses_temperatures_that_are_not_one_a_frame(
+    tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    with h5py.File(files[1], "r+") as root:
+        root["temperature"] = np.zeros(7, dtype="f4")
+    done = tofmix("reconcile", *files, "-o", tmp_path / "gap")
+    assert done.code == 3
+    assert done.err.count(str(files[1])) == 1
+    assert "temperature: expected one number a frame" in done.err
 
 
 def test_it_refuses_an_unknown_effect(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:

@@ -137,16 +137,12 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
 
     with open_recording(measured) as file:
         every = slice(0, None)
-        try:
-            return make_evidence(
-                scene,
-                file.read_range(every, every),
-                time_s=file.read_time(),
-                amplitude=file.read_amplitude(every, every) if file.has_amplitude else None,
-                temperature_c=file.read_temperature(),
-            )
-        except BadInputError as error:
-            raise BadInputError(f"{measured}: {error}") from error
+        range_mm, time_s, temperature_c = file.read_range(every, every), file.read_time(), file.read_temperature()
+        amplitude = file.read_amplitude(every, every) if file.has_amplitude else None
+    try:
+        return make_evidence(scene, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c)
+    except BadInputError as error:
+        raise BadInputError(f"{measured}: {error}") from error
 
 
 def _write(result: "Reconciliation", files: "Files", output: Path, overwrite: bool) -> None:
