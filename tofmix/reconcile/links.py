@@ -30,6 +30,7 @@ _UNLIKELY_NATS = 25.0  # a constant pixel that the model explains to within this
 VALUE_NATS = math.log(65_534.0)  # price of a stuck pixel's value, any whole mm being as good
 _LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0
 _ON_LATTICE = 0.985
+_AS_MANY = 0.999
 _AROUND = 60  # lines of the spectrum on either side of a peak, which is wider than the lattice's step is sharp
 _MAIN = 0.95
 _FULL = 5.0  # counts of a mm that has a density
@@ -83,11 +84,19 @@ def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
         held = [_held(1 / f, values, weights) / total for f in trial]
         if max(held) >= _ON_LATTICE:
             best = np.flatnonzero(np.array(held) >= max(held) - 1e-9)
-            step = float(1 / trial[best].mean())
+            fine = float(1 / trial[best].mean())
+            step = fine * _multiple(fine, values, weights)
             # Ties of rounding are decided by the last digit: a step of few digits may be the camera's own
             near = [step, *(round(step, digits) for digits in (3, 2, 1, 0))]
             return Quantisation(step_mm=max(near, key=lambda s: _held(s, values, weights, slack=0.0)))
     return None
+
+
+def _multiple(step: float, values: IntArray, weights: FloatArray) -> int:
+    """How many times coarser a lattice may be and hold as many: of 12.5 mm, the finer one of 6.25 mm holds all too."""
+    held = _held(step, values, weights)
+    coarser = (k for k in (4, 3, 2) if k * step <= _MOST_STEP_MM)
+    return next((k for k in coarser if _held(k * step, values, weights) >= _AS_MANY * held), 1)
 
 
 def _peaks(power: FloatArray, most: int) -> list[int]:
