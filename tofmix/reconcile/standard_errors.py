@@ -23,7 +23,8 @@ _UNIT = (0.3, 3.0)  # a drop of the log-likelihood that counts as 1
 _MOST_STEPS = 4
 _ENOUGH = 0.01  # nats that are not worth a step
 _FARTHEST = 200.0  # nats that a step under a pattern may gain; beyond, the log-likelihood is no parabola
-_SOFT = 1e-6
+_SOFT = 1e-9
+_STATIC = 0.05  # share of the curvature that is not of a static bias, below which there is none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,6 +95,7 @@ class _Parabola:
     steps: FloatArray
     slope: FloatArray
     covariance: FloatArray
+    given_pattern: FloatArray  # the covariance if a fixed pattern's values were known
     by_pixel: FloatArray  # (number, pixel) slopes
     by_frame: FloatArray  # (number, frame)
 
@@ -155,9 +157,9 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
     row, col = np.divmod(np.arange(evidence.shape[1]), evidence.image[1])
     squares = row // BLOCK_PIXELS * (evidence.image[1] // BLOCK_PIXELS + 1) + col // BLOCK_PIXELS
     spells = np.arange(evidence.shape[0]) // BLOCK_FRAMES
-    found = [about.covariance]
-    found += [_sandwich(about.covariance, _summed(about.by_pixel, squares))]
-    found += [_sandwich(about.covariance, _summed(about.by_frame, spells))]
+    found = [about.covariance, _sandwich(about.given_pattern, _summed(about.by_frame, spells))]
+    if not any(isinstance(e, FixedPattern) for e in numbers.state.effects):  # which is what pixels share
+        found.append(_sandwich(about.covariance, _summed(about.by_pixel, squares)))
     out, start = {}, 0
     for number, fitted in numbers.fits.items():
         own = slice(start, start + fitted.problem.parameters)
@@ -192,17 +194,21 @@ def _parabola(numbers: Numbers, x: FloatArray) -> _Parabola | None:
     if len(up) < x.size or len(down) < x.size:
         return None
     hessian = _hessian(numbers, x, unit, top.total, ([s.total for s in up], [s.total for s in down]))
-    hessian -= _of_pattern(numbers, top, up, down)
     if not np.isfinite(hessian).all():
         hessian = np.diag(np.where(np.isfinite(np.diag(hessian)), np.diag(hessian), 1.0))
     pairs = list(zip(up, down, strict=True))
     return _Parabola(
         steps=steps,
         slope=np.array([0.5 * (a.total - b.total) for a, b in pairs]),
-        covariance=np.asarray(np.linalg.pinv(hessian + _SOFT * np.eye(x.size), hermitian=True)),
+        covariance=_inverse(_with_pattern(numbers, hessian, top, (up, down))),
+        given_pattern=_inverse(hessian),
         by_pixel=np.stack([0.5 * (a.by_pixel[:, 0] - b.by_pixel[:, 0]) for a, b in pairs]),
         by_frame=np.stack([0.5 * (a.by_frame[:, 0] - b.by_frame[:, 0]) for a, b in pairs]),
     )
+
+
+def _inverse(hessian: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.pinv(hessian + _SOFT * np.eye(len(hessian)), hermitian=True))
 
 
 def _hessian(
@@ -224,24 +230,34 @@ def _hessian(
     return hessian
 
 
-def _of_pattern(numbers: Numbers, top: _Value, up: list[_Value], down: list[_Value]) -> FloatArray:
-    """What the numbers' information loses because each pixel's bias is unknown too (Schur's complement)."""
+def _with_pattern(
+    numbers: Numbers, hessian: FloatArray, top: _Value, around: tuple[list[_Value], list[_Value]]
+) -> FloatArray:
+    """The curvature left where each pixel's bias is unknown too.
+
+    What the numbers move pixels' biases by counts by the covariance of pattern and noise together; what they change
+    beside, in time or in spread, counts as before.
+    """
     pattern = next((e for e in numbers.state.effects if isinstance(e, FixedPattern)), None)
-    n = len(up)
     if pattern is None:
-        return np.zeros((n, n))
+        return hessian
     known = top.by_pixel[:, 2]
     inside = known > 0
-    cross = np.stack([0.5 * (b.by_pixel[:, 1] - a.by_pixel[:, 1]) for a, b in zip(up, down, strict=True)])
-    cross[:, ~inside] = 0.0
+    cross = np.stack([0.5 * (b.by_pixel[:, 1] - a.by_pixel[:, 1]) for a, b in zip(*around, strict=True)])
+    moved = np.where(inside, cross / np.where(inside, known, 1.0), 0.0)
     spreads = (pattern.pixel_sigma_mm, pattern.column_sigma_mm, pattern.row_sigma_mm)
     image = numbers.likelihood.evidence.image
-    taken = []
-    for row in cross:
-        found = PixelBiases(bias=row / np.where(inside, known, 1.0), information=known, gain=np.zeros(known.size))
-        taken.append(marginal_pattern(found, image, spreads)[1])
-    lost = cross @ np.stack(taken).T
-    return np.asarray(0.5 * (lost + lost.T))
+    left = []
+    for bias in moved:
+        found = PixelBiases(bias=bias, information=known, gain=np.zeros(known.size))
+        left.append(bias - marginal_pattern(found, image, spreads)[1])
+    static = cross @ np.stack(left).T
+    beside = hessian - cross @ moved.T
+    beside = 0.5 * (beside + beside.T)
+    none = np.diag(beside) < _STATIC * np.diag(hessian)  # the rest of two numbers that are only nearly the same
+    beside[none] = 0.0
+    beside[:, none] = 0.0
+    return np.asarray(0.5 * (static + static.T) + beside)
 
 
 def _unit_drop(numbers: Numbers, x0: FloatArray, k: int, step: float, top: float) -> float:
