@@ -5,6 +5,7 @@ Half of the names belong to the open half, half to the sealed one.
 """
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -170,18 +171,22 @@ def _families(case: Case, rng: np.random.Generator) -> tuple[str, str]:
     return fit[start % len(fit)], fit[(start + 1) % len(fit)]
 
 
-def build(case: Case, master: int) -> Built:
-    """Draw everything of a case from its name and the half's master seed."""
+def build(case: Case, master: int, *, strength: float | None = None, camera: Mapping[str, Any] | None = None) -> Built:
+    """Draw everything of a case from its name and the half's master seed.
+
+    `strength` takes the place of that of the case's level, `camera` that of what is drawn for the device.
+    """
     key = [master, crc32(case.name.encode())]
     rng = np.random.default_rng([*key, 41])
     far = "phase_wrapping" in case.kinds
     device = draw_device(master, int(rng.integers(DEVICES)) % (3 if far else DEVICES), far=far)
     if "temperature_drift" in case.kinds:
         device = replace(device, frame_rate_hz=float(rng.choice([0.5, 1.0, 2.0])))
+    device = replace(device, **(camera or {}))
     families = _families(case, rng)
     scenes = [draw_scene(family, [*key, k], device.view).surfaces for k, family in enumerate(families)]
     noise = calibrated(replace(device, name="", frame_rate_hz=25.0, frames=1))
-    mechanisms = tuple(_mechanisms(case, rng, device, scenes[0]))
+    mechanisms = tuple(_mechanisms(case, rng, device, scenes[0], strength))
     models = (scenes[0], scenes[1])
     if case.sort == "nearly":
         models = (nearly(scenes[0], device, rng), nearly(scenes[1], device, rng))
@@ -192,14 +197,16 @@ def build(case: Case, master: int) -> Built:
     )  # fmt: skip
 
 
-def _mechanisms(case: Case, rng: np.random.Generator, device: Device, surfaces: list[Surface]) -> list[Mechanism]:
+def _mechanisms(
+    case: Case, rng: np.random.Generator, device: Device, surfaces: list[Surface], strength: float | None
+) -> list[Mechanism]:
     if case.sort == "stranger":
         return [make_stranger(case.kinds[0], int(rng.integers(2**31)))]
     place = Place(device=device, surfaces=surfaces, beams=cast(surfaces, device.view))
     out: list[Mechanism] = []
     for kind in case.kinds:
         size = strengths()[kind][case.level] * float(np.exp(rng.uniform(-0.15, 0.15)))
-        out.append(make(kind, size, rng, place))
+        out.append(make(kind, size if strength is None else strength, rng, place))
     return out
 
 

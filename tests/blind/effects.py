@@ -31,6 +31,10 @@ class Place:
         gloss = reflectivity[self.beams.surface[main]] * self.beams.cosine[main]
         return np.asarray(self.device.amplitude(self.beams.range_mm[main], gloss) * self.device.amplitude_unit)
 
+    def sigmas(self) -> Array:
+        """Their standard deviations, mm."""
+        return np.asarray(self.device.design_sigma(self.beams.range_mm[self.beams.share > 0.5]))
+
 
 class Effect(Mechanism):
     """A mechanism with a kind of the model files."""
@@ -106,8 +110,8 @@ class Harmonics(Effect):
 class ChargeLag(Effect):
     """Transit to the taps by self-induced drift: few electrons are late, t = t0 / (1 + n / n0).
 
-    For n far above n0 that is the power law with exponent 1; the equivalent is the power law's fit over the amplitudes
-    of the image, and is compared as a curve.
+    For n far above n0 that is the power law with exponent 1; the equivalent is the power law's fit over the image's
+    amplitudes, each pixel as uncertain as its sigma, as samples know it; it is compared as a curve.
     """
 
     late_mm: float  # c t0 / 2
@@ -125,11 +129,12 @@ class ChargeLag(Effect):
         amplitude = place.amplitudes()
         reference = float(np.exp(np.log(amplitude).mean()))
         ratio, wanted = reference / amplitude, self.bias(amplitude)
+        sigma = place.sigmas()
         best, scale, exponent = np.inf, 0.0, 1.0
-        for trial in np.linspace(0.2, 1.2, 101):
-            power = ratio**trial
-            size = float(power @ wanted / (power @ power))
-            error = float(((wanted - size * power) ** 2).sum())
+        for trial in np.linspace(0.2, 1.2, 501):
+            power = ratio**trial / sigma
+            size = float(power @ (wanted / sigma) / (power @ power))
+            error = float(((wanted / sigma - size * power) ** 2).sum())
             if error < best:
                 best, scale, exponent = error, size, float(trial)
         return {"scale_mm": scale, "reference_amplitude": reference, "exponent": exponent}

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from blind.cases import Built
-from blind.effects import ChargeLag, Effect, Place
+from blind.effects import Effect, Place
 from blind.geometry import Array
 
 Parameters = dict[str, Any]
@@ -129,10 +129,11 @@ def _bounce(m: _Match) -> tuple[bool, float]:
 
 
 def _lag(m: _Match) -> tuple[bool, float]:
-    amplitude = m.place.amplitudes()
-    assert isinstance(m.mechanism, ChargeLag)
-    wanted = m.mechanism.bias(amplitude)
-    curve = m.found["scale_mm"] * (m.found["reference_amplitude"] / amplitude) ** m.found["exponent"]
+    """As curves over the image, in units of sigma: the power law that comes nearest to the lag, and the one found."""
+    amplitude, sigma = m.place.amplitudes(), m.place.sigmas()
+    wanted, curve = (
+        p["scale_mm"] * (p["reference_amplitude"] / amplitude) ** p["exponent"] / sigma for p in (m.truth, m.found)
+    )
     off = float(np.sqrt(((curve - wanted) ** 2).mean() / (wanted**2).mean()))
     slack = ERRORS * float(m.errors.get("scale_mm") or 0.0) / max(abs(m.found["scale_mm"]), 1e-9)
     return off <= max(SHARE, slack), off

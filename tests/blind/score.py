@@ -51,13 +51,14 @@ class Plan:
 def simulate(model: Path, seed: int) -> Recording:
     """What `tofmix simulate` makes of a model file."""
     output = model.with_suffix(f".{seed}.h5")
-    _run([*SIMULATE, str(model), "-o", str(output), "--seed", str(seed)])
+    run([*SIMULATE, str(model), "-o", str(output), "--seed", str(seed)])
     recording = read_recording(output)
     output.unlink()
     return recording
 
 
-def _run(command: Sequence[str]) -> None:
+def run(command: Sequence[str]) -> None:
+    """Run a command to its end; a RuntimeError with what it said, if it fails."""
     done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"{' '.join(command[:4])}: exit {done.returncode}: {done.stderr.strip()[-400:]}")
@@ -134,7 +135,7 @@ def _reconcile(built: Built, folder: Path, plan: Plan, third: Recording, gaps: t
     assert plan.reconcile is not None
     started, used = time.perf_counter(), os.times()
     try:
-        _run([*plan.reconcile, str(folder / "model.toml"), str(measured), "-o", str(result)])
+        run([*plan.reconcile, str(folder / "model.toml"), str(measured), "-o", str(result)])
         said = json.loads((result / "gap.json").read_text(encoding="utf-8"))
     except (RuntimeError, OSError, ValueError, subprocess.TimeoutExpired) as error:
         return {"failed": str(error)[-600:], "seconds": time.perf_counter() - started}

@@ -94,6 +94,9 @@ def write_folder(
             file.commit()
     for name, text in zip(model_names(len(model_texts)), model_texts, strict=True):
         write_text(folder / name, text, overwrite=overwrite, inputs=inputs)
+    for stale in folder.glob("model_[0-9]*.toml"):  # of more recordings, by an earlier run
+        if stale.name not in model_names(len(model_texts)):
+            stale.unlink()
     write_text(folder / "report.html", page, overwrite=overwrite, inputs=inputs)
     said = json.dumps(gap, indent=2, allow_nan=False) + "\n"
     write_text(folder / "gap.json", said, overwrite=overwrite, inputs=inputs)

@@ -20,6 +20,7 @@ from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, pattern_gain, tolerated
+from tofmix.reconcile.standard_errors import Numbers, polish
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -115,7 +116,7 @@ def add(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] 
     search = _Search(likelihood, settings, tick, likelihood.start())
     held = held_out(likelihood, settings)
     while True:
-        near = tolerated(likelihood, search.state, _fit_part(likelihood, settings), settings.tolerance)
+        near = tolerated(likelihood, search.state, fit_part(likelihood, settings), settings.tolerance)
         panel = compare(likelihood, near, _covered(likelihood, search.state, held), seed=settings.seed)
         if not disagreements(panel, settings.alpha) or len(search.chosen) >= settings.max_effects:
             break
@@ -151,7 +152,7 @@ def held_out(likelihood: Likelihood, settings: Settings) -> Part:
     return np.flatnonzero(~likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
 
 
-def _fit_part(likelihood: Likelihood, settings: Settings) -> Part:
+def fit_part(likelihood: Likelihood, settings: Settings) -> Part:
     """What joint fits see: the rest of `held_out`."""
     if "frames" not in settings.split:
         return likelihood.evidence.part(fit=True, split=settings.split)
@@ -211,7 +212,7 @@ def _aliases(best: Candidate, found: Sequence[Candidate]) -> list[tuple[Candidat
 
 def _refit(search: _Search) -> None:
     """Fit all effects anew, each given the others, on the fitting frames and all their pixels."""
-    likelihood, part = search.likelihood, _fit_part(search.likelihood, search.settings)
+    likelihood, part = search.likelihood, fit_part(search.likelihood, search.settings)
     for _ in range(2 if len(search.chosen) > 1 else 1):
         for k, candidate in enumerate(search.chosen):
             if candidate.fitted is None or not candidate.fitted.problem.steps:
@@ -223,8 +224,17 @@ def _refit(search: _Search) -> None:
             search.state = replace(search.state, effects=_at(rest.effects, k, fitted.effect))
     likelihood.scene.anchor(search.state.effects)
     search.state = latent_states(likelihood, search.state, part[0])
+    last = polish(numbers(likelihood, search.state, search.chosen, part))
+    likelihood.scene.anchor(last.state.effects)
+    search.state = latent_states(likelihood, last.state, part[0])
     for k, candidate in enumerate(search.chosen):
-        search.chosen[k] = replace(candidate, effect=search.state.effects[k])
+        search.chosen[k] = replace(candidate, effect=search.state.effects[k], fitted=last.fits.get(k, candidate.fitted))
+
+
+def numbers(likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part) -> Numbers:
+    """The effects that were searched for, as one vector of numbers."""
+    fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.fitted.problem.steps}
+    return Numbers(likelihood=likelihood, state=state, fits=fits, part=part)
 
 
 def _without(state: State, number: int) -> State:

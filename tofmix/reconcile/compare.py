@@ -15,6 +15,8 @@ from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.links import whitened
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.panel import Curve, discreteness, in_time, invalid, neighbours, panel_axes, shapes
+from tofmix.reconcile.panel_lines import lines
+from tofmix.reconcile.telling import telling_of
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
 _FAR = np.float32(4.0)  # scores beyond count as this: fourth powers must not hang on one sample
@@ -59,7 +61,11 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
     for view in views(likelihood, m, part):
         own = z[view.frames] if not memory else whitened(z[view.frames], view.mixture, memory[0])
         own = np.clip(own[view.part[0]][:, view.part[1]], -_FAR, _FAR)
-        curves += [replace(c, recording=view.number) if view.number else c for c in _curves(own, view, state)]
+        gains = telling_of(own, view.evidence, view.mixture, view.part)
+        curves += [
+            replace(c, recording=view.number, telling=gains.get((c.statistic, c.axis)))
+            for c in _curves(own, view, state)
+        ]
         with np.errstate(invalid="ignore"):
             pattern[view.number, part[1]] = np.nansum(own, axis=0) / np.maximum(np.isfinite(own).sum(axis=0), 1)
     return Compared(curves=tuple(curves), pattern=pattern, part=part)
@@ -73,4 +79,5 @@ def _curves(z: Float32Array, view: View, state: State) -> Iterator[Curve]:
     yield from in_time(z, evidence, part, m)
     yield from invalid(evidence, m, state, axes, part)
     yield from neighbours(z, evidence, part)
+    yield from lines(z, evidence, part)
     yield from discreteness(evidence, part, m, state)

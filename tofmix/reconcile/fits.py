@@ -8,11 +8,14 @@ import numpy as np
 from scipy.optimize import minimize
 
 from tofmix.arrays import FloatArray
+from tofmix.reconcile.joint import acting_part
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.searches import Problem
 from tofmix.simulation.effects import Effect
 
 _MOST_CALLS = 90
+_NEAR = 0.1  # of a step, where the start is an end of another search
+_ENOUGH_X, _ENOUGH_NATS = 1e-3, 0.1  # enough to rank by; the last step is Newton's, for all numbers at once
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,8 +44,9 @@ def fit(
     part : (frames, pixels)
         What the fit may see.
     start : (parameter,), optional
-        Where to start, instead of the problem's starts.
+        Where to start, instead of the problem's starts: near the end, with small steps.
     """
+    part = _heard(problem, likelihood, part)
 
     def cost(x: FloatArray) -> float:
         try:
@@ -57,9 +61,19 @@ def fit(
     best = np.array(starts[int(np.argmin(costs))], dtype=np.float64)
     value = min(costs)
     if problem.steps and math.isfinite(value):
-        steps = np.array(problem.steps)
+        steps = np.array(problem.steps) * (1.0 if start is None else _NEAR)
         simplex = np.vstack([best, best + np.diag(steps)])
-        options: Any = {"initial_simplex": simplex, "maxfev": _MOST_CALLS, "xatol": 1e-4, "fatol": 0.02}
+        options: Any = {"initial_simplex": simplex, "maxfev": _MOST_CALLS, "xatol": _ENOUGH_X, "fatol": _ENOUGH_NATS}
         found = minimize(cost, best, method="Nelder-Mead", options=options)
         best, value = np.asarray(found.x), float(found.fun)
     return Fitted(effect=problem.make(best), vector=best, problem=problem, value=-value)
+
+
+def _heard(problem: Problem, likelihood: Likelihood, part: Part) -> Part:
+    """The part without recordings that have nothing to do with what is searched."""
+    for start in problem.starts:
+        try:
+            return acting_part(likelihood, problem.make(np.array(start)), part)
+        except ValueError:
+            continue
+    return part

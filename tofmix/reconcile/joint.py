@@ -19,8 +19,8 @@ from tofmix.reconcile.mixture import Mixture, Scene
 from tofmix.reconcile.witnesses import (
     Witness,
     amplitude_witnesses,
+    as_bright_as_seen,
     log_ratios,
-    seen_reflectivities,
     warm_up_witness,
 )
 from tofmix.simulation.effects.base import Effect
@@ -119,6 +119,19 @@ def views(likelihood: Likelihood, mixture: Mixture, part: Part) -> Iterator[View
             )  # fmt: skip
 
 
+def acting_part(likelihood: Likelihood, effect: Effect, part: Part) -> Part:
+    """The frames of those recordings in which an effect acts: all others say nothing of it."""
+    evidence, members = likelihood.evidence, likelihood.scene.members
+    acts = [bool(scene.own((effect,))) for scene in members]
+    if all(acts):
+        return part
+    frames = part[0]
+    use = np.zeros(evidence.shape[0], dtype=bool)
+    for own, acting in zip(evidence.recordings, acts, strict=True):
+        use[own] = acting
+    return frames[use[frames]], part[1]
+
+
 def joint_likelihood(recordings: Sequence[Recording]) -> Likelihood:
     """The likelihood of recordings of one camera.
 
@@ -157,7 +170,7 @@ def _seen(model: Model, evidence: Evidence) -> tuple[Scene, dict[str, Witness]]:
     warm_up = warm_up_witness(evidence)
     if warm_up is not None:
         heard["temperature"] = warm_up
-    bright = seen_reflectivities(model, ratios)
+    bright = as_bright_as_seen(model, ratios)
     return (scene if bright is model else Scene(bright, evidence.time_s)), heard
 
 

@@ -7,7 +7,7 @@ these stand the latent states: whether a frame is disturbed (hidden Markov chain
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,6 +27,13 @@ if TYPE_CHECKING:
 
 _CHUNKS = 4  # fixed, so that sums do not depend on the number of threads
 _THREADS = 2
+
+
+@lru_cache(maxsize=1)
+def _pool() -> ThreadPoolExecutor:
+    """Threads for all passes: there are thousands, and a thread takes as long to start as a small pass."""
+    return ThreadPoolExecutor(_THREADS)
+
 
 Part = tuple[IntArray, IntArray]
 """Frames and pixels."""
@@ -131,8 +138,7 @@ class Likelihood:
         shift = state.pixel_bias if bias is None else bias
         density = mixture.outlier / (mixture.high - mixture.low)
         run = partial(self._pass, mixture, pixels, (added, shift, density))
-        with ThreadPoolExecutor(_THREADS) as pool:
-            results = list(pool.map(run, np.array_split(frames, _CHUNKS)))
+        results = list(_pool().map(run, np.array_split(frames, _CHUNKS)))
         out = Sums(*empty_sums(*self.evidence.shape))
         for by_pixel, by_frame in results:
             out.by_pixel += by_pixel
@@ -164,8 +170,11 @@ class Likelihood:
 
     def objective(self, state: State, part: Part) -> float:
         """What fits maximise: `value`, and what the witnesses say of the effects' parameters."""
-        heard = sum(witness.log_density(effect) for effect in state.effects for witness in self.witnesses)
-        return self.value(state, part) + heard
+        return self.value(state, part) + self.heard(state)
+
+    def heard(self, state: State) -> float:
+        """Log density of what the witnesses saw, given the effects."""
+        return float(sum(witness.log_density(effect) for effect in state.effects for witness in self.witnesses))
 
     def _with_bursts(self, mixture: Mixture, state: State, part: Part, effect: Interference) -> float:
         numbers = self.evidence.frame_number[part[0]]
@@ -192,8 +201,7 @@ class Likelihood:
                 m.mean, m.sigma, m.rate, m.lit, m.outlier, m.low, m.high, m.step, m.period, seed, out,
             )  # fmt: skip
 
-        with ThreadPoolExecutor(_THREADS) as pool:
-            list(pool.map(run, np.array_split(frames, _CHUNKS)))
+        list(_pool().map(run, np.array_split(frames, _CHUNKS)))
         for frame in range(len(out)):  # frame by frame: no second copy in double precision
             out[frame] = ndtri(np.clip(out[frame].astype(np.float64), 1e-9, 1 - 1e-9))
         return out

@@ -14,6 +14,7 @@ from scipy.stats import norm
 
 from tofmix.reconcile.compare import Compared
 from tofmix.reconcile.panel import Curve
+from tofmix.reconcile.telling import gain
 
 LEAST_SIZE = 0.02
 """Disagreements smaller than this, in sigma, are none (the contract)."""
@@ -22,8 +23,6 @@ _IN_SIGMA = (
     "bias", "spread", "skew", "tails", "pattern", "spread_pattern", "skew_pattern", "tails_pattern", "common_mode",
     "bursts", "trend", "memory", "neighbour_correlation",
 )  # fmt: skip
-_ORDER = {"spread": 2, "bursts": 2, "skew": 3, "tails": 4}
-_DISCOUNT = 3.0
 _SMALLEST_P = 1.0e-300
 _MOST_BINS = 60
 
@@ -87,16 +86,8 @@ def localise(compared: Compared, alpha: float) -> list[Place]:
 
 
 def _by_weight(curves: Iterable[Curve]) -> list[Curve]:
-    """By what an explanation could gain for each bin it needs: an axis that says it in fewer bins comes first.
-
-    Where means and spreads are far off, so are all higher moments, and by more: they count for less.
-    """
-
-    def weight(curve: Curve) -> float:
-        order = _ORDER.get(curve.statistic.removesuffix("_pattern"), 1)
-        return curve.excess_nats / _DISCOUNT ** (order - 1) - 0.5 * curve.dof * math.log(max(curve.dof, 1))
-
-    return sorted(curves, key=lambda c: -weight(c))
+    """By what each says that curves of lower order do not; equal ones in the order of the panel."""
+    return sorted(curves, key=lambda c: -(gain(c.chi2, c.dof) if c.telling is None else c.telling))
 
 
 def _strongest(curve: Curve, looked_at: int) -> Place:

@@ -16,7 +16,9 @@ from tofmix.reconcile.likelihood import Part, State
 from tofmix.reconcile.mixture import Mixture
 
 SHAPES = ("bias", "spread", "skew", "tails")
-_BINS = 12
+BINS = 12
+"""Of axes that are cut by quantiles."""
+
 _ENOUGH = 200  # samples of a bin
 _ENOUGH_IN_FRAME = 30
 _MANY_BINS = 40
@@ -37,6 +39,7 @@ class Curve:
     unit : str
         Unit of the axis.
     scale_mm : mean sigma of the bin's samples, mm.
+    telling : gain of what it says beyond lower orders, nats (`tofmix.reconcile.telling`); None if not worked out.
     recording : which one it is of, from 0.
     """
 
@@ -48,6 +51,7 @@ class Curve:
     variance: FloatArray
     unit: str
     scale_mm: FloatArray
+    telling: float | None = None
     recording: int = 0
 
     @property
@@ -95,7 +99,9 @@ class Curve:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Axis:
+class Axis:
+    """Bins (pixel,) of the pixels, and the limits of the bins."""
+
     name: str
     unit: str
     bin: IntArray
@@ -103,38 +109,38 @@ class _Axis:
     upper: FloatArray
 
 
-def panel_axes(evidence: Evidence, m: Mixture, part: Part) -> Iterator[_Axis]:
+def panel_axes(evidence: Evidence, m: Mixture, part: Part, *, bins: int = BINS) -> Iterator[Axis]:
     """Bins of the part's pixels by what the model says of them and by where they are."""
+    shares = tuple(np.arange(1, bins) / bins)
     rows, cols = evidence.image
     row, col = np.divmod(part[1], cols)
     mean, lit = m.of_main(m.mean), m.of_main(m.lit)
     contrast = _contrast(np.where(lit, mean, m.high).reshape(rows, cols)).ravel()[part[1]]
     several = ((m.weight[0] > 0) & m.lit[0]).sum(axis=0)[part[1]]
     ones = np.zeros(part[1].size, dtype=np.int64)
-    yield _Axis(name="all", unit="1", bin=ones, lower=np.zeros(1), upper=np.ones(1))
-    yield _quantiles("range", "mm", mean[part[1]])
-    yield _quantiles("amplitude", "1", m.of_main(m.amplitude)[part[1]])
+    yield Axis(name="all", unit="1", bin=ones, lower=np.zeros(1), upper=np.ones(1))
+    yield _quantiles("range", "mm", mean[part[1]], shares)
+    yield _quantiles("amplitude", "1", m.of_main(m.amplitude)[part[1]], shares)
     yield _values("surface", m.of_main(m.surface)[part[1]])
     yield _values("surfaces_in_pixel", np.minimum(several, 3))
-    yield _values("row", row, width=max(1, rows // 16))
-    yield _values("col", col, width=max(1, cols // 16))
-    yield _quantiles("radius", "pixel", np.hypot(row - (rows - 1) / 2, col - (cols - 1) / 2))
+    yield _values("row", row)
+    yield _values("col", col)
+    yield _quantiles("radius", "pixel", np.hypot(row - (rows - 1) / 2, col - (cols - 1) / 2), shares)
     yield _quantiles("neighbour_contrast", "mm", contrast, (0.5, 0.8, 0.9, 0.95))
 
 
-def _quantiles(name: str, unit: str, values: FloatArray, shares: tuple[float, ...] | None = None) -> _Axis:
-    shares = tuple(np.arange(1, _BINS) / _BINS) if shares is None else shares
+def _quantiles(name: str, unit: str, values: FloatArray, shares: tuple[float, ...]) -> Axis:
     inner = np.unique(np.quantile(values, shares))
     edges = np.concatenate([[values.min()], inner, [values.max()]])
-    return _Axis(
+    return Axis(
         name=name, unit=unit, bin=np.searchsorted(inner, values, side="right"), lower=edges[:-1], upper=edges[1:]
     )
 
 
-def _values(name: str, values: IntArray, *, width: int = 1) -> _Axis:
-    bins = (values - min(int(values.min()), 0)) // width
-    lower = np.arange(bins.max() + 1, dtype=np.float64) * width + min(int(values.min()), 0)
-    return _Axis(name=name, unit="1", bin=bins, lower=lower, upper=lower + width)
+def _values(name: str, values: IntArray) -> Axis:
+    bins = values - min(int(values.min()), 0)
+    lower = np.arange(bins.max() + 1, dtype=np.float64) + min(int(values.min()), 0)
+    return Axis(name=name, unit="1", bin=bins, lower=lower, upper=lower + 1)
 
 
 def _contrast(image: FloatArray) -> FloatArray:
@@ -152,7 +158,7 @@ def hermite(z: Float32Array) -> Iterator[Float32Array]:
     yield ((square * (square - 6) + 3) / np.sqrt(24)).astype(np.float32)
 
 
-def shapes(z: Float32Array, axes: list[_Axis], m: Mixture, state: State, part: Part) -> Iterator[Curve]:
+def shapes(z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Part) -> Iterator[Curve]:
     """Means of the four Hermite polynomials over bins of pixels, and pixel by pixel."""
     count = np.isfinite(z).sum(axis=0)
     sigma = m.of_main(m.sigma)[part[1]]
@@ -170,7 +176,7 @@ def shapes(z: Float32Array, axes: list[_Axis], m: Mixture, state: State, part: P
                     value=value, variance=spread, unit="1", scale_mm=sigma[enough])  # fmt: skip
 
 
-def _curve(name: str, axis: _Axis, total: FloatArray, count: FloatArray, sigma: FloatArray) -> Curve:
+def _curve(name: str, axis: Axis, total: FloatArray, count: FloatArray, sigma: FloatArray) -> Curve:
     n = np.bincount(axis.bin, count, minlength=axis.lower.size)
     some = n >= _ENOUGH
     value = np.bincount(axis.bin, total, minlength=n.size)[some] / n[some]
@@ -232,7 +238,7 @@ def _memory(flat: Float32Array, ok: BoolArray, frames: IntArray) -> Iterator[Cur
                 variance=np.array(variance), unit="1", scale_mm=np.ones(len(lags)))  # fmt: skip
 
 
-def invalid(evidence: Evidence, m: Mixture, state: State, axes: list[_Axis], part: Part) -> Iterator[Curve]:
+def invalid(evidence: Evidence, m: Mixture, state: State, axes: list[Axis], part: Part) -> Iterator[Curve]:
     """Invalid samples beyond those that the model expects, over bins of pixels, and frame by frame."""
     lost = evidence.samples[part[0]][:, part[1]] == 0
     working = state.working[part[1]]

@@ -136,15 +136,18 @@ def _per_surface(kind: str, name: str, sizes: tuple[float, ...], *, by_time: boo
 
 
 def _multipath(s: Setting) -> Iterator[Problem]:
-    def make(surface: str, x: FloatArray) -> Effect:
-        path = _bounded(x[1], 0.02, 1.98) * s.turn
-        return MAKE["multipath"](surface=surface, share=math.exp(_bounded(x[0], -9, -0.01)), extra_path_mm=path)
+    """In phase, which changes the amplitude, and across it, which changes the range: each is known by itself."""
+
+    def make(surface: str, unit: float, x: FloatArray) -> Effect:
+        path = _bounded(math.atan2(x[1], x[0]) % (2 * math.pi) / math.pi, 0.02, 1.98) * s.turn
+        share = _bounded(math.hypot(x[0], x[1]) * unit, 1e-4, 0.99)
+        return MAKE["multipath"](surface=surface, share=share, extra_path_mm=path)
 
     for surface, sigma, _ in s.surfaces:
-        share = min(0.3, max(0.01, 2 * math.pi * sigma / s.turn * 1.5))
-        paths = (0.15, 0.35, 0.6, 0.85, 1.15, 1.5, 1.85)
-        starts = tuple((math.log(size), path) for size in (share, 3 * share) for path in paths)
-        yield Problem(make=partial(make, surface), starts=starts, steps=(0.3, 0.1))
+        unit = min(0.2, max(0.006, 2 * math.pi * sigma / s.turn))  # shifts the range by about sigma
+        turns = [math.pi * path for path in (0.15, 0.35, 0.6, 0.85, 1.15, 1.5, 1.85)]
+        starts = tuple((size * math.cos(t), size * math.sin(t)) for size in (1.5, 4.5) for t in turns)
+        yield Problem(make=partial(make, surface, unit), starts=starts, steps=(0.3, 0.3))
 
 
 def _vignetting(s: Setting) -> Iterator[Problem]:  # noqa: ARG001
@@ -197,7 +200,7 @@ def _wrapping(s: Setting) -> Iterator[Problem]:
     """At the camera's own turn (a free one takes up an offset), and only where something is near enough to it."""
     reach = np.where(s.mixture.lit & (s.mixture.weight > 0), s.mixture.true_range, 0.0) + 4 * s.sigma
     if reach.max() > s.turn:
-        yield Problem(make=lambda _: MAKE["phase_wrapping"](), starts=((),), steps=())
+        yield Problem(make=lambda _: MAKE["phase_wrapping"](unambiguous_range_mm=s.turn), starts=((),), steps=())
 
 
 PROBLEMS: dict[str, _Maker] = {

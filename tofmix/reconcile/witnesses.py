@@ -1,8 +1,8 @@
 """What a recording's amplitudes and temperatures say of an effect, beside what its ranges say.
 
-Use `amplitude_witnesses` and `warm_up_witness` for what goes into `Likelihood.objective`, and `seen_reflectivities`
-for a model whose surfaces are as bright as they were recorded. They steer parameters, never names: held-out gains are
-of ranges alone.
+Use `amplitude_witnesses` and `warm_up_witness` for what goes into `Likelihood.objective`, and `as_bright_as_seen` for
+a model in which laws of amplitude act on recorded ones. They steer parameters, never names: held-out gains are of
+ranges alone.
 
 A witness is only as good as the model's amplitudes are, or as the thermometer's place is. How good the amplitudes are,
 the recording tells: by how much its other surfaces differ from the model.
@@ -10,7 +10,9 @@ the recording tells: by how much its other surfaces differ from the model.
 
 import cmath
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -18,8 +20,10 @@ from scipy.stats import t as student
 
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.mixture import Mixture
-from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.echoes import Echoes
+from tofmix.simulation.effects.base import Context, Effect, Level
 from tofmix.simulation.effects.multipath import Multipath
+from tofmix.simulation.effects.parameter import Parameter
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 from tofmix.simulation.model import Model
 
@@ -27,7 +31,8 @@ _SINGLE = 0.9  # weight of a pixel's main surface
 _LEAST_PIXELS = 12
 _ROUGH = 0.3  # scatter of a surface's log ratios above which its amplitudes follow another law
 _OWN_UNIT = 0.02  # a surface whose amplitude is right to this: the recording's unit is the model's
-_BEST = 0.002  # log ratio: no model's amplitudes are better
+_BEST = 0.002  # log ratio: scatter of a model's amplitudes that is supposed before it is seen,
+_SUPPOSED = 2  # as if seen on so many surfaces
 _LEAST_OTHERS = 2
 _LEAST_RISE_K = 0.5
 _SAME_LAW = 0.9  # of the temperature's variance that a warm-up must explain
@@ -113,7 +118,30 @@ def log_ratios(model: Model, evidence: Evidence, mixture: Mixture) -> dict[str, 
     return out
 
 
-def seen_reflectivities(model: Model, ratios: dict[str, float]) -> Model:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SeenAmplitude(Effect):
+    """Amplitudes of each surface times a factor, for what acts by amplitude after the light has been mixed.
+
+    No effect of a camera, and never written: it stands for reflectivities that the model has wrong.
+    """
+
+    kind: ClassVar[str] = "seen_amplitude"
+    level: ClassVar[Level] = Level.CORRELATION
+
+    factors: tuple[float, ...]
+
+    @classmethod
+    def parameters(cls) -> Mapping[str, Parameter]:
+        """None: no model file has it."""
+        return {}
+
+    def act(self, echoes: Echoes, context: Context) -> None:  # noqa: ARG002  the effects' own signature
+        """Multiply; ranges and their noise stay."""
+        factor = np.array([*self.factors, 1.0])  # the last is for no surface, number -1
+        echoes.amplitude = echoes.amplitude * factor[echoes.surface]
+
+
+def as_bright_as_seen(model: Model, ratios: dict[str, float]) -> Model:
     """The model with each surface as bright, against the others, as it was recorded.
 
     The unit of recorded amplitudes may be any; it is the model's if one surface's amplitude is right.
@@ -122,12 +150,8 @@ def seen_reflectivities(model: Model, ratios: dict[str, float]) -> Model:
         return model
     own_unit = min(abs(r) for r in ratios.values()) < _OWN_UNIT
     unit = 0.0 if own_unit else float(np.median(list(ratios.values())))
-    bright = {
-        s.name: min(s.reflectivity * math.exp(ratios[s.name] - unit), 1.0) for s in model.surfaces if s.name in ratios
-    }
-    return replace(
-        model, surfaces=tuple(replace(s, reflectivity=bright.get(s.name, s.reflectivity)) for s in model.surfaces)
-    )
+    factors = tuple(math.exp(ratios.get(s.name, unit) - unit) for s in model.surfaces)
+    return replace(model, effects=(*model.effects, SeenAmplitude(factors=factors)))
 
 
 def amplitude_witnesses(ratios: dict[str, float], turn_mm: float) -> list[AmplitudeWitness]:
@@ -137,12 +161,11 @@ def amplitude_witnesses(ratios: dict[str, float], turn_mm: float) -> list[Amplit
         others = np.array([r for other, r in ratios.items() if other != name])
         if others.size < _LEAST_OTHERS:
             continue
-        scale = max(float(others.std(ddof=1)), _BEST) * math.sqrt(1 + 1 / others.size)
-        out.append(
-            AmplitudeWitness(
-                surface=name, log_ratio=ratio - float(others.mean()), scale=scale, dof=others.size - 1, turn_mm=turn_mm
-            )
-        )
+        dof = _SUPPOSED + others.size - 1
+        spread = (_SUPPOSED * _BEST**2 + float(((others - others.mean()) ** 2).sum())) / dof
+        scale = math.sqrt(spread * (1 + 1 / others.size))
+        above = ratio - float(others.mean())
+        out.append(AmplitudeWitness(surface=name, log_ratio=above, scale=scale, dof=dof, turn_mm=turn_mm))
     return out
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.reconcile import links
-from tofmix.reconcile.add import Added, Settings, add, latent_states
+from tofmix.reconcile.add import Added, Settings, add, fit_part, latent_states, numbers
 from tofmix.reconcile.aliases import separate_by
 from tofmix.reconcile.compare import Compared
 from tofmix.reconcile.evidence import Evidence
@@ -228,14 +228,13 @@ def _named(likelihood: Likelihood, added: Added, verified: Verified, settings: S
         return ()
     frames, pixels = likelihood.evidence.shape
     everything = np.arange(frames), np.arange(pixels)
-    fit_frames = np.flatnonzero(likelihood.evidence.fit_frames), everything[1]
+    errors_of = standard_errors(numbers(likelihood, added.state, added.chosen, fit_part(likelihood, settings)))
     state = latent_states(likelihood, added.state, everything[0])
     out = []
     for k, candidate in enumerate(added.chosen):
         effect = state.effects[k]
         if candidate.fitted is not None:
-            rest = replace(state, effects=(*state.effects[:k], *state.effects[k + 1 :]))
-            errors = standard_errors(candidate.fitted, likelihood, rest, fit_frames)
+            errors = errors_of.get(k, {})
         else:
             effect, errors = _latent(likelihood, state, effect, settings)
         out.append(NamedEffect(effect=effect, stderr=errors, heldout_gain_nats=candidate.gain))

@@ -119,20 +119,26 @@ def test_memory_changes_no_marginal(bench: Bench) -> None:
         np.testing.assert_array_equal(getattr(plain, name), getattr(other, name))
 
 
-def test_crosstalk_predicts_mean_and_variance(bench: Bench) -> None:
-    """Where neighbours see several surfaces: first two moments, given the pixel's own event."""
+def test_crosstalk_predicts_mean_variance_and_shape(bench: Bench) -> None:
+    """Where neighbours see several surfaces too: what the most uncertain two see is told apart."""
     (one,) = effects({"kind": "pixel_crosstalk", "share": 0.04})
     recorded = bench.boards(one, frames=4000, outlier_probability=0.0)
     prediction = predict(recorded.model, recorded.truth)
     single = (recorded.truth.n_modes.ravel() == 1) & (recorded.truth.weight_no_return.ravel() == 0)
     found = recorded.range_mm[:, single]
-    mean, sigma = prediction.range_mm[0, single], np.hypot(prediction.sigma_mm[0, single], 12**-0.5)
+    weight, each = prediction.weight[:, single], prediction.range_mm[:, single]
+    mean = (weight * each).sum(axis=0)
+    sigma = np.sqrt((weight * (prediction.sigma_mm[:, single] ** 2 + (each - mean) ** 2)).sum(axis=0) + 1 / 12)
     shift = mean - recorded.true_mm[single]
     assert abs(shift).max() > 30
     z = (found.mean(axis=0) - mean) / (sigma / 4000**0.5)
     assert abs(z).max() < 4.5
     ratio = found.var(axis=0) / sigma**2
     assert abs(ratio - 1).max() < 5 * (2 / 4000) ** 0.5
+    u = prediction.pit(recorded.stored, np.random.default_rng(7))[:, single]
+    several = (weight > 0).sum(axis=0) > 1
+    assert several.any()
+    assert min(stats.kstest(column, "uniform").pvalue for column in u[:, several].T) > ALPHA / several.sum()
 
 
 def test_probabilities_of_stored_values_sum_to_one(bench: Bench) -> None:

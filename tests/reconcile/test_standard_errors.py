@@ -1,0 +1,76 @@
+"""Standard errors cover the truth, also where noise is shared; the last step finds the top."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reconcile_errors import EFFECTS_OF, FRAMES, MEMORY, deviations, scene
+from recordings import MAKE, Record
+
+from tofmix.reconcile.fits import Fitted
+from tofmix.reconcile.likelihood import Likelihood
+from tofmix.reconcile.mixture import Scene
+from tofmix.reconcile.pixel_pattern import PixelBiases, marginal_pattern
+from tofmix.reconcile.searches import problems
+from tofmix.reconcile.standard_errors import Numbers, polish, standard_errors
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.model import Model
+
+RECORDINGS = 16
+
+
+@pytest.mark.parametrize("beside", [(), (MEMORY,)], ids=["independent noise", "noise with a memory"])
+def test_errors_cover_the_truth(beside: tuple[Effect, ...]) -> None:
+    """32 numbers in 16 recordings: of a normal deviate's squares the mean is 1 +- 0.25, which is 0.35 to 2.0 at 4 such.
+
+    The largest of three estimates is a little too large, so that the lower margin is wider.
+    """
+    both = EFFECTS_OF["range_offset and wiggling"]
+    model = scene()
+    off = np.concatenate([deviations(model, both, beside, seed=seed) for seed in range(RECORDINGS)])
+    assert off.size == 3 * RECORDINGS
+    assert 0.35 < (off**2).mean() < 2.0
+    assert (np.abs(off) < 3).mean() > 0.9
+
+
+def fitted_offset(model: Model, likelihood: Likelihood, start_sigma: float) -> Numbers:
+    """An offset that was not searched for, so many typical sigmas long."""
+    (problem,) = problems("range_offset", likelihood, likelihood.scene.mixture())
+    vector = np.array([start_sigma])
+    fitted = Fitted(effect=problem.make(vector), vector=vector, problem=problem, value=0.0)
+    part = np.arange(FRAMES), np.arange(model.sensor.rows * model.sensor.cols)
+    state = replace(likelihood.start(), effects=(fitted.effect,))
+    return Numbers(likelihood=likelihood, state=state, fits={0: fitted}, part=part)
+
+
+def test_the_last_step_ends_at_the_top_and_its_error_is_that_of_a_mean(model: Model, record: Record) -> None:
+    evidence = record(MAKE["range_offset"](offset_mm=4.0))
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    found = polish(fitted_offset(model, likelihood, 0.39))
+    mixture = likelihood.scene.mixture(found.state.effects)
+    slope = likelihood.sums(mixture, found.state, found.part).by_pixel[:, 1:3].sum(axis=0)
+    assert abs(slope[0]) < 0.2 * np.sqrt(slope[1])  # a fifth of a standard error from the top
+    assert standard_errors(found)[0]["offset_mm"] == pytest.approx(1 / np.sqrt(slope[1]), rel=0.35)
+
+
+def test_a_pattern_that_is_unknown_widens_the_errors(model: Model, record: Record) -> None:
+    """The error of a constant under a pattern of pixels is at least the pattern's spread over root pixels."""
+    evidence = record(MAKE["range_offset"](offset_mm=4.0), MAKE["fixed_pattern"](
+        pixel_sigma_mm=8.0, column_sigma_mm=0.0, row_sigma_mm=0.0))  # fmt: skip
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    alone = fitted_offset(model, likelihood, 0.4)
+    pattern = MAKE["fixed_pattern"](pixel_sigma_mm=8.0, column_sigma_mm=0.001, row_sigma_mm=0.001)
+    both = replace(alone, state=replace(alone.state, effects=(*alone.state.effects, pattern)))
+    least = 8.0 / np.sqrt(evidence.shape[1])
+    assert standard_errors(both)[0]["offset_mm"] > 0.95 * least
+
+
+def test_a_map_given_the_data_is_shrunk_as_its_covariance_says(rng: np.random.Generator) -> None:
+    """What `standard_errors` takes from it: the posterior covariance times a vector."""
+    rows, cols = 4, 5
+    information, vector = rng.uniform(0.5, 2.0, rows * cols), rng.normal(size=rows * cols)
+    found = PixelBiases(bias=vector / information, information=information, gain=np.zeros(rows * cols))
+    row, col = np.divmod(np.arange(rows * cols), cols)
+    prior = 4.0 * np.eye(rows * cols) + 1.0 * (col[:, None] == col) + 0.49 * (row[:, None] == row)
+    wanted = np.linalg.solve(np.linalg.inv(prior) + np.diag(information), vector)
+    np.testing.assert_allclose(marginal_pattern(found, (rows, cols), (2.0, 1.0, 0.7))[1], wanted, rtol=1e-9)

@@ -1,0 +1,124 @@
+"""What tests and benchmarks of the standard errors share: a small scene, an effect, and how far fits miss the truth."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from recordings import MAKE
+
+from tofmix.arrays import FloatArray
+from tofmix.reconcile.add import latent_states
+from tofmix.reconcile.evidence import make_evidence
+from tofmix.reconcile.fits import Fitted, fit
+from tofmix.reconcile.likelihood import Likelihood, Part, State
+from tofmix.reconcile.mixture import Scene
+from tofmix.reconcile.searches import problems
+from tofmix.reconcile.standard_errors import Numbers, numeric, polish, standard_errors
+from tofmix.sensor import NoiseCurve
+from tofmix.sensors.registry import load_profile
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.render import render_blocks
+
+FRAMES = 120
+MEMORY = MAKE["temporal_correlation"](coefficient=0.5)
+EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
+    "range_offset": (MAKE["range_offset"](offset_mm=8.0),),
+    "surface_pose": (MAKE["surface_pose"](surface="middle", shift_mm=15.0),),
+    "wiggling": (MAKE["wiggling"](amplitude_mm=10.0, phase_rad=0.7),),
+    "amplitude_walk": (MAKE["amplitude_walk"](scale_mm=8.0, reference_amplitude=100.0, exponent=0.8),),
+    "temperature_drift": (MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=4.0),),
+    "motion": (MAKE["motion"](surface="middle", velocity_mm_s=2.0),),
+    "scattering": (MAKE["scattering"](share=0.02),),
+    "multipath": (MAKE["multipath"](surface="middle", share=0.08, extra_path_mm=1500.0),),
+    "excess_noise": (MAKE["excess_noise"](factor=1.3),),
+    "vignetting": (MAKE["vignetting"](corner_factor=1.4),),
+    "outliers": (MAKE["outliers"](probability=0.01),),
+    "pixel_crosstalk": (MAKE["pixel_crosstalk"](share=0.03),),
+    "range_offset and wiggling": (
+        MAKE["range_offset"](offset_mm=8.0), MAKE["wiggling"](amplitude_mm=10.0, phase_rad=0.7),
+    ),
+    "range_offset and fixed_pattern": (
+        MAKE["range_offset"](offset_mm=8.0),
+        MAKE["fixed_pattern"](pixel_sigma_mm=6.0, column_sigma_mm=2.0, row_sigma_mm=2.0),
+    ),
+}  # fmt: skip
+"""Effects that are hidden together."""
+
+
+def scene() -> Model:
+    """Two boards and a slanted wall before a camera of 16 x 20 pixels."""
+    ranges = np.linspace(500.0, 6000.0, 12)
+    sensor = replace(
+        load_profile("sr3000"), rows=16, cols=20, fov_horizontal_deg=50.0, fov_vertical_deg=40.0, range_min_mm=300.0,
+        range_max_mm=7000.0, noise=NoiseCurve(ranges, 3.0 + (ranges / 1000) ** 2), reference_integration_time_ms=1.0,
+        integration_time_ms=1.0, modulation_frequency_hz=20e6,
+    )  # fmt: skip
+    surfaces = (
+        Surface(name="near", center_mm=(-500.0, 0.0, 1300.0), size_mm=(700.0, 700.0), reflectivity=0.9),
+        Surface(name="middle", center_mm=(600.0, 100.0, 2300.0), size_mm=(900.0, 900.0), reflectivity=0.3),
+        Surface(name="wall", center_mm=(0.0, 0.0, 4000.0), size_mm=(20000.0, 20000.0), yaw_deg=30.0, reflectivity=0.6),
+    )
+    return Model(sensor=sensor, surfaces=surfaces, recording=RecordingSettings(frames=FRAMES, frame_rate_hz=10.0))
+
+
+def deviations(model: Model, effects: tuple[Effect, ...], beside: tuple[Effect, ...], *, seed: int) -> FloatArray:
+    """How far each number of the fitted effects is from the truth, in its standard errors.
+
+    Parameters
+    ----------
+    model : Model
+        What the fit knows.
+    effects : tuple of Effect
+        Hidden, and fitted.
+    beside : tuple of Effect
+        Hidden, and not fitted.
+    seed : int
+        Of the recording.
+    """
+    real = replace(model, effects=(*effects, *beside))
+    (block,) = render_blocks(real, cast_scene(real), n_frames=FRAMES, seed=seed, block_frames=FRAMES)
+    range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
+    evidence = make_evidence(model, range_mm, time_s=block.time_s)
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    fitted_all = _fit(likelihood, effects)
+    errors = standard_errors(fitted_all)
+    out = []
+    for number, fitted in fitted_all.fits.items():
+        found = numeric(fitted.effect)
+        wanted = numeric(effects[number])
+        if fitted.effect.kind == "amplitude_walk":  # at the fit's own reference
+            wanted["scale_mm"] *= (wanted["reference_amplitude"] / found["reference_amplitude"]) ** wanted["exponent"]
+            wanted["reference_amplitude"] = found["reference_amplitude"]
+        for name, error in errors[number].items():
+            if error > 0:
+                change = found[name] - wanted[name]
+                out.append((math.remainder(change, 2 * math.pi) if name == "phase_rad" else change) / error)
+    return np.array(out)
+
+
+def _fit(likelihood: Likelihood, effects: tuple[Effect, ...]) -> Numbers:
+    """Fit effects that are known by kind and surface, one given the others, as the search does; then all at once."""
+    pixels = likelihood.evidence.shape[1]
+    part = np.flatnonzero(likelihood.evidence.fit_frames), np.arange(pixels)
+    state, fits = likelihood.start(), dict[int, Fitted]()
+    for number, effect in enumerate(effects):
+        if effect.kind == "fixed_pattern":
+            state = latent_states(likelihood, replace(state, effects=(*state.effects, effect)), part[0])
+            continue
+        fitted = _one(likelihood, effect, state, part)
+        state = replace(state, effects=(*state.effects, fitted.effect))
+        fits[number] = fitted
+    likelihood.scene.anchor(state.effects)
+    for _ in range(2):
+        found = polish(Numbers(likelihood=likelihood, state=state, fits=fits, part=part))
+        state, fits = latent_states(likelihood, found.state, part[0]), dict(found.fits)
+    return Numbers(likelihood=likelihood, state=state, fits=fits, part=part)
+
+
+def _one(likelihood: Likelihood, effect: Effect, state: State, part: Part) -> Fitted:
+    mixture = likelihood.scene.mixture(state.effects)
+    found = [fit(p, likelihood, state, part) for p in problems(effect.kind, likelihood, mixture)]
+    surface = getattr(effect, "surface", "")
+    return max((f for f in found if getattr(f.effect, "surface", "") == surface), key=lambda f: f.value)
