@@ -8,6 +8,7 @@ import tomllib
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 from commandline import Tofmix
 
@@ -171,6 +172,17 @@ def test_it_refuses_a_folder_before_any_work(
     done = tofmix("reconcile", *files, "-o", tmp_path / "gap")
     assert done.code == 4
     assert "no permission" in done.err
+
+
+def test_it_refuses_temperatures_that_are_not_one_a_frame(
+    tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    with h5py.File(files[1], "r+") as root:
+        root["temperature"] = np.zeros(7, dtype="f4")
+    done = tofmix("reconcile", *files, "-o", tmp_path / "gap")
+    assert done.code == 3
+    assert done.err.count(str(files[1])) == 1
+    assert "temperature: expected one number a frame" in done.err
 
 
 def test_it_refuses_an_unknown_effect(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:

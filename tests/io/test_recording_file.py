@@ -260,9 +260,26 @@ def test_a_written_recording_reads_back(tmp_path: Path) -> None:
         np.testing.assert_array_equal(np.nan_to_num(read), samples)
         amplitude = recording.read_amplitude(*EVERYTHING)
         np.testing.assert_array_equal(amplitude, np.float32(1 / 7) * samples.astype(np.float32))
+        np.testing.assert_array_equal(recording.read_time(), np.arange(230) / 25.0)
+        np.testing.assert_array_equal(recording.read_temperature(), np.full(230, 31.5))
         assert recording.sensor.modulation_frequency_hz == 20e6
         assert recording.sensor.noise is not None
         np.testing.assert_array_equal(recording.sensor.noise.sigma_mm, [10.0, 80.0])
+
+
+def test_a_temperature_that_is_none_a_frame_is_refused(tmp_path: Path) -> None:
+    _write(tmp_path / "r.h5", boards(12))
+    with h5py.File(tmp_path / "r.h5", "r+") as root:
+        del root["temperature"]
+        root["temperature"] = np.zeros(7, dtype="f4")
+    with (
+        open_recording(tmp_path / "r.h5") as recording,
+        pytest.raises(BadInputError, match="temperature: expected one"),
+    ):
+        recording.read_temperature()
+    write_recording(tmp_path / "none.h5", boards(12))
+    with open_recording(tmp_path / "none.h5") as recording:
+        assert recording.read_temperature() is None
 
 
 def test_xarray_opens_it_with_named_dimensions(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from tofmix.reconcile.fits import fit
 from tofmix.reconcile.joint import joint_likelihood
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.searches import problems
-from tofmix.reconcile.standard_errors import numeric, standard_errors
+from tofmix.reconcile.standard_errors import Numbers, numeric, standard_errors
 from tofmix.reconcile.witnesses import (
     SeenAmplitude,
     amplitude_witnesses,
@@ -62,7 +62,8 @@ def test_amplitudes_decide_the_share_and_path_of_multipath(model: Model) -> None
         search = problems("multipath", likelihood, likelihood.scene.mixture())[1]  # of the second surface
         fitted = fit(search, likelihood, start, part)
         found.append(numeric(fitted.effect))
-        errors.append(standard_errors(fitted, likelihood, start, part))
+        state = replace(start, effects=(fitted.effect,))
+        errors.append(standard_errors(Numbers(likelihood=likelihood, state=state, fits={0: fitted}, part=part))[0])
     for name, wanted in (("share", 0.03), ("extra_path_mm", 1400.0)):
         assert abs(found[0][name] - wanted) < 4 * errors[0][name]
         assert errors[0][name] < 0.1 * wanted

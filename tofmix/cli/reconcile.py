@@ -135,11 +135,10 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
     from tofmix.io.recording_file import open_recording
     from tofmix.reconcile.evidence import make_evidence
 
-    every = slice(0, None)
     with open_recording(measured) as file:
-        range_mm, time_s = file.read_range(every, every), file.read_time()
+        every = slice(0, None)
+        range_mm, time_s, temperature_c = file.read_range(every, every), file.read_time(), file.read_temperature()
         amplitude = file.read_amplitude(every, every) if file.has_amplitude else None
-        temperature_c = file.read_temperature()
     try:
         return make_evidence(scene, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c)
     except BadInputError as error:

@@ -39,7 +39,7 @@ def where_text(place: Place, result: Reconciliation) -> str:
     low, high = place.interval
     unit = _UNITS.get(place.axis, "")
     axis = _AXES.get(place.axis, place.axis)
-    within = f" of recording {place.recording + 1}" if len(result.models) > 1 else ""
+    within = f" in recording {place.recording + 1}" if len(result.models) > 1 else ""
     size = f"{place.statistic.replace('_', ' ')} of {place.size:+.3g}{' mm' if place.unit == 'mm' else ''}"
     if place.axis == "all":
         return f"everywhere{within} ({size})"
