@@ -25,7 +25,6 @@ from blind.write import write_recording
 ROOT = Path(__file__).parents[2]
 MODEL = ROOT / "sample_data" / "three_boards_model.toml"
 PROFILE = ROOT / "tofmix" / "sensors" / "sr3000.toml"
-FRAMES = 60
 HIDDEN = Harmonics(third=0.018, third_phase=0.9, fifth=0.003, fifth_phase=0.2)
 _KEPT = {"range": ("units", "long_name", "_FillValue"), "time": ("units", "long_name")}
 
@@ -53,8 +52,9 @@ def main() -> None:
     parser.add_argument("output", type=Path)
     parser.add_argument("--without", action="store_true", help="leave the harmonics out")
     parser.add_argument("--seed", type=int, default=2008)
+    parser.add_argument("--frames", type=int, default=60)
     options = parser.parse_args()
-    device, scene = _read()
+    device, scene = _read(options.frames)
     hidden = () if options.without else (HIDDEN,)
     whole = options.output.with_suffix(".tmp")
     write_recording(whole, record(device, scene, hidden, seed=options.seed), device, device.curve)
@@ -64,7 +64,7 @@ def main() -> None:
         print(HIDDEN.equivalent(Place(device=device, surfaces=scene, beams=cast(scene, device.view))))
 
 
-def _read() -> tuple[Calibrated, list[Surface]]:
+def _read(frames: int) -> tuple[Calibrated, list[Surface]]:
     """The camera and the boards of the model file, in the blind simulator's terms."""
     model, profile = (tomllib.loads(path.read_text(encoding="utf-8")) for path in (MODEL, PROFILE))
     sensor, noise = profile["sensor"] | model["sensor"], profile["sensor"]["noise"]
@@ -75,7 +75,7 @@ def _read() -> tuple[Calibrated, list[Surface]]:
         name="hidden effect", rows=sensor["rows"], cols=sensor["cols"],
         fov_horizontal_deg=sensor["fov_horizontal_deg"], fov_vertical_deg=sensor["fov_vertical_deg"],
         frequency_hz=sensor["modulation_frequency_hz"], integration_time_ms=tau_ms,
-        frame_rate_hz=model["recording"]["frame_rate_hz"], frames=FRAMES,
+        frame_rate_hz=model["recording"]["frame_rate_hz"], frames=frames,
         range_min_mm=sensor["range_min_mm"], range_max_mm=sensor["range_max_mm"],
         outlier_probability=sensor["outlier_probability"], electrons=2.0e5, curve=curve,
     )  # fmt: skip

@@ -1,10 +1,10 @@
 """Write the model of the real recording: planes through the ranges of pixels that were picked by eye.
 
-Run as `python tests/benchmarks/real_model.py sample_data/tmf8829_edge_model.toml`. A surface is a plane through the
-median ranges of the pixels that were picked for it; where it ends is read off the image. Noise curve and p(c_r) are
-those that `tofmix estimate --noise auto --outliers auto` measures. The recording names no end of the working range: 5 m
-is beyond all that it shows. `--map FRAMES` adds what the planes miss in each pixel, measured over the first frames, as
-a map beside the model (`fixed_pattern`).
+Run as `python tests/benchmarks/real_model.py sample_data/tmf8829_edge_model.toml`; prints what the planes miss, and how
+far the surfaces drift. A surface is a plane through the median ranges of the pixels that were picked for it; where it
+ends is read off the image. Noise curve and p(c_r) are those that `tofmix estimate --noise auto --outliers auto`
+measures. The recording names no end of the working range: 5 m is beyond all that it shows. `--map FRAMES` adds what the
+planes miss in each pixel, measured over the first frames, as a map beside the model (`fixed_pattern`).
 """
 
 import argparse
@@ -80,15 +80,23 @@ def fitted_plane(beam: Array, range_mm: Array) -> Array:
     return np.asarray(least_squares(misfit, start, loss="soft_l1", x_scale=1e-4).x)
 
 
-def surface_table(seen: Seen, view: View, range_mm: Array) -> str:
-    """The [[surface]] of what is seen; `range_mm` (row, col) are the pixels' medians."""
+def drift_mm(samples: Array) -> float:
+    """What a straight line through the frames' medians of samples (frame, pixel) changes from first to last."""
+    frame = np.arange(len(samples))
+    return float(np.polyfit(frame, np.median(samples - np.median(samples, axis=0), axis=1), 1)[0] * frame[-1])
+
+
+def surface_table(seen: Seen, view: View, samples: Array) -> str:
+    """The [[surface]] of what is seen in samples (frame, row, col)."""
+    range_mm = np.median(samples, axis=0)
     picked = np.zeros(range_mm.shape, dtype=bool)
     for top, bottom, left, right in seen.pixels:
         picked[top:bottom, left:right] = True
     row, col = np.nonzero(picked)
     plane = fitted_plane(view.beams(row, col), range_mm[picked])
     away = 1 / (view.beams(row, col) @ plane)
-    print(f"{seen.name}: {picked.sum()} pixels, rms {np.std(away - range_mm[picked]):.1f} mm")
+    rms, drift = np.std(away - range_mm[picked]), drift_mm(samples[:, picked])
+    print(f"{seen.name}: {picked.sum()} pixels, rms {rms:.1f} mm, drift {drift:+.1f} mm")
     normal = plane / np.linalg.norm(plane)
     yaw, pitch = np.arcsin(normal[0]), np.arctan2(-normal[1], normal[2])
     axes = np.array([[np.cos(yaw), np.sin(yaw) * np.sin(pitch), -np.sin(yaw) * np.cos(pitch)],
@@ -138,6 +146,7 @@ def misfit_map(model: Path, range_mm: Array) -> Array:
     off = range_mm - main
     near = np.abs(off) < FAR_MM
     seen = near.any(axis=0)
+    print(f"{(~near.all(axis=0)).sum()} pixels have samples more than {FAR_MM:.0f} mm from the model's main surface")
     return np.where(seen, np.nanmedian(np.where(near | ~seen, off, np.nan), axis=0), 0.0).astype(np.float32)
 
 
@@ -163,7 +172,7 @@ def main() -> None:
         "# What tmf8829_edge.h5 shows, as planes: made by tests/benchmarks/real_model.py from the recording itself.\n",
         sensor_table(view, noise, sensor.name),
         f"[recording]\nframes = {frames}\nframe_rate_hz = {rate_hz:.3f}\nseed = 1\n",
-        *(surface_table(seen, view, np.median(range_mm, axis=0)) for seen in SEEN),
+        *(surface_table(seen, view, range_mm) for seen in SEEN),
     ]
     options.output.write_text("\n".join(parts), encoding="utf-8")
     if options.map:

@@ -48,13 +48,14 @@ class GapPicture(NamedTuple):
 
 
 def curve_pictures(result: Reconciliation) -> list[GapPicture]:
-    """The curves of the panel that disagree most before, and the most telling one of each other statistic."""
+    """Curves that disagree most, in the order of `where`, and the most telling one of each other statistic."""
     v = result.verified
     after = {c.name: c for c in v.after.curves} if result.named else {}
     drawable = [c for c in v.before.curves if c.dof > 1 and not c.statistic.endswith("pattern")]
-    by_z = sorted(drawable, key=lambda c: -c.z)
-    top = by_z[:_MOST]
-    for curve in by_z[_MOST:]:
+    named = {(p.statistic, p.axis, p.recording): number for number, p in reversed(list(enumerate(result.where)))}
+    ranked = sorted(drawable, key=lambda c: (named.get(c.name, len(named)), -c.z))
+    top = ranked[:_MOST]
+    for curve in ranked[_MOST:]:
         if curve.statistic not in {c.statistic for c in top} and (curve.value != 0).any():
             top.append(curve)
     several = len(result.models) > 1
