@@ -56,4 +56,4 @@ def use() -> None:
     """Let `guard` of this process and its forks fork its scouts."""
     names = ("PIPE", "DEVNULL", "TimeoutExpired")
     replaced = SimpleNamespace(Popen=ForkedScout, **{name: getattr(subprocess, name) for name in names})
-    guard.subprocess = replaced  # type: ignore[assignment]
+    guard.subprocess = replaced  # type: ignore[assignment,attr-defined]
