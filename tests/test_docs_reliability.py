@@ -1,0 +1,34 @@
+"""Each promise of docs/reliability.md names a test that is there."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGE = (ROOT / "docs/reliability.md").read_text()
+
+
+def test_every_test_that_the_page_names_exists() -> None:
+    named = 0
+    for line in PAGE.splitlines():
+        module: Path | None = None
+        for path, function in re.findall(r"`(tests/[\w/]+\.py)?(?:::(\w+))?`", line):
+            if not path and not function:
+                continue
+            module = ROOT / path if path else module
+            assert module is not None, line
+            text = module.read_text()
+            if function:
+                assert f"def {function}(" in text, f"{module}: no {function}"
+            named += 1
+    assert named > 30
+
+
+@pytest.mark.parametrize("section", ["Reading", "Writing", "Signals", "Code and network"])
+def test_every_promise_has_its_test(section: str) -> None:
+    text = PAGE.split(f"### {section}\n", 1)[1].split("\n#", 1)[0]
+    rows = [line for line in text.splitlines() if line.startswith("| ") and "held by" not in line]
+    assert rows
+    for row in rows:
+        assert "`tests/" in row or "the same" in row, row
