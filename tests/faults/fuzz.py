@@ -49,6 +49,7 @@ def judge(outcome: Outcome, names: set[str], *, mutant: str) -> str:
         Name of the file, which a refusal must tell.
     """
     lines = [line for line in outcome.err.split("\n") if line]
+    said = lines[-1:] or outcome.out.split("\n")  # verify lists what is wrong on stdout
     rules = (
         (outcome.hung, "hang"),
         (outcome.code < 0, f"signal {-outcome.code}"),
@@ -56,8 +57,8 @@ def judge(outcome: Outcome, names: set[str], *, mutant: str) -> str:
         (outcome.code not in (*DONE, *REFUSED), f"exit code {outcome.code}"),
         (outcome.extra_bytes > MOST_EXTRA_BYTES, "memory"),
         (any(not line.startswith("tofmix: ") for line in lines), "stray line on stderr"),
-        (outcome.code in REFUSED and not lines, "no reason"),
-        (outcome.code in REFUSED and mutant not in lines[-1] if lines else False, "file not named"),
+        (outcome.code in REFUSED and not "".join(said), "no reason"),
+        (outcome.code in REFUSED and mutant not in "".join(said), "file not named"),
         (any(not name.startswith("out") for name in names), "files left"),
         (outcome.code in REFUSED and bool(names), "output of a failed run"),
     )
@@ -131,7 +132,7 @@ class Fuzz:
             fault = judge(outcome, names, mutant=mutant.name)
             result = "done" if outcome.code in DONE else "refused"
             if not fault and result == "done" and self._comparable(kind, change, outcome):
-                result, fault = self._compared(kind, command, Path(cwd))
+                result, fault = self._compared(kind, command, mutant, Path(cwd))
         return Verdict(
             kind=kind, mutant=seed, command=command, change=change, outcome=outcome, fault=fault, result=result
         )
@@ -140,8 +141,11 @@ class Fuzz:
         """Whether the result must be the original's: all values have checksums, and the command says nothing else."""
         return self._originals[kind].own and change.startswith("bytes") and not outcome.err
 
-    def _compared(self, kind: str, command: str, cwd: Path) -> tuple[str, str]:
+    def _compared(self, kind: str, command: str, mutant: Path, cwd: Path) -> tuple[str, str]:
         """Compare what was made of a damaged file with what its original gives: the same, as it could be read."""
+        if command.startswith("verify"):
+            same = same_content(self._originals[kind].given, mutant)
+            return ("done, the same", "") if same else ("done", "wrong in silence: verify found nothing")
         outputs = sorted(cwd.iterdir())
         if not outputs:
             return "done", ""

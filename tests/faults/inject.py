@@ -112,18 +112,23 @@ class Injection:
 
     def run(self, case: str, failure: str, *, step: int = 1, most: int = 10_000, report: Report = print) -> Tally:
         """Fail at call 1, 1 + step, ... until a run meets no failure; without an output there, and over an old one."""
-        tally = Tally(case, failure)
         expected = self._expected_of(case)
         operation, code, once = FAILURES[failure]
-        for old in (False, True):
+
+        def fail(old: bool) -> Tally:
+            tally = Tally(case, failure)
             for number in range(1, most, step):
                 job = Job(argv=(), cwd="", fault=(operation, number, code, once))
                 with tempfile.TemporaryDirectory(prefix="inject-") as name:
                     outcome = self._once(CASES[case], job, f"call {number}", Path(name), expected, tally, old=old)
                 if outcome.calls < number:
-                    break
-            else:
-                tally.faults.append(f"still failing at call {most}")
+                    return tally
+            tally.faults.append(f"still failing at call {most}")
+            return tally
+
+        tally, over_old = self._pool.map(fail, (False, True))
+        for name in ("runs", "refused", "killed", "done", "faults"):
+            setattr(tally, name, getattr(tally, name) + getattr(over_old, name))
         return _reported(tally, report)
 
     def kill(

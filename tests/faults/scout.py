@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -25,7 +26,7 @@ class ForkedScout(subprocess.Popen[str]):
         receive, answers = os.pipe()
         child = os.fork()
         if child == 0:
-            self._serve(requests, answers, (send, receive))
+            self._serve(requests, answers)
         os.close(requests)
         os.close(answers)
         # What subprocess.Popen keeps of a child, so that its wait, poll and kill work.
@@ -34,10 +35,12 @@ class ForkedScout(subprocess.Popen[str]):
         self._child_created, self._waitpid_lock = True, threading.Lock()
 
     @staticmethod
-    def _serve(requests: int, answers: int, others: tuple[int, int]) -> None:
+    def _serve(requests: int, answers: int) -> None:
         os.setsid()
-        for descriptor in others:
-            os.close(descriptor)
+        for name in os.listdir("/proc/self/fd"):  # noqa: PTH208  as a program that is started would have none of them
+            if int(name) > 2 and int(name) not in (requests, answers):
+                with suppress(OSError):
+                    os.close(int(name))
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
         library = ctypes.CDLL(None)
@@ -56,4 +59,4 @@ def use() -> None:
     """Let `guard` of this process and its forks fork its scouts."""
     names = ("PIPE", "DEVNULL", "TimeoutExpired")
     replaced = SimpleNamespace(Popen=ForkedScout, **{name: getattr(subprocess, name) for name in names})
-    guard.subprocess = replaced  # type: ignore[assignment]
+    guard.subprocess = replaced  # type: ignore[assignment,attr-defined]

@@ -1,10 +1,11 @@
 """Runs `tofmix` commands one after the other in forks of one warm process: no start-up, whatever a command dies of.
 
 Start it as `python -m faults.server`: jobs come as JSON lines on stdin, outcomes leave as JSON lines on stdout. A fresh
-fork for each command ends as the program itself would, through the interpreter's exit, so that what crashes there is
-seen. A worker is a fork that runs many commands, which is quicker, and is replaced when one has killed it.
+fork for each command ends as the program itself would, exit functions and libraries included, so that what crashes
+there is seen. A worker is a fork that runs many commands, which is quicker, and is replaced when one has killed it.
 """
 
+import atexit
 import ctypes
 import gc
 import json
@@ -14,6 +15,7 @@ import select
 import signal
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from contextlib import suppress
@@ -108,14 +110,13 @@ def _in_a_fork(run: Any, job: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401
     if child == 0:
         _begin()
         _redirect(job)
-        sys.excepthook = traceback.print_exception
         resource.setrlimit(resource.RLIMIT_CPU, (job["cpu_s"], job["cpu_s"] + 1))
         if job["file_bytes"] is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (job["file_bytes"],) * 2)
         if job["fault"] is not None:
             operation, number, error, once = job["fault"]
             ctypes.CDLL(None).fault_arm(str(job["cwd"]).encode(), operation.encode(), number, error, once)
-        run(job["argv"])  # leaves by SystemExit, through the interpreter's own end
+        _leave(_code_of(run, job))
     waiting = os.pidfd_open(child)
     hung = not _until(waiting, job["timeout_s"] if job["kill_after_s"] is None else job["kill_after_s"])
     if hung and job["kill_after_s"] is not None:
@@ -130,6 +131,30 @@ def _in_a_fork(run: Any, job: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401
         "code": code, "hung": hung or code == -signal.SIGXCPU, "cpu_s": usage.ru_utime + usage.ru_stime,
         "extra_bytes": max(0, usage.ru_maxrss * 1024 - _resident()), "calls": _calls(job),
     }  # fmt: skip
+
+
+def _code_of(run: Any, job: dict[str, Any]) -> int:  # noqa: ANN401  the program's entry
+    """Run a command; return the exit code that the interpreter would leave with."""
+    try:
+        run(job["argv"])
+    except SystemExit as leave:
+        return int(leave.code or 0)
+    except BaseException:  # noqa: BLE001  as the interpreter would
+        traceback.print_exc()
+    return 1
+
+
+def _leave(code: int) -> NoReturn:
+    """End as the interpreter does, threads, exit functions and libraries included, but for its objects.
+
+    To take them apart would copy all memory that this fork shares with its parent, at half a second a command.
+    """
+    threading._shutdown()  # type: ignore[attr-defined]  # what the interpreter calls
+    atexit._run_exitfuncs()
+    with suppress(OSError, ValueError):
+        sys.stdout.flush()
+    ctypes.CDLL(None).exit(code)  # HDF5 closes itself here
+    raise AssertionError
 
 
 class _Worker:
@@ -180,13 +205,7 @@ def _work(run: Any, jobs: Any, answers: int) -> NoReturn:  # noqa: ANN401  the p
         _redirect(job)
         limit = int(used) + job["cpu_s"] + 1
         resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.RLIM_INFINITY))
-        code = 1
-        try:
-            run(job["argv"])
-        except SystemExit as leave:
-            code = int(leave.code or 0)
-        except BaseException:  # noqa: BLE001  as the interpreter would
-            traceback.print_exc()
+        code = _code_of(run, job)
         with suppress(OSError, ValueError):
             sys.stdout.flush()
         peak = next(line for line in Path("/proc/self/status").read_text().split("\n") if line.startswith("VmHWM"))
