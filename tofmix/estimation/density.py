@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from tofmix.arrays import FloatArray
 from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.samples import Readings, readings_of
-from tofmix.estimation.vector import exp_minus, sums_of
+from tofmix.estimation.vector import LANES, exp_minus, sums_of
 from tofmix.jit import jit
 from tofmix.sensor import NoiseCurve
 
@@ -25,6 +25,12 @@ BANDWIDTH = 0.5
 
 REACH = 5.0
 """A kernel counts up to this many h: what is left out is below 4e-6 of its height."""
+
+
+@jit
+def whole_lanes(first: int, stop: int, n: int) -> tuple[int, int]:
+    """Widen [first, stop) within n values to whole `LANES`, as far as n goes: a few values more cost less than a rest."""
+    return first // LANES * LANES, min((stop + LANES - 1) // LANES * LANES, n)
 
 
 @jit

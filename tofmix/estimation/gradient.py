@@ -34,7 +34,7 @@ from tofmix.estimation.components import (
     Room,
 )
 from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.density import within_reach
+from tofmix.estimation.density import whole_lanes, within_reach
 from tofmix.estimation.mixture import ROOT_TWO_PI, gaussians, mix
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.vector import exp_minus, log_of, product_of, total_of
@@ -67,17 +67,18 @@ def steepest_place(
         room[SHARE, j] = data.times[j] / room[TOTAL, j]
     outliers = beam.outlier_density * total_of(room[SHARE, :m])
     most, place, promise, nearest, norms = -n, values[0], 0.0, -1, (0.0, 0.0, 0.0)
-    first, stop = 0, 0
+    near, past = 0, 0
     theta = values[0] - sigma_at(values[0], beam.curve_range, beam.curve_sigma)
     end = values[-1] + sigma_at(values[-1], beam.curve_range, beam.curve_sigma)
     if math.isinf(beam.no_return_to):
         end = min(end, beam.no_return_from)
     while theta <= end:
         sigma = sigma_at(theta, beam.curve_range, beam.curve_sigma)
-        first, stop = within_reach(values, first, stop, theta - _REACH * sigma, theta + _REACH * sigma)
+        near, past = within_reach(values, near, past, theta - _REACH * sigma, theta + _REACH * sigma)
         next_theta = theta + _STEP * sigma
-        if first == stop and first < m:
-            next_theta = max(next_theta, values[first] - sigma)  # nothing near: go to the next sample
+        if near == past and near < m:
+            next_theta = max(next_theta, values[near] - sigma)  # nothing near: go to the next sample
+        first, stop = whole_lanes(near, past, m)
         value, new = values[first:stop], room[SPARE, : stop - first]
         scale, height = 1.0 / sigma, (1.0 - beam.p_outlier) / (sigma * ROOT_TWO_PI)
         for j in range(len(value)):
@@ -91,10 +92,10 @@ def steepest_place(
             if slope >= least:
                 promise = max(promise, _gain_of_best_share(data, first, stop, room))
             if promise < least and k > 0:
-                near = _nearest(theta, k, fit)
-                if near != nearest:
-                    nearest = near
-                    norms = _scores(data, near, fit, beam, room)
+                own = _nearest(theta, k, fit)
+                if own != nearest:
+                    nearest = own
+                    norms = _scores(data, own, fit, beam, room)
                 promise = max(promise, _score_statistic(data, first, stop, slope, norms, room))
         theta = next_theta
     return most, place, promise

@@ -52,7 +52,7 @@ from tofmix.estimation.mixture import (
     start_at,
 )
 from tofmix.estimation.pixel_noise import beam_of_pixel, own_curves
-from tofmix.estimation.samples import Readings, SortedSamples, gather, sort_samples
+from tofmix.estimation.samples import Readings, SortedSamples, gather, padded, sort_samples
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED, EstimateOptions, Knobs, knobs_of
 from tofmix.estimation.uncertainty import standard_errors
 from tofmix.estimation.unrolling import fold_layers, unrolled
@@ -207,7 +207,7 @@ def _layer_block(
     """Fill `out`, the arrays of `Layers` in their order, for the pixels of a block and their peaks."""
     (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
      n_samples, n_iter, status) = out  # fmt: skip
-    columns = block.values.shape[1]
+    columns = padded(block.values.shape[1])
     value, count = np.empty(columns), np.empty(columns)
     range_errors, weight_errors = np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)
     work = new_workshop(MAX_PEAKS, columns)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.density import BANDWIDTH, REACH, kernel_bend, kernel_sums, within_reach
+from tofmix.estimation.density import BANDWIDTH, REACH, kernel_bend, kernel_sums, whole_lanes, within_reach
 from tofmix.estimation.samples import Readings, readings_of
 from tofmix.jit import jit
 from tofmix.sensor import NoiseCurve
@@ -67,11 +67,12 @@ def find_peaks(
         first, stop = within_reach(values, first, stop, r - REACH * h, r + REACH * h)
         turns, flat, slope, total, step = False, False, math.nan, 0.0, STEP * sigma
         if first < stop:
-            total, moment = kernel_sums(data, first, stop, r, h, room)
+            low, high = whole_lanes(first, stop, len(values))
+            total, moment = kernel_sums(data, low, high, r, h, room)
             slope = -moment / total  # dp/dr in units of p / h
             turns = before > 0.0 >= slope
             if abs(slope) < epsilon:  # |dp/dr| < epsilon and d2p/dr2 < 0
-                flat = kernel_bend(data, first, stop, r, h, room) < 0.0
+                flat = kernel_bend(data, low, high, r, h, room) < 0.0
             if abs(slope) > STEEP:
                 step *= 2.0
         elif first < len(values):

@@ -119,11 +119,14 @@ def _promise_near(own: Readings, mean: float, sigma: float, room: Room, least: f
 @jit
 def _next_power(power: FloatArray, base: FloatArray, z: FloatArray, count: FloatArray) -> tuple[float, float, float]:
     """Multiply the powers by the base; return the sums of them, of them times z, and of their squares."""
-    a0, b0, a1, b1, a2, b2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    a0, b0, c0, d0 = 0.0, 0.0, 0.0, 0.0
+    a1, b1, c1, d1 = 0.0, 0.0, 0.0, 0.0
+    a2, b2, c2, d2 = 0.0, 0.0, 0.0, 0.0
     m = len(power)
     for j in range(m):
         power[j] *= base[j]
-    for j in range(0, m - 1, 2):
+    for part in range(m >> 2):
+        j = part << 2
         term = count[j] * power[j]
         a0 += term
         a1 += term * z[j]
@@ -132,12 +135,20 @@ def _next_power(power: FloatArray, base: FloatArray, z: FloatArray, count: Float
         b0 += term
         b1 += term * z[j + 1]
         b2 += term * power[j + 1]
-    if m % 2 == 1:
-        term = count[m - 1] * power[m - 1]
+        term = count[j + 2] * power[j + 2]
+        c0 += term
+        c1 += term * z[j + 2]
+        c2 += term * power[j + 2]
+        term = count[j + 3] * power[j + 3]
+        d0 += term
+        d1 += term * z[j + 3]
+        d2 += term * power[j + 3]
+    for j in range(m - m % 4, m):
+        term = count[j] * power[j]
         a0 += term
-        a1 += term * z[m - 1]
-        a2 += term * power[m - 1]
-    return a0 + b0, a1 + b1, a2 + b2
+        a1 += term * z[j]
+        a2 += term * power[j]
+    return (a0 + b0) + (c0 + d0), (a1 + b1) + (c1 + d1), (a2 + b2) + (c2 + d2)
 
 
 @jit

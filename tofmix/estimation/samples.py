@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.estimation.curve import sigma_at
+from tofmix.estimation.vector import LANES
 from tofmix.jit import jit
 
 FARTHEST_MM = 1.0e9
@@ -34,7 +35,10 @@ class SortedSamples(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """The samples of one pixel: ascending values (m,) float64 in mm, how often each came (m,), and all together."""
+    """The samples of one pixel: ascending values (m,) float64 in mm, how often each came (m,), and all together.
+
+    A value may have come 0 times: it fills up a last group of `vector.LANES`.
+    """
 
     value: FloatArray
     times: FloatArray
@@ -52,10 +56,20 @@ def sort_samples(block: NDArray[np.floating]) -> SortedSamples:
 
 
 @jit
+def padded(n: int) -> int:
+    """Least multiple of `LANES` that is not below n."""
+    return (n + LANES - 1) // LANES * LANES
+
+
+@jit
 def gather(
     values: FloatArray, n: int, curve_range: FloatArray, curve_sigma: FloatArray, value: FloatArray, count: FloatArray
 ) -> Readings:
-    """Make `Readings` of the first `n` of ascending values, n > 0; `value` and `count` are room for as many."""
+    """Make `Readings` of the first `n` of ascending values, n > 0.
+
+    The last value is repeated, with the count 0, up to a multiple of `LANES`. `value` and `count` are room for
+    `padded` of n.
+    """
     m, width, first, last, inside, pulled = -1, -1.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
         x = values[j]
@@ -70,7 +84,10 @@ def gather(
                 width = BIN * sigma_at(x, curve_range, curve_sigma)
         last = x
     value[m], count[m] = first + pulled / inside, inside
-    return Readings(value[: m + 1], count[: m + 1], float(n))
+    stop = padded(m + 1)
+    for j in range(m + 1, stop):
+        value[j], count[j] = value[m], 0.0
+    return Readings(value[:stop], count[:stop], float(n))
 
 
 def readings_of(samples_mm: ArrayLike) -> Readings:
