@@ -38,7 +38,7 @@ from tofmix.estimation.density import whole_lanes, within_reach
 from tofmix.estimation.mixture import ROOT_TWO_PI, gaussians, mix
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.vector import exp_minus, log_of, product_of, total_of
-from tofmix.jit import jit
+from tofmix.jit import borrowing
 
 _STEP = 0.5
 """Step of the search in sigmas: a quarter of a sigma off the best place, a surface gains 3 % less."""
@@ -53,7 +53,7 @@ _LEAST_NORM = 1.0e-6
 """Below this, by sample, a direction is no direction: its information is rounding."""
 
 
-@jit
+@borrowing
 def steepest_place(
     data: Readings, k: int, fit: Components, beam: Beam, room: Room, least: float
 ) -> tuple[float, float, float]:
@@ -101,7 +101,7 @@ def steepest_place(
     return most, place, promise
 
 
-@jit
+@borrowing
 def _nearest(theta: float, k: int, fit: Components) -> int:
     """Surface nearest to a place, in its sigmas."""
     nearest = 0
@@ -111,7 +111,7 @@ def _nearest(theta: float, k: int, fit: Components) -> int:
     return nearest
 
 
-@jit
+@borrowing
 def _gain_of_best_share(data: Readings, first: int, stop: int, room: Room) -> float:
     """Gain, nat, of the best share of a new surface whose densities at values [first, stop) are in room[SPARE]."""
     count, total = data.times[first:stop], room[TOTAL, first:stop]
@@ -132,7 +132,7 @@ def _gain_of_best_share(data: Readings, first: int, stop: int, room: Room) -> fl
     return float(product_of(term, count) + outside * math.log(1.0 - share))
 
 
-@jit
+@borrowing
 def _scores(data: Readings, i: int, fit: Components, beam: Beam, room: Room) -> tuple[float, float, float]:
     """Fill rows MEAN_SCORE and SHARE_SCORE with what moves of surface i's mean and share do to log p(r_j).
 
@@ -154,7 +154,7 @@ def _scores(data: Readings, i: int, fit: Components, beam: Beam, room: Room) -> 
     return squares, product_of(term, by_share), cross
 
 
-@jit
+@borrowing
 def _score_statistic(
     data: Readings, first: int, stop: int, slope: float, norms: tuple[float, float, float], room: Room
 ) -> float:
@@ -179,7 +179,7 @@ def _score_statistic(
     return 0.5 * slope * slope / max(information, _LEAST_NORM * data.total)
 
 
-@jit
+@borrowing
 def best_share(data: Readings, place: float, beam: Beam, room: Room) -> float:
     """Share of a new surface at `place` that raises the likelihood most, all else scaled down; by Newton's steps.
 

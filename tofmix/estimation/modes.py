@@ -20,7 +20,7 @@ from tofmix.arrays import FloatArray
 from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.density import BANDWIDTH, REACH, kernel_bend, kernel_sums, whole_lanes, within_reach
 from tofmix.estimation.samples import Readings, readings_of
-from tofmix.jit import jit
+from tofmix.jit import borrowing
 from tofmix.sensor import NoiseCurve
 
 STEP = 0.125
@@ -36,7 +36,7 @@ LONE_SAMPLES = 3.0
 """A peak must be as high as that of a surface of 3 samples: one sample alone, as high as one of 2.2, is none."""
 
 
-@jit
+@borrowing
 def find_peaks(
     data: Readings,
     curve_range: FloatArray,
@@ -99,7 +99,7 @@ def find_peaks(
     return count
 
 
-@jit
+@borrowing
 def keep_peak(places: FloatArray, heights: FloatArray, count: int, place: float, height: float) -> int:
     """Append a peak; where there is no room, the lowest one gives way."""
     if count < len(places):
@@ -107,8 +107,8 @@ def keep_peak(places: FloatArray, heights: FloatArray, count: int, place: float,
         return count + 1
     lowest = int(np.argmin(heights))
     if height > heights[lowest]:
-        places[lowest:-1] = places[lowest + 1 :].copy()
-        heights[lowest:-1] = heights[lowest + 1 :].copy()
+        for i in range(lowest, len(places) - 1):
+            places[i], heights[i] = places[i + 1], heights[i + 1]
         places[-1], heights[-1] = place, height
     return count
 

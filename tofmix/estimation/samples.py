@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.vector import LANES
-from tofmix.jit import jit
+from tofmix.jit import borrowing, jit
 
 FARTHEST_MM = 1.0e9
 """A value beyond this is no range of any camera, and is skipped as invalid."""
@@ -55,7 +55,7 @@ def sort_samples(block: NDArray[np.floating]) -> SortedSamples:
     return SortedSamples(values.astype(np.float64), valid)
 
 
-@jit
+@borrowing
 def padded(n: int) -> int:
     """Least multiple of `LANES` that is not below n."""
     return (n + LANES - 1) // LANES * LANES

@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import jit
+from tofmix.jit import borrowing
 
 LANES = 8
 """Loops over a multiple of this many numbers leave nothing over."""
@@ -28,7 +28,7 @@ _LOG_2 = math.log(2.0)
 _ROOT_2 = math.sqrt(2.0)
 
 
-@jit
+@borrowing
 def exp_minus(x: float) -> float:
     """exp(-x) for x >= 0, to 1e-10 of its value up to x = 20, and to 1 % up to 400.
 
@@ -49,7 +49,7 @@ def exp_minus(x: float) -> float:
     return p
 
 
-@jit
+@borrowing
 def log_of(x: float) -> float:
     """Natural logarithm of a normal number above 0, to 1e-12: the exponent's bits, and the series of atanh."""
     bits = np.float64(x).view(np.int64)
@@ -64,7 +64,7 @@ def log_of(x: float) -> float:
     return float(exponent * _LOG_2 + 2.0 * s * (1.0 + z * (1.0 / 3.0 + z * (1.0 / 5.0 + z * odd))))
 
 
-@jit
+@borrowing
 def total_of(values: FloatArray) -> float:
     """Sum of the values."""
     a, b, c, d, e, f, g, h = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -84,7 +84,7 @@ def total_of(values: FloatArray) -> float:
     return ((a + b) + (c + d)) + ((e + f) + (g + h))
 
 
-@jit
+@borrowing
 def product_of(values: FloatArray, others: FloatArray) -> float:
     """Sum of the values times the others, of which there may be more."""
     a, b, c, d, e, f, g, h = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -104,7 +104,7 @@ def product_of(values: FloatArray, others: FloatArray) -> float:
     return ((a + b) + (c + d)) + ((e + f) + (g + h))
 
 
-@jit
+@borrowing
 def sums_of(values: FloatArray, others: FloatArray) -> tuple[float, float]:
     """Sum of the values, and of the values times the others, of which there may be more."""
     a0, b0, c0, d0 = 0.0, 0.0, 0.0, 0.0
@@ -126,7 +126,7 @@ def sums_of(values: FloatArray, others: FloatArray) -> tuple[float, float]:
     return (a0 + b0) + (c0 + d0), (a1 + b1) + (c1 + d1)
 
 
-@jit
+@borrowing
 def moments_of(values: FloatArray, density: FloatArray, share: FloatArray, about: float) -> tuple[float, float, float]:
     """Sums over the values of density * share, of that times (value - about), and times its square."""
     a0, b0, c0, d0 = 0.0, 0.0, 0.0, 0.0
