@@ -107,6 +107,10 @@ def test_what_borrows_cannot_return_or_make_an_array() -> None:
         return values[: len(values) // 2]
 
     @borrowing
+    def same(values: FloatArray) -> FloatArray:
+        return values
+
+    @borrowing
     def doubled(values: FloatArray) -> float:
         return float((2.0 * values)[0])
 
@@ -115,11 +119,17 @@ def test_what_borrows_cannot_return_or_make_an_array() -> None:
         return float(half(values)[0])
 
     @jit
+    def passed_on(values: FloatArray) -> float:
+        return float(same(values)[0])
+
+    @jit
     def made(values: FloatArray) -> float:
         return doubled(values)
 
-    with pytest.raises(NumbaError, match="borrows its arrays: it cannot return"):
+    with pytest.raises(NumbaError, match="returning of array"):
         returned(np.ones(4))
+    with pytest.raises(TypeError, match="same borrows its arrays: it cannot return"):
+        passed_on(np.ones(4))
     with pytest.raises(NumbaError, match="NRT required"):
         made(np.ones(4))
     assert half(np.ones(4)).tolist() == [1.0, 1.0]  # from Python it counts
