@@ -1,13 +1,16 @@
 """A kernel that others call is compiled inside them, once, and computes the same."""
 
 import math
+import resource
+import sys
 from typing import Any
 
 import numpy as np
 import pytest
+from numba.core.errors import NumbaError
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import config, jit
+from tofmix.jit import borrowing, config, jit
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="there is no compiler to look at")
 
@@ -69,3 +72,64 @@ def test_a_callee_takes_several_types() -> None:
 
     assert both(1, 0.25) == 2.5
     assert both(2**60, 0.5) == float(2**61 + 1)
+
+
+def test_what_borrows_leaves_no_array_behind_and_frees_none() -> None:
+    @borrowing
+    def first_half(values: FloatArray) -> float:
+        half, out = values[: len(values) // 2], 0.0
+        for value in half:
+            out += value
+        return out
+
+    @jit
+    def sums(rows: int) -> float:
+        table = np.arange(4.0 * rows).reshape(rows, 4)
+        out = 0.0
+        for row in table:
+            out += first_half(row)
+        return out + first_half(table[0])
+
+    assert sums(3) == (0 + 1) + (4 + 5) + (8 + 9) + (0 + 1)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for _ in range(50):
+        sums(250_000)  # 8 MB each
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 100_000  # kB
+    values = np.ones(4)
+    held = sys.getrefcount(values)
+    assert first_half(values) == 2.0
+    assert sys.getrefcount(values) == held
+
+
+def test_what_borrows_cannot_return_or_make_an_array() -> None:
+    @borrowing
+    def half(values: FloatArray) -> FloatArray:
+        return values[: len(values) // 2]
+
+    @borrowing
+    def same(values: FloatArray) -> FloatArray:
+        return values
+
+    @borrowing
+    def doubled(values: FloatArray) -> float:
+        return float((2.0 * values)[0])
+
+    @jit
+    def returned(values: FloatArray) -> float:
+        return float(half(values)[0])
+
+    @jit
+    def passed_on(values: FloatArray) -> float:
+        return float(same(values)[0])
+
+    @jit
+    def made(values: FloatArray) -> float:
+        return doubled(values)
+
+    with pytest.raises(NumbaError, match="returning of array"):
+        returned(np.ones(4))
+    with pytest.raises(TypeError, match="same borrows its arrays: it cannot return"):
+        passed_on(np.ones(4))
+    with pytest.raises(NumbaError, match="NRT required"):
+        made(np.ones(4))
+    assert half(np.ones(4)).tolist() == [1.0, 1.0]  # from Python it counts

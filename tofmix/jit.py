@@ -46,14 +46,25 @@ def jit(function: Callable[P, R]) -> Callable[P, R]:
         compiled: Callable[P, R] = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     finally:
         config.CACHE_DIR = theirs
-    _link_into_callers(compiled)
+    _link_into_callers(compiled, borrows=False)
     _bear_faults_of_the_cache(compiled)
     return compiled
 
 
-def _link_into_callers(compiled: Any) -> None:  # noqa: ANN401  a dispatcher, or the plain function without the JIT
+def borrowing(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` as `jit` does, without counting references to arrays where other kernels call it.
+
+    For kernels that make no array, return none, and call none that returns one: such an array would never be freed.
+    They may take slices and rows of what they are given.
+    """
+    compiled = jit(function)
+    _link_into_callers(compiled, borrows=True)
+    return compiled
+
+
+def _link_into_callers(compiled: Any, *, borrows: bool) -> None:  # noqa: ANN401  a dispatcher, or without the JIT a function
     if hasattr(compiled, "get_call_template"):
-        callee = jit_linking.Callee(compiled)
+        callee = jit_linking.Callee(compiled, borrows=borrows)
         compiled.get_call_template, compiled.get_overload = callee.template, callee.code
 
 

@@ -18,7 +18,7 @@ from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.mixture import PRIOR_SAMPLES, em_step
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
-from tofmix.jit import jit
+from tofmix.jit import borrowing
 
 _LONGEST_JUMP = 64.0
 _LEAST_SHARE = 1.0e-9
@@ -28,7 +28,7 @@ _SHARES = 2
 """Row of a vector that has c_0 too."""
 
 
-@jit
+@borrowing
 def _pack(k: int, fit: Components, row: int) -> None:
     """Write means (in sigmas), log sigmas, and shares with p(c_0) last, to three rows from `row` on."""
     for i in range(k):
@@ -38,7 +38,7 @@ def _pack(k: int, fit: Components, row: int) -> None:
     fit[row + 2, k] = fit[WEIGHT, -1]
 
 
-@jit
+@borrowing
 def _unpack(k: int, fit: Components, row: int, beam: Beam, mode: int) -> bool:
     """Set the components from what `_pack` writes; false, and nothing is set, where a share is not above 0."""
     total, no_return = 0.0, fit[row + 2, k]
@@ -60,7 +60,7 @@ def _unpack(k: int, fit: Components, row: int, beam: Beam, mode: int) -> bool:
     return True
 
 
-@jit
+@borrowing
 def _penalty(k: int, fit: Components, beam: Beam, mode: int) -> float:
     """Log density of the prior of the sigmas, which EM climbs beside the likelihood."""
     out = 0.0
@@ -71,7 +71,7 @@ def _penalty(k: int, fit: Components, beam: Beam, mode: int) -> float:
     return out
 
 
-@jit
+@borrowing
 def maximise_likelihood(
     data: Readings, k: int, fit: Components, beam: Beam, mode: int, max_iter: int, tol: float, room: Room
 ) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
-from tofmix.jit import jit
+from tofmix.jit import borrowing
 from tofmix.sensor import Sensor
 
 NO_RETURN_REACH = 6.0
@@ -55,13 +55,13 @@ def no_own_curves() -> OwnCurves:
     return OwnCurves(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0, dtype=np.int64))
 
 
-@jit
+@borrowing
 def is_no_return(range_mm: float, beam: Beam) -> bool:
     """Whether a surface there would be c_0."""
     return beam.no_return_from < range_mm <= beam.no_return_to
 
 
-@jit
+@borrowing
 def reaches_no_return(samples: FloatArray, beam: Beam) -> bool:
     """Whether any of the sorted samples lies so near to range_max that there may be a c_0."""
     reach = NO_RETURN_REACH * beam.sigma_max

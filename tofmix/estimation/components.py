@@ -17,7 +17,7 @@ rows more for each surface.
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import jit
+from tofmix.jit import borrowing, jit
 
 MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, MOMENT_1, MOMENT_2, UNIT = range(8)
 STEPS = 8
@@ -43,25 +43,25 @@ def new_room(capacity: int, values: int) -> Room:
     return np.empty((DENSITY + 4 * capacity + 1, values))
 
 
-@jit
+@borrowing
 def capacity_of(fit: Components) -> int:
     """Most surfaces that fit."""
     return len(fit[MEAN]) - 1
 
 
-@jit
+@borrowing
 def no_return_row(fit: Components) -> int:
     """Row of the densities of c_0."""
     return DENSITY + capacity_of(fit)
 
 
-@jit
+@borrowing
 def gradient_row(fit: Components) -> int:
     """First row of the gradient."""
     return DENSITY + capacity_of(fit) + 1
 
 
-@jit
+@borrowing
 def copy_components(k: int, source: Components, target: Components) -> None:
     """Copy the state of `k` surfaces and of c_0."""
     for row in (MEAN, SIGMA, WEIGHT, SUPPORT):
@@ -70,7 +70,7 @@ def copy_components(k: int, source: Components, target: Components) -> None:
         target[row, -1] = source[row, -1]
 
 
-@jit
+@borrowing
 def remove_surface(k: int, index: int, fit: Components) -> int:
     """Close the gap that surface `index` leaves; return k - 1."""
     for row in (MEAN, SIGMA, WEIGHT, SUPPORT):

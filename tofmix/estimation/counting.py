@@ -10,8 +10,6 @@ the likelihood rises most, until none gains enough. "Enough" is the threshold of
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from tofmix.estimation.acceleration import maximise_likelihood
 from tofmix.estimation.beam import Beam, is_no_return
 from tofmix.estimation.components import (
@@ -39,7 +37,8 @@ from tofmix.estimation.mixture import expect, log_likelihood, mix
 from tofmix.estimation.promise import promise_of_clear
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
-from tofmix.jit import jit
+from tofmix.estimation.vector import product_of, total_of
+from tofmix.jit import borrowing, jit
 
 COUNT_ITER = 60
 """Most EM iterations of one trial: counting compares likelihoods, which settle long before the means."""
@@ -99,7 +98,7 @@ def new_workshop(capacity: int, values: int) -> Workshop:
     )
 
 
-@jit
+@borrowing
 def _most_orphans(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> tuple[float, float]:
     """Find where most samples lie together that only c_r explains; return their number and mean."""
     mix(data, k, fit, beam, room)
@@ -112,13 +111,13 @@ def _most_orphans(data: Readings, k: int, fit: Components, beam: Beam, room: Roo
     for centre in orphans[:n]:
         reach = ORPHAN_SIGMAS * sigma_at(centre, beam.curve_range, beam.curve_sigma)
         first, stop = within_reach(orphans[:n], first, stop, centre - reach, centre + reach)
-        together = np.sum(counts[first:stop])
+        together = total_of(counts[first:stop])
         if together > most:
-            most, place = together, np.sum(orphans[first:stop] * counts[first:stop]) / together
+            most, place = together, product_of(orphans[first:stop], counts[first:stop]) / together
     return most, place
 
 
-@jit
+@borrowing
 def _add_surface(k: int, place: float, share: float, fit: Components, beam: Beam) -> int:
     """Add a surface with this share, all others scaled down; return k + 1."""
     for i in range(k):
@@ -130,13 +129,13 @@ def _add_surface(k: int, place: float, share: float, fit: Components, beam: Beam
     return k + 1
 
 
-@jit
+@borrowing
 def _settle(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> int:
     """Fit with tied sigmas, as far as a comparison of likelihoods needs; return the EM iterations."""
     return abs(maximise_likelihood(data, k, fit, beam, MODE_TIED, COUNT_ITER, COUNT_TOL, room))
 
 
-@jit
+@borrowing
 def _adopt_orphans(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> int:
     """Add surfaces for samples that only c_r explains; return the surfaces."""
     while k < capacity_of(fit):
@@ -150,7 +149,7 @@ def _adopt_orphans(data: Readings, k: int, fit: Components, beam: Beam, room: Ro
     return k
 
 
-@jit
+@borrowing
 def _gap_sigmas(k: int, index: int, fit: Components, beam: Beam) -> float:
     """Distance from a surface to the nearest other, or to c_0, in sigmas of the wider of the two."""
     nearest = math.inf
@@ -162,7 +161,7 @@ def _gap_sigmas(k: int, index: int, fit: Components, beam: Beam) -> float:
     return nearest
 
 
-@jit
+@borrowing
 def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules: Rules) -> bool:
     """Whether outliers alone would give such a surface too often.
 
@@ -180,7 +179,7 @@ def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules:
     return n * beam.p_outlier * (1.0 - fewer) > BY_CHANCE * rules.false_alarm
 
 
-@jit
+@borrowing
 def drop_unsupported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> int:
     """Take out what is no surface: those that belong to c_0, the weakest without support, outliers by chance."""
     for i in range(k - 1, -1, -1):
@@ -196,13 +195,13 @@ def drop_unsupported(n: float, k: int, fit: Components, beam: Beam, rules: Rules
     return k
 
 
-@jit
+@borrowing
 def _certain(k: int, index: int, fit: Components, beam: Beam) -> bool:
     """Whether a surface stands so clear of all others that its loss need not be computed."""
     return fit[SUPPORT, index] >= CERTAIN_SUPPORT and _gap_sigmas(k, index, fit, beam) > CERTAIN_SIGMAS
 
 
-@jit
+@borrowing
 def prune(
     data: Readings,
     k: int,
@@ -238,7 +237,7 @@ def prune(
     return k
 
 
-@jit
+@borrowing
 def _most_spread(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> int:
     """Return the surface whose samples spread most beyond its sigma, by the score test of its variance."""
     expect(data, k, fit, beam, room)
@@ -251,7 +250,7 @@ def _most_spread(data: Readings, k: int, fit: Components, beam: Beam, room: Room
     return most
 
 
-@jit
+@borrowing
 def _supported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> bool:
     """Whether every surface is one: none belongs to c_0, lacks support or may be outliers."""
     for i in range(k):
@@ -262,14 +261,14 @@ def _supported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> b
     return True
 
 
-@jit
+@borrowing
 def promises_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> bool:
     """Whether one more surface than work.fit has could gain enough; a quick look, true where it cannot tell."""
     wanted = PROMISE * rules.least_gain
     return bool(promise_of_clear(data, k, work.fit, beam, work.room, wanted) >= wanted)
 
 
-@jit
+@borrowing
 def try_one_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> float:
     """Fit one more surface than work.fit has; return its gain, nat, with the fit in work.best.
 
@@ -305,7 +304,7 @@ def try_one_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rule
     return gain
 
 
-@jit
+@borrowing
 def grow(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> int:
     """Add surfaces to work.fit while one more gains enough; return how many there are."""
     while k < rules.max_layers and promises_more(data, k, work, beam, rules):
@@ -316,7 +315,7 @@ def grow(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> in
     return k
 
 
-@jit
+@borrowing
 def count_surfaces(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> int:
     """Count the surfaces from a start of `k` in work.fit; return how many there are, with their tied fit there."""
     _settle(data, k, work.fit, beam, work.room)
@@ -325,7 +324,7 @@ def count_surfaces(data: Readings, k: int, work: Workshop, beam: Beam, rules: Ru
     return grow(data, k, work, beam, rules)
 
 
-@jit
+@borrowing
 def surface_gains(data: Readings, k: int, work: Workshop, beam: Beam) -> None:
     """Set the gain of each surface of work.fit: the likelihood, nat, lost without it; infinite where it is certain.
 

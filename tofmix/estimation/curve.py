@@ -1,10 +1,10 @@
 """The noise curve as kernels read it."""
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import jit
+from tofmix.jit import borrowing
 
 
-@jit
+@borrowing
 def sigma_at(range_mm: float, curve_range: FloatArray, curve_sigma: FloatArray) -> float:
     """sigma(r), linear between the curve's points and constant past its ends."""
     last = len(curve_range) - 1

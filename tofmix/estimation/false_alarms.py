@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import jit
+from tofmix.jit import borrowing
 
 FALSE_ALARMS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0001)
 """Chances of a false alarm, a column each."""
@@ -67,7 +67,7 @@ def gain_table(most_samples: int) -> FloatArray:
     return np.ascontiguousarray(np.stack(columns, axis=1), dtype=np.float64)
 
 
-@jit
+@borrowing
 def _read_off(x: float, known: FloatArray, values: FloatArray) -> float:
     """Interpolate linearly; past the last point, go on as between the last two."""
     last = len(known) - 1
@@ -78,13 +78,13 @@ def _read_off(x: float, known: FloatArray, values: FloatArray) -> float:
     return float(values[k] + slope * (x - known[k]))
 
 
-@jit
+@borrowing
 def least_gain(false_alarm: float, gains: FloatArray) -> float:
     """Gain, nat, that noise exceeds with the chance `false_alarm`; `gains` is the pixel's row of `gain_table`."""
     return _read_off(-math.log(false_alarm), _NATS_OF_CHANCE, gains)
 
 
-@jit
+@borrowing
 def chance_of(gain: float, gains: FloatArray) -> float:
     """Chance that noise gains as much: the inverse of `least_gain`, at most 1."""
     if gain <= 0.0:

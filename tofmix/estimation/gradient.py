@@ -34,11 +34,11 @@ from tofmix.estimation.components import (
     Room,
 )
 from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.density import within_reach
+from tofmix.estimation.density import whole_lanes, within_reach
 from tofmix.estimation.mixture import ROOT_TWO_PI, gaussians, mix
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.vector import exp_minus, log_of, product_of, total_of
-from tofmix.jit import jit
+from tofmix.jit import borrowing
 
 _STEP = 0.5
 """Step of the search in sigmas: a quarter of a sigma off the best place, a surface gains 3 % less."""
@@ -53,7 +53,7 @@ _LEAST_NORM = 1.0e-6
 """Below this, by sample, a direction is no direction: its information is rounding."""
 
 
-@jit
+@borrowing
 def steepest_place(
     data: Readings, k: int, fit: Components, beam: Beam, room: Room, least: float
 ) -> tuple[float, float, float]:
@@ -67,17 +67,18 @@ def steepest_place(
         room[SHARE, j] = data.times[j] / room[TOTAL, j]
     outliers = beam.outlier_density * total_of(room[SHARE, :m])
     most, place, promise, nearest, norms = -n, values[0], 0.0, -1, (0.0, 0.0, 0.0)
-    first, stop = 0, 0
+    near, past = 0, 0
     theta = values[0] - sigma_at(values[0], beam.curve_range, beam.curve_sigma)
     end = values[-1] + sigma_at(values[-1], beam.curve_range, beam.curve_sigma)
     if math.isinf(beam.no_return_to):
         end = min(end, beam.no_return_from)
     while theta <= end:
         sigma = sigma_at(theta, beam.curve_range, beam.curve_sigma)
-        first, stop = within_reach(values, first, stop, theta - _REACH * sigma, theta + _REACH * sigma)
+        near, past = within_reach(values, near, past, theta - _REACH * sigma, theta + _REACH * sigma)
         next_theta = theta + _STEP * sigma
-        if first == stop and first < m:
-            next_theta = max(next_theta, values[first] - sigma)  # nothing near: go to the next sample
+        if near == past and near < m:
+            next_theta = max(next_theta, values[near] - sigma)  # nothing near: go to the next sample
+        first, stop = whole_lanes(near, past, m)
         value, new = values[first:stop], room[SPARE, : stop - first]
         scale, height = 1.0 / sigma, (1.0 - beam.p_outlier) / (sigma * ROOT_TWO_PI)
         for j in range(len(value)):
@@ -91,16 +92,16 @@ def steepest_place(
             if slope >= least:
                 promise = max(promise, _gain_of_best_share(data, first, stop, room))
             if promise < least and k > 0:
-                near = _nearest(theta, k, fit)
-                if near != nearest:
-                    nearest = near
-                    norms = _scores(data, near, fit, beam, room)
+                own = _nearest(theta, k, fit)
+                if own != nearest:
+                    nearest = own
+                    norms = _scores(data, own, fit, beam, room)
                 promise = max(promise, _score_statistic(data, first, stop, slope, norms, room))
         theta = next_theta
     return most, place, promise
 
 
-@jit
+@borrowing
 def _nearest(theta: float, k: int, fit: Components) -> int:
     """Surface nearest to a place, in its sigmas."""
     nearest = 0
@@ -110,7 +111,7 @@ def _nearest(theta: float, k: int, fit: Components) -> int:
     return nearest
 
 
-@jit
+@borrowing
 def _gain_of_best_share(data: Readings, first: int, stop: int, room: Room) -> float:
     """Gain, nat, of the best share of a new surface whose densities at values [first, stop) are in room[SPARE]."""
     count, total = data.times[first:stop], room[TOTAL, first:stop]
@@ -131,7 +132,7 @@ def _gain_of_best_share(data: Readings, first: int, stop: int, room: Room) -> fl
     return float(product_of(term, count) + outside * math.log(1.0 - share))
 
 
-@jit
+@borrowing
 def _scores(data: Readings, i: int, fit: Components, beam: Beam, room: Room) -> tuple[float, float, float]:
     """Fill rows MEAN_SCORE and SHARE_SCORE with what moves of surface i's mean and share do to log p(r_j).
 
@@ -153,7 +154,7 @@ def _scores(data: Readings, i: int, fit: Components, beam: Beam, room: Room) -> 
     return squares, product_of(term, by_share), cross
 
 
-@jit
+@borrowing
 def _score_statistic(
     data: Readings, first: int, stop: int, slope: float, norms: tuple[float, float, float], room: Room
 ) -> float:
@@ -178,7 +179,7 @@ def _score_statistic(
     return 0.5 * slope * slope / max(information, _LEAST_NORM * data.total)
 
 
-@jit
+@borrowing
 def best_share(data: Readings, place: float, beam: Beam, room: Room) -> float:
     """Share of a new surface at `place` that raises the likelihood most, all else scaled down; by Newton's steps.
 

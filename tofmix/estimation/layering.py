@@ -52,13 +52,13 @@ from tofmix.estimation.mixture import (
     start_at,
 )
 from tofmix.estimation.pixel_noise import beam_of_pixel, own_curves
-from tofmix.estimation.samples import Readings, SortedSamples, gather, sort_samples
+from tofmix.estimation.samples import Readings, SortedSamples, gather, padded, sort_samples
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED, EstimateOptions, Knobs, knobs_of
 from tofmix.estimation.uncertainty import standard_errors
 from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.estimation.vector import product_of
 from tofmix.flags import Status
-from tofmix.jit import jit
+from tofmix.jit import borrowing, jit
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -75,7 +75,7 @@ _NO_SURFACE = int(Status.NO_SURFACE)
 _DEGENERATE = int(Status.DEGENERATE)
 
 
-@jit
+@borrowing
 def _split_no_return(places: FloatArray, heights: FloatArray, k: int, beam: Beam) -> tuple[int, float]:
     """Take out the peaks that belong to c_0; return the surfaces' number and c_0's height."""
     no_return = 0.0
@@ -88,7 +88,7 @@ def _split_no_return(places: FloatArray, heights: FloatArray, k: int, beam: Beam
     return k, no_return
 
 
-@jit
+@borrowing
 def _fit_clear(data: Readings, fit: Components, beam: Beam) -> bool:
     """Fit one surface by the mean of all samples, if none is far from it (paper, section V: no EM is needed)."""
     values = data.value
@@ -101,7 +101,7 @@ def _fit_clear(data: Readings, fit: Components, beam: Beam) -> bool:
     return True
 
 
-@jit
+@borrowing
 def _no_return_helps(data: Readings, fit: Components, beam: Beam, room: Room) -> bool:
     """Whether the likelihood rises as share moves from the one surface to c_0: if not, p(c_0) is 0."""
     mix(data, 1, fit, beam, room)
@@ -114,7 +114,7 @@ def _no_return_helps(data: Readings, fit: Components, beam: Beam, room: Room) ->
     return bool(product_of(no_return, share) > data.total)
 
 
-@jit
+@borrowing
 def _finish_clear(data: Readings, fit: Components, beam: Beam, mode: int, room: Room) -> float:
     """Give the sigma of the one surface that holds all samples; return the log likelihood, nat.
 
@@ -137,13 +137,13 @@ def _finish_clear(data: Readings, fit: Components, beam: Beam, mode: int, room: 
     return log_likelihood(data, 1, fit, beam, room)
 
 
-@jit
+@borrowing
 def _held(knobs: Knobs) -> int:
     """Mode that means and shares are fitted in: counted by likelihood, a prior's sigmas are drawn from a tied fit."""
     return MODE_TIED if knobs.refine and knobs.mode == MODE_PRIOR else knobs.mode
 
 
-@jit
+@borrowing
 def _fit_pixel(
     data: Readings,
     places: FloatArray,
@@ -189,7 +189,7 @@ def _fit_pixel(
         k = left
 
 
-@jit
+@borrowing
 def _sort_surfaces(k: int, fit: Components) -> None:
     """Put the surfaces in order, near to far."""
     for i in range(1, k):
@@ -207,7 +207,7 @@ def _layer_block(
     """Fill `out`, the arrays of `Layers` in their order, for the pixels of a block and their peaks."""
     (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
      n_samples, n_iter, status) = out  # fmt: skip
-    columns = block.values.shape[1]
+    columns = padded(block.values.shape[1])
     value, count = np.empty(columns), np.empty(columns)
     range_errors, weight_errors = np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)
     work = new_workshop(MAX_PEAKS, columns)

@@ -41,7 +41,7 @@ from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.settings import MODE_FREE, MODE_PRIOR, MODE_TIED, EstimateOptions, knobs_of
 from tofmix.estimation.unrolling import unrolled_pixel
 from tofmix.estimation.vector import exp_minus, log_of, moments_of, product_of, total_of
-from tofmix.jit import jit
+from tofmix.jit import borrowing
 from tofmix.sensor import Sensor
 
 PRIOR_SAMPLES = 50.0
@@ -53,7 +53,7 @@ FREE_SIGMA_FLOOR = 0.1
 ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 
 
-@jit
+@borrowing
 def gaussians(values: FloatArray, mean: float, sigma: float, out: FloatArray) -> None:
     """Fill `out` with the normal densities of the values, 1/mm."""
     scale, height = 1.0 / sigma, 1.0 / (sigma * ROOT_TWO_PI)
@@ -62,7 +62,7 @@ def gaussians(values: FloatArray, mean: float, sigma: float, out: FloatArray) ->
         out[j] = height * exp_minus(0.5 * z * z)
 
 
-@jit
+@borrowing
 def mix(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None:
     """Fill the densities of `room`, and p(r | surfaces) of equation (1)."""
     values, total, m = data.value, room[TOTAL], len(data.value)
@@ -80,7 +80,7 @@ def mix(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None
             total[j] += weight * row[j]
 
 
-@jit
+@borrowing
 def _sum_of_logs(data: Readings, room: Room) -> float:
     """Log likelihood, nat, of what `mix` left."""
     count, total, term = data.times, room[TOTAL], room[SPARE, : len(data.times)]
@@ -89,14 +89,14 @@ def _sum_of_logs(data: Readings, room: Room) -> float:
     return float(total_of(term))
 
 
-@jit
+@borrowing
 def log_likelihood(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> float:
     """Log likelihood of the samples under equation (1), nat."""
     mix(data, k, fit, beam, room)
     return _sum_of_logs(data, room)
 
 
-@jit
+@borrowing
 def expect(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None:
     """E step: support, and in rows MOMENT_1 and MOMENT_2 the moments about the means."""
     mix(data, k, fit, beam, room)
@@ -113,7 +113,7 @@ def expect(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> N
         fit[MOMENT_2, i] = fit[WEIGHT, i] * second
 
 
-@jit
+@borrowing
 def new_sigma(curve_sigma: float, squares: float, support: float, mode: int) -> float:
     """sigma_i from the squares about the new mean, by the chosen mode."""
     if mode == MODE_TIED:
@@ -123,7 +123,7 @@ def new_sigma(curve_sigma: float, squares: float, support: float, mode: int) -> 
     return math.sqrt((PRIOR_SAMPLES * curve_sigma**2 + squares) / (PRIOR_SAMPLES + support))
 
 
-@jit
+@borrowing
 def maximise(k: int, fit: Components, beam: Beam, mode: int) -> float:
     """M step after `expect`; return the largest change: of a mean in sigmas, of a weight as it is."""
     total = fit[SUPPORT, -1]
@@ -148,7 +148,7 @@ def maximise(k: int, fit: Components, beam: Beam, mode: int) -> float:
     return change
 
 
-@jit
+@borrowing
 def draw_sigmas(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None:
     """Draw each sigma from the curve's towards the spread of its samples, as the prior has it; all else is held.
 
@@ -160,7 +160,7 @@ def draw_sigmas(data: Readings, k: int, fit: Components, beam: Beam, room: Room)
         fit[SIGMA, i] = new_sigma(curve_sigma, fit[MOMENT_2, i], fit[SUPPORT, i], MODE_PRIOR)
 
 
-@jit
+@borrowing
 def em_step(data: Readings, k: int, fit: Components, beam: Beam, mode: int, room: Room) -> float:
     """One iteration of EM; return the log likelihood of the values that it started from."""
     expect(data, k, fit, beam, room)
@@ -168,7 +168,7 @@ def em_step(data: Readings, k: int, fit: Components, beam: Beam, mode: int, room
     return _sum_of_logs(data, room)
 
 
-@jit
+@borrowing
 def expectation_maximisation(
     data: Readings, k: int, fit: Components, beam: Beam, mode: int, max_iter: int, tol: float, room: Room
 ) -> int:
@@ -180,7 +180,7 @@ def expectation_maximisation(
     return -max_iter
 
 
-@jit
+@borrowing
 def start_at(places: FloatArray, heights: FloatArray, k: int, no_return: float, fit: Components, beam: Beam) -> None:
     """Start `fit` at step 1's places with weights in proportion to their heights."""
     total = no_return + np.sum(heights[:k])

@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.density import BANDWIDTH, REACH, kernel_bend, kernel_sums, within_reach
+from tofmix.estimation.density import BANDWIDTH, REACH, kernel_bend, kernel_sums, whole_lanes, within_reach
 from tofmix.estimation.samples import Readings, readings_of
-from tofmix.jit import jit
+from tofmix.jit import borrowing
 from tofmix.sensor import NoiseCurve
 
 STEP = 0.125
@@ -36,7 +36,7 @@ LONE_SAMPLES = 3.0
 """A peak must be as high as that of a surface of 3 samples: one sample alone, as high as one of 2.2, is none."""
 
 
-@jit
+@borrowing
 def find_peaks(
     data: Readings,
     curve_range: FloatArray,
@@ -67,11 +67,12 @@ def find_peaks(
         first, stop = within_reach(values, first, stop, r - REACH * h, r + REACH * h)
         turns, flat, slope, total, step = False, False, math.nan, 0.0, STEP * sigma
         if first < stop:
-            total, moment = kernel_sums(data, first, stop, r, h, room)
+            low, high = whole_lanes(first, stop, len(values))
+            total, moment = kernel_sums(data, low, high, r, h, room)
             slope = -moment / total  # dp/dr in units of p / h
             turns = before > 0.0 >= slope
             if abs(slope) < epsilon:  # |dp/dr| < epsilon and d2p/dr2 < 0
-                flat = kernel_bend(data, first, stop, r, h, room) < 0.0
+                flat = kernel_bend(data, low, high, r, h, room) < 0.0
             if abs(slope) > STEEP:
                 step *= 2.0
         elif first < len(values):
@@ -98,7 +99,7 @@ def find_peaks(
     return count
 
 
-@jit
+@borrowing
 def keep_peak(places: FloatArray, heights: FloatArray, count: int, place: float, height: float) -> int:
     """Append a peak; where there is no room, the lowest one gives way."""
     if count < len(places):
@@ -106,8 +107,8 @@ def keep_peak(places: FloatArray, heights: FloatArray, count: int, place: float,
         return count + 1
     lowest = int(np.argmin(heights))
     if height > heights[lowest]:
-        places[lowest:-1] = places[lowest + 1 :].copy()
-        heights[lowest:-1] = heights[lowest + 1 :].copy()
+        for i in range(lowest, len(places) - 1):
+            places[i], heights[i] = places[i + 1], heights[i + 1]
         places[-1], heights[-1] = place, height
     return count
 

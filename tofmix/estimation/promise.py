@@ -16,7 +16,7 @@ from tofmix.estimation.components import MEAN, OTHER, SHARE, SIGMA, SPARE, TOTAL
 from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.vector import exp_minus, log_of, product_of, total_of
-from tofmix.jit import jit
+from tofmix.jit import borrowing
 
 OWN_SIGMAS = 4.0
 """Samples this near to a surface are its own, where none other is within twice that."""
@@ -34,7 +34,7 @@ _NEWTON_STEPS = 3
 _LARGEST_SHARE = 0.9
 
 
-@jit
+@borrowing
 def promise_of_clear(data: Readings, k: int, fit: Components, beam: Beam, room: Room, least: float) -> float:
     """Largest promise of all places, nat; infinite where the surfaces do not stand clear, or samples lie elsewhere.
 
@@ -66,7 +66,7 @@ def promise_of_clear(data: Readings, k: int, fit: Components, beam: Beam, room: 
     return promise if owned > data.total - 0.5 else math.inf
 
 
-@jit
+@borrowing
 def _first_from(values: FloatArray, low: float) -> int:
     """Index of the first of ascending values that is not below `low`."""
     first, stop = 0, len(values)
@@ -79,7 +79,7 @@ def _first_from(values: FloatArray, low: float) -> int:
     return first
 
 
-@jit
+@borrowing
 def _promise_near(own: Readings, mean: float, sigma: float, room: Room, least: float) -> float:
     """Largest promise of the places around one surface, from its own samples."""
     value, count, m = own.value, own.times, len(own.value)
@@ -116,14 +116,17 @@ def _promise_near(own: Readings, mean: float, sigma: float, room: Room, least: f
     return promise
 
 
-@jit
+@borrowing
 def _next_power(power: FloatArray, base: FloatArray, z: FloatArray, count: FloatArray) -> tuple[float, float, float]:
     """Multiply the powers by the base; return the sums of them, of them times z, and of their squares."""
-    a0, b0, a1, b1, a2, b2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    a0, b0, c0, d0 = 0.0, 0.0, 0.0, 0.0
+    a1, b1, c1, d1 = 0.0, 0.0, 0.0, 0.0
+    a2, b2, c2, d2 = 0.0, 0.0, 0.0, 0.0
     m = len(power)
     for j in range(m):
         power[j] *= base[j]
-    for j in range(0, m - 1, 2):
+    for part in range(m >> 2):
+        j = part << 2
         term = count[j] * power[j]
         a0 += term
         a1 += term * z[j]
@@ -132,15 +135,23 @@ def _next_power(power: FloatArray, base: FloatArray, z: FloatArray, count: Float
         b0 += term
         b1 += term * z[j + 1]
         b2 += term * power[j + 1]
-    if m % 2 == 1:
-        term = count[m - 1] * power[m - 1]
+        term = count[j + 2] * power[j + 2]
+        c0 += term
+        c1 += term * z[j + 2]
+        c2 += term * power[j + 2]
+        term = count[j + 3] * power[j + 3]
+        d0 += term
+        d1 += term * z[j + 3]
+        d2 += term * power[j + 3]
+    for j in range(m - m % 4, m):
+        term = count[j] * power[j]
         a0 += term
-        a1 += term * z[m - 1]
-        a2 += term * power[m - 1]
-    return a0 + b0, a1 + b1, a2 + b2
+        a1 += term * z[j]
+        a2 += term * power[j]
+    return (a0 + b0) + (c0 + d0), (a1 + b1) + (c1 + d1), (a2 + b2) + (c2 + d2)
 
 
-@jit
+@borrowing
 def _gain_of_best_share(power: FloatArray, scale: float, own: Readings, term: FloatArray) -> float:
     """Gain, nat, of the best share of a new surface with density ratios scale * power, all else held."""
     count, share = own.times, 1.0 / own.total

@@ -31,7 +31,7 @@ from tofmix.estimation.mixture import PRIOR_SAMPLES, expect
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
 from tofmix.estimation.vector import product_of
-from tofmix.jit import jit
+from tofmix.jit import borrowing, jit
 
 _SINGULAR = 1.0e-10
 """A pivot below this, of a matrix with a unit diagonal, is rounding."""
@@ -40,7 +40,7 @@ _LEAST_NO_RETURN = 0.5
 """With less than half a sample, p(c_0) sits at its bound 0 and has no curvature to invert."""
 
 
-@jit
+@borrowing
 def _moments(
     data: Readings, density: FloatArray, share: FloatArray, mean: float, scale: float
 ) -> tuple[float, float, float, float, float]:
@@ -59,7 +59,7 @@ def _moments(
     return m0, m1, m2, m3, m4
 
 
-@jit
+@borrowing
 def _fill_gradient(data: Readings, k: int, fit: Components, mode: int, shares: int, room: Room) -> None:
     """Fill the gradient's rows: log p(r_j) by k means, k log sigmas unless tied, and all shares but the last.
 

@@ -11,13 +11,13 @@ from tofmix.estimation.beam import Beam
 from tofmix.estimation.counters.base import Peaks, no_peaks
 from tofmix.estimation.modes import find_peaks
 from tofmix.estimation.pixel_noise import beam_of_pixel
-from tofmix.estimation.samples import SortedSamples, gather
+from tofmix.estimation.samples import SortedSamples, gather, padded
 from tofmix.jit import jit
 
 
 @jit
 def _fill(samples: SortedSamples, beam: Beam, gamma: float, epsilon: float, out: Peaks) -> None:
-    frames = samples.values.shape[1]
+    frames = padded(samples.values.shape[1])
     value, count, room = np.empty(frames), np.empty(frames), np.empty(frames)
     for pixel in range(len(samples.valid)):
         n = samples.valid[pixel]
