@@ -48,6 +48,15 @@ def test_callees_are_linked_and_not_compiled_by_themselves() -> None:
     assert power.signatures == []
 
 
+def test_with_another_numba_callees_are_compiled_by_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tofmix.jit.LINKS_WITH", ((0, 1), (0, 2)))
+    power, total = _kernels()
+    plain = total(np.array([0.1, 0.7, 3.3]), 4)
+    assert power.signatures != []
+    monkeypatch.undo()
+    assert plain == _kernels()[1](np.array([0.1, 0.7, 3.3]), 4)
+
+
 def test_python_can_call_a_callee_too() -> None:
     power, total = _kernels()
     assert total(np.array([2.0]), 1) == 2.0 + 2.0 + 8.0

@@ -9,7 +9,8 @@ that is not writable in the user's cache folder, or else in the temporary folder
 ``nogil=True``: threads run kernels side by side on one process's memory.
 ``error_model="numpy"``: a division by zero gives inf or NaN as in NumPy, and the
 loop vectorises; kernels never rely on an exception.
-Kernels that others call are compiled as a part of these (`jit_linking`).
+Kernels that others call are compiled as a part of these (`jit_linking`), with the
+versions of numba that this was tested with; others compile each by itself.
 No ``fastmath``: sums must not depend on how the compiler reorders them on another
 machine.
 """
@@ -30,6 +31,9 @@ from tofmix import jit_linking
 
 P = ParamSpec("P")
 R = TypeVar("R")
+
+LINKS_WITH = (0, 60), (0, 68)
+"""Oldest and newest version of numba that compiles callees as a part of their callers."""
 
 config: Any = numba.config  # its settings are made at run time, unknown to a type checker
 _PACKAGE = Path(__file__).parent
@@ -63,7 +67,7 @@ def borrowing(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _link_into_callers(compiled: Any, *, borrows: bool) -> None:  # noqa: ANN401  a dispatcher, or without the JIT a function
-    if hasattr(compiled, "get_call_template"):
+    if hasattr(compiled, "get_call_template") and LINKS_WITH[0] <= numba.version_info.short <= LINKS_WITH[1]:
         callee = jit_linking.Callee(compiled, borrows=borrows)
         compiled.get_call_template, compiled.get_overload = callee.template, callee.code
 

@@ -15,7 +15,7 @@ MAPS = {"maps/pattern.npy": np.ones((2, 3))}
 
 
 def write(folder: Path, **settings: Any) -> None:  # noqa: ANN401  the writer's own
-    write_folder(folder, model_text="model", gap={"verdict": "agree"}, page="page", **({"maps": MAPS} | settings))
+    write_folder(folder, model_texts=["model"], gap={"verdict": "agree"}, page="page", **({"maps": MAPS} | settings))
 
 
 def test_it_is_written_and_replaced(tmp_path: Path) -> None:

@@ -138,6 +138,7 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
     from tofmix.io.recording_file import open_recording
     from tofmix.reconcile.evidence import make_evidence
 
+    every = slice(0, None)
     with open_recording(measured) as file:
         samples = math.prod(file.shape)
         if samples > _MOST_SAMPLES:
