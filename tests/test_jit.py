@@ -93,3 +93,29 @@ def test_a_compiled_function_computes() -> None:
         return float(2 * values.sum())
 
     assert jit.jit(twice)(np.arange(4.0)) == 12
+
+
+def test_a_damaged_cache_and_a_full_disk_are_no_fault(tmp_path: Path) -> None:
+    script = tmp_path / "kernel.py"
+    script.write_text("from tofmix.jit import jit\n@jit\ndef twice(x):\n    return 2 * x\nprint(twice(21))\n")
+    full = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
+    (tmp_path / "full.py").write_text(full + script.read_text())
+    environment = {"PATH": "", "PYTHONPATH": str(Path(tofmix.__file__).parents[1]), "HOME": str(tmp_path)}
+    environment |= {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+    def run(path: Path) -> str:
+        return subprocess.run(
+            [sys.executable, str(path)], env=environment, capture_output=True, text=True, check=True
+        ).stdout
+
+    def kept() -> list[Path]:
+        return sorted((tmp_path / "cache").rglob("*.nb?"))
+
+    assert run(script) == "42\n"
+    assert len(kept()) == 2  # an index and a kernel
+    for content in (b"", b"damaged"):
+        for path in kept():
+            path.write_bytes(content)
+        assert run(script) == "42\n"
+        assert all(path.stat().st_size > 10 for path in kept())
+    assert run(tmp_path / "full.py") == "42\n"

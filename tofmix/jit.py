@@ -20,6 +20,7 @@ import os
 import stat
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -46,6 +47,7 @@ def jit(function: Callable[P, R]) -> Callable[P, R]:
     finally:
         config.CACHE_DIR = theirs
     _compile_constants_once(compiled)
+    _bear_faults_of_the_cache(compiled)
     return compiled
 
 
@@ -59,6 +61,32 @@ def _compile_constants_once(compiled: Any) -> None:  # noqa: ANN401  a dispatche
             return find(tuple(general(kind) for kind in args), kinds)
 
         compiled.get_call_template = find_for_types
+
+
+def _bear_faults_of_the_cache(compiled: Any) -> None:  # noqa: ANN401  likewise
+    """Compile again where the cache is damaged, and go on where the disk is full: a cache is never why a run fails."""
+    kept = getattr(compiled, "_cache", None)
+    if kept is None:
+        return
+    load, save = kept.load_overload, kept.save_overload
+
+    def load_if_whole(*args: Any) -> Any:  # noqa: ANN401  numba's own
+        try:
+            return load(*args)
+        except Exception:  # noqa: BLE001  whatever a damaged file makes of its reader
+            return None
+
+    def save_if_possible(*args: Any) -> None:  # noqa: ANN401  numba's own
+        try:
+            save(*args)
+        except OSError:
+            return
+        except Exception:  # noqa: BLE001  its index is damaged
+            with suppress(OSError):
+                kept.flush()
+                save(*args)
+
+    kept.load_overload, kept.save_overload = load_if_whole, save_if_possible
 
 
 @cache

@@ -157,8 +157,20 @@ def test_what_does_not_fit_is_refused_by_name(path: Path, name: str, value: obje
 def test_broken_options_are_refused(path: Path, text: str) -> None:
     with h5py.File(path, "r+") as root:
         root.attrs["options"] = text
+        del root.attrs["provenance_crc32"]
     with pytest.raises(BadInputError, match="options"), open_layers(path):
         pass
+
+
+def test_a_changed_byte_in_the_options_is_noticed(path: Path) -> None:
+    data = path.read_bytes()
+    with h5py.File(path) as root:
+        texts = [str(root.attrs[key]).encode() for key in ("options", "source_sha256")]
+    for text in texts:
+        place = data.index(text) + len(text) // 2
+        path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+        with pytest.raises(BadInputError, match="is damaged: its checksum is another"), open_layers(path):
+            pass
 
 
 def test_a_recording_is_no_layers_file(path: Path) -> None:

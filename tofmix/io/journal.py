@@ -185,17 +185,26 @@ def open_journal(path: Path, header: bytes, shard: Shard = WHOLE) -> Journal:
     StorageError
         If it cannot be made.
     """
-    if not path.exists():
+    is_new = not path.exists()
+    if is_new:
         remove_journal(path)  # what SQLite left beside one that is gone
         keep_unfinished(*files_of(path), resumable=False)
     with _faults(path):
         database = sqlite3.connect(path, timeout=0.0, check_same_thread=False)
         try:
             return _begin(path, database, header, shard)
-        except BaseException:
+        except BaseException as error:
             database.close()
+            if is_new and _is_full(error):
+                remove_journal(path)
             forget_unfinished(*files_of(path))
             raise
+
+
+def _is_full(error: BaseException) -> bool:
+    """Whether the disk is at fault, and not another run that has the journal."""
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    return code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR)
 
 
 def _begin(path: Path, database: sqlite3.Connection, header: bytes, shard: Shard) -> Journal:

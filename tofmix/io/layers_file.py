@@ -5,6 +5,7 @@ same provenance give the same bytes, in whatever blocks they are written.
 """
 
 import json
+import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -25,6 +26,7 @@ from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.windows import Windows
 
 FORMAT = "tofmix-layers"
+_CHECKSUM = "provenance_crc32"
 _DIMS = ("window", "row", "col", "layer")
 
 
@@ -307,9 +309,18 @@ def _write_provenance(root: h5py.File, provenance: Provenance) -> None:
     root.attrs["tofmix_version"] = provenance.version
     root.attrs["options"] = json.dumps(provenance.options, sort_keys=True)
     root.attrs["frames_left_out"] = provenance.frames_left_out
+    root.attrs[_CHECKSUM] = np.uint32(_checksum(root))
+
+
+def _checksum(root: h5py.File) -> int:
+    """CRC-32 of the provenance's texts: HDF5 stores texts where no checksum is over them, but numbers under one."""
+    texts = [hdf5.text_attribute(root, key) for key in ("source", "source_sha256", "tofmix_version", "options")]
+    return zlib.crc32("\n".join(text or "" for text in texts).encode("utf-8", "replace"))
 
 
 def _read_provenance(root: h5py.File, path: Path) -> Provenance:
+    if _CHECKSUM in root.attrs and int(root.attrs[_CHECKSUM]) != _checksum(root):
+        raise BadInputError(f"{path}: attribute options, or source beside it, is damaged: its checksum is another")
     try:
         options = json.loads(hdf5.text_attribute(root, "options") or "{}")
     except ValueError as error:

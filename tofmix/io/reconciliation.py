@@ -1,14 +1,15 @@
 """A reconciliation's folder: `model.toml` with its maps, `gap.json`, `report.html`.
 
-The files appear one by one, each whole or not at all, and `gap.json` last: a folder that has it is complete.
+All files are on disk whole before the first gets its name, and `gap.json` gets it last: a folder that has it is
+complete.
 """
 
 import io
 import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path, PurePath
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,8 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.errors import StorageError, UsageError, os_error_text
 from tofmix.io.claims import hold, let_go
-from tofmix.io.storage import AtomicFile, sync_folder, write_text
+from tofmix.io.storage import sync_folder
+from tofmix.io.together import write_together
 
 FILES = ("model.toml", "report.html", "gap.json")
 
@@ -93,21 +95,34 @@ def write_folder(
         As for `check_folder` and `AtomicFile`.
     """
     check_folder(folder, overwrite=overwrite)
-    try:
-        folder.mkdir(exist_ok=True)
-        for name in maps:
-            (folder / PurePath(name)).parent.mkdir(parents=True, exist_ok=True)
-        sync_folder(folder)
-        sync_folder(folder.absolute().parent)
-    except OSError as error:
-        raise StorageError(os_error_text(error, folder)) from error
+    contents: dict[Path, bytes] = {}
     for name, values in maps.items():
         buffer = io.BytesIO()
-        np.save(buffer, values.astype(np.float32))
-        with AtomicFile(folder / name, overwrite=overwrite, inputs=inputs) as file:
-            file.sink.write(buffer.getvalue())
-            file.commit()
-    write_text(folder / "model.toml", model_text, overwrite=overwrite, inputs=inputs)
-    write_text(folder / "report.html", page, overwrite=overwrite, inputs=inputs)
+        np.save(buffer, values.astype(np.float32), allow_pickle=False)
+        contents[folder / name] = buffer.getvalue()
     text = json.dumps(gap, indent=2, allow_nan=False) + "\n"
-    write_text(folder / "gap.json", text, overwrite=overwrite, inputs=inputs)
+    for name, content in zip(FILES, (model_text, page, text), strict=True):
+        contents[folder / name] = content.encode()
+    with _folders({folder, *(path.parent for path in contents)}):
+        write_together(contents, overwrite=overwrite, inputs=inputs)
+
+
+@contextmanager
+def _folders(folders: set[Path]) -> Iterator[None]:
+    """Make folders; those that are new go again should the block fail."""
+    made: list[Path] = []
+    try:
+        for folder in sorted(folders):
+            for one in (*reversed(folder.parents), folder):
+                if not one.exists():
+                    one.mkdir()
+                    made.append(one)
+                    sync_folder(one.absolute().parent)
+        yield
+    except BaseException as error:
+        for one in reversed(made):
+            with suppress(OSError):  # somebody else has put something there
+                one.rmdir()
+        if isinstance(error, OSError):
+            raise StorageError(os_error_text(error, min(folders))) from error
+        raise
