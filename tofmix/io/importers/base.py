@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError, TofmixError, os_error_text
-from tofmix.recording import MOST_PIXELS_A_SIDE
+from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 
 IMAGE_DIMENSIONS = 2
 DepthAxis = Literal["z", "ray"]
@@ -101,7 +101,9 @@ class FrameSource:
     notes: tuple[str, ...] = ()
 
     def check(self, what: object) -> "FrameSource":
-        """Return the source itself; `BadInputError` if its images are larger than a camera's."""
+        """Return the source itself; `BadInputError` if its images are larger than a camera's, or it claims too many."""
+        if self.shape[0] > MOST_FRAMES:
+            raise BadInputError(f"{what}: {self.shape[0]} frames; no more than {MOST_FRAMES}")
         if max(self.shape[1:]) > MOST_PIXELS_A_SIDE:
             raise BadInputError(f"{what}: {_size(self.shape[1:])} pixels; no more than {MOST_PIXELS_A_SIDE} a side")
         return self
