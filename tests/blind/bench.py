@@ -3,14 +3,18 @@
     PYTHONPATH=tests python -m blind.bench --output FOLDER [--select NAME ...] [--sealed-seed N] [--processes 2]
 
 Each case is built, scored and removed; its result is a line of FOLDER/results.jsonl. Cases that have a line are not
-done again, so that the command may be stopped and started at will. `--no-reconcile` measures gaps and ceilings alone;
+done again, so that the command may be stopped and started at will; they come in an order in which every beginning is a
+fair sample of all. `--no-reconcile` measures gaps and ceilings alone;
 `--summary` prints what is there and does nothing. The sealed half is left out until its master seed is given.
 """
 
 import argparse
+import hashlib
 import json
 import multiprocessing
 import shlex
+from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -56,6 +60,23 @@ def _line(result: dict[str, Any]) -> str:
     return " ".join([said, *numbers])
 
 
+def _lot(case: Case) -> str:
+    return hashlib.sha256(case.name.encode()).hexdigest()
+
+
+def fair_order(cases: Iterable[tuple[Case, int]]) -> list[tuple[Case, int]]:
+    """Order cases with their master seeds so that any beginning holds the same share of each sort, kind and level."""
+    strata = defaultdict(list)
+    for case, master in cases:
+        kinds = case.kinds if case.sort == "single" else ()
+        strata[case.half, case.sort, kinds, case.level].append((case, master))
+    placed = []
+    for members in strata.values():
+        drawn = sorted((_lot(case), case.name, (case, master)) for case, master in members)
+        placed += [((rank + 0.5) / len(drawn), *entry) for rank, entry in enumerate(drawn)]
+    return [pair for *_, pair in sorted(placed, key=lambda entry: entry[:3])]
+
+
 def read_results(path: Path) -> list[dict[str, Any]]:
     """All results that were written, the last of each case."""
     if not path.exists():
@@ -91,7 +112,8 @@ def main(arguments: list[str] | None = None) -> None:
         )
         cases = selected(options.select, options.sealed_seed)[:: options.every]
         work = options.output / "work"
-        jobs = [(case, master, work, plan) for case, master in cases if (case.name, master) not in done]
+        left = [(case, master) for case, master in cases if (case.name, master) not in done]
+        jobs = [(case, master, work, plan) for case, master in fair_order(left)]
         run(jobs, results, options.processes)
     print(summary(read_results(results)))
 

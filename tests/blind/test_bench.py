@@ -1,10 +1,13 @@
 """The bench's one command, on a small fixed part of its cases."""
 
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from blind import bench
+from blind.cases import Case
+from blind.generate import selected
 
 TESTS = Path(__file__).parents[1]
 
@@ -48,3 +51,16 @@ def test_the_sealed_half_needs_its_seed(tmp_path: Path) -> None:
     assert {master for _, master in sealed} == {7}
     bench.main(["--output", str(tmp_path), "--select", "none-17", "--processes", "1"])  # a sealed one: nothing to do
     assert bench.read_results(tmp_path / "results.jsonl") == []
+
+
+def test_every_beginning_of_the_order_is_a_fair_sample() -> None:
+    cases = selected([], 5)
+    ordered = bench.fair_order(cases)
+    assert sorted(case.name for case, _ in ordered) == sorted(case.name for case, _ in cases)
+
+    def shares(some: list[tuple[Case, int]]) -> dict[tuple[str, str, str], float]:
+        counted = Counter((case.half, case.sort, case.level) for case, _ in some)
+        return {stratum: count / len(some) for stratum, count in counted.items()}
+
+    for length in (200, 400):
+        assert shares(ordered[:length]) == pytest.approx(shares(cases), abs=0.02)
