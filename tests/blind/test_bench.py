@@ -63,4 +63,6 @@ def test_every_beginning_of_the_order_is_a_fair_sample() -> None:
         return {stratum: count / len(some) for stratum, count in counted.items()}
 
     for length in (200, 400):
-        assert shares(ordered[:length]) == pytest.approx(shares(cases), abs=0.02)
+        assert shares(ordered[:length]) == pytest.approx(
+            shares(cases), abs=0.03
+        )  # kinds have seven or eight cases each, and take turns
