@@ -218,7 +218,7 @@ def file_sha256(path: Path) -> str:
 
 
 def _digest(file: io.FileIO, path: Path) -> str:
-    """SHA-256 of what is left of a file; each piece is watched by itself, for the whole may take as long as it likes."""
+    """SHA-256 of what is left of a file; each piece is watched by itself, for the whole may take long."""
     digest, piece = hashlib.sha256(), memoryview(bytearray(_HASHED_BYTES))
     while True:
         with watched(str(path)):
