@@ -67,9 +67,12 @@ def _stream(name: str) -> str:
 
 def _warm() -> Any:  # noqa: ANN401  the program's entry, imported late
     """Import what commands import, and compile or load every kernel."""
+    from tqdm import tqdm
+
     from faults import scout
     from tofmix.cli.main import run
 
+    tqdm.monitor_interval = 0  # no thread of the parent's
     scout.use()
     with tempfile.TemporaryDirectory() as name:
         for argv in _rehearsal(Path(name)):
@@ -217,8 +220,11 @@ def _work(run: Any, jobs: Any, answers: int) -> NoReturn:  # noqa: ANN401  the p
 
 def _begin() -> None:
     """Make this fork look like a fresh process that a shell has started."""
+    from tqdm import tqdm
+
     from tofmix.io import watchdog
 
+    tqdm.set_lock(threading.RLock())  # its own is shared by all forks, and a killed one may hold it
     watchdog._watchdog.clear()  # its thread has stayed with the parent
     os.setpgid(0, 0)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
