@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
@@ -35,7 +36,7 @@ FRAMES = (1000, 3000, 10_000, 30_000)
 IMAGES = ((36, 44), (72, 88), (144, 176), (288, 352))
 APART = 8.0
 WINDOW = 100
-LEAST_SAMPLES = 60_000
+LEAST_SAMPLES = 300_000
 """Samples of a measurement, at least: that many over the window's samples, and at most 2000, are its pixels."""
 
 Point = tuple[float, float]
@@ -85,13 +86,19 @@ def curve(axes: Axes, points: list[Point], label: str, color: str, marker: str) 
     axes.plot(*zip(*points, strict=True), color=color, marker=marker, markersize=4, linewidth=1.2, label=label)
 
 
-def finish(axes: Axes, title: str, x: str, y: str) -> None:
-    """Name the axes."""
-    axes.set(title=title, xlabel=x, ylabel=y)
+def finish(axes: Axes, title: str, x: str, y: str, *, log: str) -> None:
+    """Name the axes, and write the numbers of logarithmic ones out; the others start at 0."""
+    axes.set_title(title, loc="left", fontweight="bold")
+    axes.set(xlabel=x, ylabel=y)
+    for letter, axis, set_scale in (("x", axes.xaxis, axes.set_xscale), ("y", axes.yaxis, axes.set_yscale)):
+        if letter in log:
+            set_scale("log")
+            axis.set_major_formatter(lambda value, _: f"{value:,g}")
+            axis.set_minor_formatter(NullFormatter())
+        elif letter == "y":
+            axes.set_ylim(bottom=0.0)
     axes.grid(color=LIGHT.grid, linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.set_ylim(bottom=0.0) if axes.get_yscale() == "linear" else None
-    axes.legend()
 
 
 def kernels(axes: tuple[Axes, Axes], rounds: int, rng: np.random.Generator) -> None:
@@ -101,8 +108,8 @@ def kernels(axes: tuple[Axes, Axes], rounds: int, rng: np.random.Generator) -> N
     found = {k: [(float(n), microseconds(drawn(n, k, rng), rounds)) for n in SAMPLES] for k in (1, 3)}
     for k, points in found.items():
         curve(by_samples, points, "1 surface" if k == 1 else f"{k} surfaces", colours[k], "os^"[k - 1])
-    by_samples.set(xscale="log", yscale="log")
-    finish(by_samples, "A pixel, by the samples of its window", "samples", "processor time / µs")
+    finish(by_samples, "a pixel, by the samples of its window", "samples", "processor time (µs)", log="xy")
+    by_samples.legend(loc="upper left")
     table(
         "| samples | µs a pixel, 1 surface | 3 surfaces |",
         [(f"{n:,}", *(f"{dict(found[k])[float(n)]:.1f}" for k in (1, 3))) for n in SAMPLES],
@@ -110,7 +117,8 @@ def kernels(axes: tuple[Axes, Axes], rounds: int, rng: np.random.Generator) -> N
     more = {n: [(float(k), microseconds(drawn(n, k, rng), rounds)) for k in SURFACES] for n in (100, 1000)}
     for n, color, marker in ((100, LIGHT.layers[0], "o"), (1000, LIGHT.layers[1], "s")):
         curve(by_surfaces, more[n], f"{n} samples", color, marker)
-    finish(by_surfaces, "A pixel, by its surfaces", "surfaces", "processor time / µs")
+    finish(by_surfaces, "a pixel, by its surfaces", "surfaces", "processor time (µs)", log="")
+    by_surfaces.legend(loc="upper left")
     table(
         "| surfaces | µs a pixel, 100 samples | 1000 samples |",
         [(f"{k}", *(f"{dict(more[n])[float(k)]:.1f}" for n in (100, 1000))) for k in SURFACES],
@@ -127,11 +135,10 @@ def commands(axes: tuple[Axes, Axes], rounds: int) -> None:
     for points, label, marker, k in runs:
         curve(of_time, [(n / 1e6, busy) for n, busy, _ in points], label, LIGHT.layers[k], marker)
         curve(of_memory, [(n / 1e6, peak) for n, _, peak in points], label, LIGHT.layers[k], marker)
+    finish(of_time, "the command, by the recording's samples", "million samples", "processor time (s)", log="")
+    finish(of_memory, "its memory", "million samples", "peak (MB)", log="")
     for each in axes:
-        each.set(xscale="log")
-    of_time.set(yscale="log")
-    finish(of_time, "The command, by the recording's samples", "million samples", "processor time / s")
-    finish(of_memory, "Its memory", "million samples", "peak / MB")
+        each.legend(loc="lower right")
     table(
         "| frames | image | windows | processor s | peak MB |",
         [
