@@ -8,7 +8,7 @@ sigma apart, the others one. In one run, best of `rounds`:
 - tofmix: sorting, both steps, the final count by likelihood, gains and standard errors, on 1 and 2 threads;
 - NumPy: the two steps of the paper as one would write them batch by batch: a binned density on a warped range axis by
   convolution, and EM in float32 for the pixels with more than one peak, 50 iterations, sigma free; no final count;
-- JAX, where it is installed: the same EM, compiled for the CPU;
+- JAX, where it is installed: the same EM, compiled for the CPU, after NumPy's first step and alone;
 - scikit-learn: GaussianMixture with BIC over 1 to 4 components, on a few pixels;
 - reading the samples with h5py, and nothing else.
 """
@@ -267,6 +267,9 @@ def main() -> None:
         ]
         if compiled is not None:
             compiled()
+            work.append(
+                ("NumPy's first step, EM in JAX", lambda: (numpy_starts(samples.reshape(FRAMES, -1)), compiled()))
+            )
             work.append(("JAX, EM alone", compiled))
         seconds = best(arguments.rounds, *(step for _, step in work))
     ours = seconds[0]
