@@ -15,7 +15,7 @@ import math
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.components import MEAN, SIGMA, STEPS, UNIT, WEIGHT, Components, Room
 from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.mixture import PRIOR_SAMPLES, em_step
+from tofmix.estimation.mixture import PRIOR_SAMPLES, em_step, expect, maximise
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
 from tofmix.jit import borrowing
@@ -85,7 +85,8 @@ def maximise_likelihood(
         for i in range(k):
             fit[UNIT, i] = fit[SIGMA, i]
         _pack(k, fit, _FIRST)
-        em_step(data, k, fit, beam, mode, room)
+        expect(data, k, fit, beam, room)  # em_step, but for the likelihood, which nobody asks for
+        maximise(k, fit, beam, mode)
         _pack(k, fit, _SECOND)
         before = _penalty(k, fit, beam, mode) + em_step(data, k, fit, beam, mode, room)
         _pack(k, fit, _THIRD)
