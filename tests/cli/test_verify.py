@@ -49,3 +49,48 @@ def test_names_in_a_file_do_not_reach_the_terminal_raw(tofmix: Tofmix, layers: P
         root["range"].attrs["units"] = "\x1b[31m\nm"
     assert "\x1b" not in tofmix("verify", layers).out
     assert tofmix("verify", layers).out.count("\n") == 1
+
+
+MODEL = """
+[sensor]
+profile = "sr3000"
+rows = 6
+cols = 8
+[recording]
+frames = 12
+[[surface]]
+name = "board"
+center_mm = [0.0, 0.0, 2000.0]
+size_mm = [1500.0, 1500.0]
+[[effect]]
+kind = "fixed_pattern"
+pixel_sigma_mm = 3.0
+column_sigma_mm = 1.0
+row_sigma_mm = 1.0
+[[effect]]
+kind = "interference"
+probability = 0.2
+sigma_mm = 50.0
+[[effect]]
+kind = "motion"
+surface = "board"
+velocity_mm_s = 100.0
+"""
+
+
+def test_every_dataset_that_is_written_has_checksums(tofmix: Tofmix, tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(MODEL)
+    assert tofmix("simulate", tmp_path / "model.toml", "-o", tmp_path / "a.h5").code == 0
+    assert tofmix("estimate", tmp_path / "a.h5", "--window", 6).code == 0
+    for name, expected in (("a.h5", "truth/range_true_frames"), ("a.layers.h5", "sensor/noise_sigma")):
+        datasets: dict[str, bool] = {}
+
+        def see(path: str, item: h5py.Group | h5py.Dataset, found: dict[str, bool] = datasets) -> None:
+            if isinstance(item, h5py.Dataset):
+                found[path] = bool(item.fletcher32)
+
+        with h5py.File(tmp_path / name) as root:
+            root.visititems(see)
+        assert expected in datasets
+        assert [path for path, guarded in datasets.items() if not guarded] == []
+        assert tofmix("verify", tmp_path / name).code == 0

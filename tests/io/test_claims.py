@@ -9,12 +9,14 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tofmix.errors import StorageError, UsageError
 from tofmix.io import claims
 from tofmix.io.storage import AtomicFile, claimed, write_text
+from tofmix.io.unfinished import discard_unfinished
 
 WRITER = """
 import sys, time
@@ -145,6 +147,36 @@ def test_a_claim_passes_to_the_writer(tmp_path: Path) -> None:
     with pytest.raises(KeyError), claimed(tmp_path / "c", overwrite=False):
         raise KeyError
     assert names(tmp_path) == ["a"]
+
+
+def test_a_signal_right_after_a_file_is_made_finds_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = os.open
+
+    def stopped(*arguments: Any) -> int:  # noqa: ANN401  what os.open takes
+        descriptor = real(*arguments)
+        discard_unfinished()  # as the handler does, before anybody has noted the descriptor
+        return descriptor
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "open", stopped)
+        patch.setattr(claims, "_lock", lambda path: os.open(path, os.O_RDWR | os.O_CREAT) and pytest.fail("gone on"))
+        with pytest.raises(pytest.fail.Exception, match="gone on"):
+            claims.take(tmp_path / "a")
+    assert names(tmp_path) == []
+
+
+def test_a_signal_while_another_run_is_met_leaves_that_run_alone(tmp_path: Path) -> None:
+    path = tmp_path / "out.h5"
+    with another_run(path) as first:
+        before = names(tmp_path)
+        claims._begun.add(tmp_path / before[0])
+        descriptor = os.open(tmp_path / before[0], os.O_RDWR)
+        discard_unfinished()
+        os.close(descriptor)
+        claims._begun.clear()
+        assert names(tmp_path) == before
+        first.communicate("go on\n")
+    assert path.read_text() == "half"
 
 
 def test_a_file_whose_temporary_one_was_taken_is_not_named(tmp_path: Path) -> None:

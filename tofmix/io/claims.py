@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tofmix.errors import StorageError, UsageError, os_error_text
-from tofmix.io.unfinished import forget_unfinished, keep_unfinished
+from tofmix.io.unfinished import forget_unfinished, keep_unfinished, on_discard
 
 _ENDING = ".tofmix-partial"
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
@@ -25,7 +25,12 @@ _ATTEMPTS = 10
 _PAUSE_S = 0.02
 """Who clears a folder holds a lock for less."""
 
+_MOST_DESCRIPTORS = 4096
+
 _cleared: set[Path] = set()
+
+_begun: set[Path] = set()
+"""Files that are about to be created and locked: whether they are ours yet is for the lock to say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,15 +86,33 @@ def take(target: Path) -> Claim:
     if target in _held:
         return _held.pop(target)
     own = target.with_name(f".{target.name}.{_machine()}{_ENDING}")
+    _begun.add(own)
     try:
         clear_folder(target.parent)
         claim = _lock(own) or _without_locks(target)
+        keep_unfinished(claim.path, resumable=False)
     except BlockingIOError as error:
         raise UsageError(f"{target}: another run is writing it; wait for that, or choose another output") from error
     except OSError as error:
         raise StorageError(os_error_text(error, target)) from error
-    keep_unfinished(claim.path, resumable=False)
+    finally:
+        _begun.discard(own)
     return claim
+
+
+def _discard_begun() -> None:
+    """Remove files that a signal finds created, but not yet noted as ours; never one that another run has locked."""
+    for path in _begun:
+        for descriptor in range(3, _MOST_DESCRIPTORS):
+            try:
+                if _leads_to(path, descriptor):
+                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    path.unlink()
+            except OSError:
+                continue  # no descriptor of that number, or another run's lock
+
+
+on_discard(_discard_begun)
 
 
 def _machine() -> str:

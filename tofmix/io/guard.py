@@ -151,7 +151,8 @@ def open_for_reading(path: Path) -> Iterator[h5py.File]:
     """
     with watched(str(path)):
         check_input(path)
-        seen = _scout.look({"path": str(path.absolute())}, path)
+        # Resolved here, for /dev/stdin and its like are other files in another process.
+        seen = _scout.look({"path": os.path.realpath(path)}, path)
         file = _open(path)
     with file:
         if identity(file) != seen:

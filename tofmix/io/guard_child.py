@@ -29,10 +29,11 @@ _MEMORY_BYTES = 1 << 30
 
 def main() -> None:
     """Answer until stdin ends."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)  # whatever was inherited: it must end this process
     _bound_memory()
     for line in sys.stdin:
         request = json.loads(line)
-        signal.setitimer(signal.ITIMER_REAL, request["limit_s"])  # SIGALRM is left to its default: the process ends
+        signal.setitimer(signal.ITIMER_REAL, request["limit_s"])
         answer = _answer(request)
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.stdout.write(json.dumps(answer) + "\n")
@@ -45,8 +46,13 @@ def _bound_memory() -> None:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
     except OSError:  # not Linux
         return
-    limit = pages * os.sysconf("SC_PAGE_SIZE") + _MEMORY_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    _bound(resource.RLIMIT_AS, pages * os.sysconf("SC_PAGE_SIZE") + _MEMORY_BYTES)
+
+
+def _bound(what: int, limit: int) -> None:
+    """Set a limit of this process, no higher than the one that it may not leave."""
+    hard = resource.getrlimit(what)[1]
+    resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
 
 
 def _answer(request: dict[str, Any]) -> dict[str, Any]:

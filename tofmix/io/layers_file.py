@@ -4,8 +4,6 @@ The datasets are those of `tofmix.layers.LAYER_FIELDS`. The same layers and the
 same provenance give the same bytes, in whatever blocks they are written.
 """
 
-import json
-import zlib
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -20,13 +18,13 @@ from tofmix.errors import BadInputError
 from tofmix.flags import Status, status_name
 from tofmix.grid import Grid
 from tofmix.io import guard, hdf5
+from tofmix.io.provenance import header_image, read_provenance, write_provenance
 from tofmix.io.storage import AtomicFile
 from tofmix.layers import LAYER_FIELDS, MAX_LAYERS_LIMIT, LayerField, Layers, Provenance
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.windows import Windows
 
 FORMAT = "tofmix-layers"
-_CHECKSUM = "provenance_crc32"
 _DIMS = ("window", "row", "col", "layer")
 
 
@@ -83,7 +81,7 @@ class LayersWriter:
         with ExitStack() as stack:  # undone if anything below fails
             stack.enter_context(self._file)
             self._root = stack.enter_context(hdf5.create(self._file, kind=FORMAT, title=title, history=history))
-            _write_provenance(self._root, self._provenance)
+            write_provenance(self._root, self._provenance)
             for name, length in self._dims.items():
                 hdf5.add_scale(self._root, name, length)
             for spec in LAYER_FIELDS:
@@ -149,33 +147,6 @@ class LayersWriter:
         self._stack.__exit__(kind, error, trace)
 
 
-def header_image(provenance: Provenance, grid: Grid) -> bytes:
-    """Everything that a layers file says before its first value, as a small file; equal for equal runs."""
-
-    def write(root: h5py.File) -> None:
-        _write_provenance(root, provenance)
-        hdf5.write_sensor(root, provenance.sensor)
-        plan = grid.windows
-        root.attrs["windows"] = [plan.length, plan.stride, plan.count, plan.frames_left_out]
-        root.attrs["image"], root.attrs["step"] = grid.image, grid.step
-
-    return hdf5.image_of(write)
-
-
-def read_header_image(image: bytes, path: Path) -> tuple[Provenance, Grid]:
-    """Read what `header_image` made; `path` is the file that holds it.
-
-    Raises
-    ------
-    BadInputError
-        If it is damaged.
-    """
-    with guard.open_image(image, path) as root:
-        windows, rows_cols, step = (root.attrs[key].tolist() for key in ("windows", "image", "step"))
-        grid = Grid(Windows(*windows), (rows_cols[0], rows_cols[1]), (step[0], step[1]))
-        return _read_provenance(root, path), grid
-
-
 class LayersFile:
     """An open layers file; made by `open_layers`."""
 
@@ -197,7 +168,7 @@ class LayersFile:
                 raise BadInputError(f"{path}: {name}: shape {dataset.shape} does not go with range {shape}")
         self.window_start = _window_bounds(root, "window_start", shape[0], path)
         self.window_stop = _window_bounds(root, "window_stop", shape[0], path)
-        self.provenance = _read_provenance(root, path)
+        self.provenance = read_provenance(root, path)
 
     def read_window(self, window: int) -> Layers:
         """Read the layers of one window, of the leading shape (row, col).
@@ -301,37 +272,3 @@ def _window_bounds(root: h5py.File, name: str, count: int, path: Path) -> NDArra
         raise BadInputError(f"{path}: {name}: shape {dataset.shape}, expected ({count},)")
     with guard.reading(path, name):
         return np.asarray(dataset[...], dtype=np.uint64)
-
-
-def _write_provenance(root: h5py.File, provenance: Provenance) -> None:
-    root.attrs["source"] = provenance.source
-    root.attrs["source_sha256"] = provenance.source_sha256
-    root.attrs["tofmix_version"] = provenance.version
-    root.attrs["options"] = json.dumps(provenance.options, sort_keys=True)
-    root.attrs["frames_left_out"] = provenance.frames_left_out
-    root.attrs[_CHECKSUM] = np.uint32(_checksum(root))
-
-
-def _checksum(root: h5py.File) -> int:
-    """CRC-32 of the provenance's texts: HDF5 stores texts where no checksum is over them, but numbers under one."""
-    texts = [hdf5.text_attribute(root, key) for key in ("source", "source_sha256", "tofmix_version", "options")]
-    return zlib.crc32("\n".join(text or "" for text in texts).encode("utf-8", "replace"))
-
-
-def _read_provenance(root: h5py.File, path: Path) -> Provenance:
-    if _CHECKSUM in root.attrs and int(root.attrs[_CHECKSUM]) != _checksum(root):
-        raise BadInputError(f"{path}: attribute options, or source beside it, is damaged: its checksum is another")
-    try:
-        options = json.loads(hdf5.text_attribute(root, "options") or "{}")
-    except ValueError as error:
-        raise BadInputError(f"{path}: attribute options: not JSON ({error})") from error
-    if not isinstance(options, dict):
-        raise BadInputError(f"{path}: attribute options: expected an object")
-    return Provenance(
-        source=hdf5.text_attribute(root, "source") or "unknown",
-        source_sha256=hdf5.text_attribute(root, "source_sha256") or "unknown",
-        version=hdf5.text_attribute(root, "tofmix_version") or "unknown",
-        sensor=hdf5.read_sensor(root, path),
-        options=options,
-        frames_left_out=int(root.attrs.get("frames_left_out", 0)),
-    )

@@ -4,6 +4,7 @@ Use `open_recording`. The contract is docs/formats.md; `tofmix.io.recording_writ
 """
 
 import hashlib
+import io
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,6 +22,8 @@ from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE
 
 FORMAT = "tofmix-recording"
 DIMS = ("frame", "row", "col")
+
+_HASHED_BYTES = 1 << 20
 
 
 class RecordingFile:
@@ -64,9 +67,9 @@ class RecordingFile:
             If it cannot be read, or changes meanwhile.
         """
         try:
-            with watched(str(self.path)), os.fdopen(os.dup(self._root.id.get_vfd_handle()), "rb") as file:
+            with os.fdopen(os.dup(self._root.id.get_vfd_handle()), "rb", buffering=0) as file:
                 file.seek(0)
-                digest = hashlib.file_digest(file, "sha256").hexdigest()
+                digest = _digest(file, self.path)
         except OSError as error:
             raise BadInputError(os_error_text(error, self.path)) from error
         self.check_unchanged()
@@ -208,10 +211,21 @@ def file_sha256(path: Path) -> str:
         If it cannot be read.
     """
     try:
-        with watched(str(path)), path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+        with path.open("rb", buffering=0) as file:
+            return _digest(file, path)
     except OSError as error:
         raise BadInputError(os_error_text(error, path)) from error
+
+
+def _digest(file: io.FileIO, path: Path) -> str:
+    """SHA-256 of what is left of a file; each piece is watched by itself, for the whole may take long."""
+    digest, piece = hashlib.sha256(), memoryview(bytearray(_HASHED_BYTES))
+    while True:
+        with watched(str(path)):
+            size = file.readinto(piece)
+        if not size:
+            return digest.hexdigest()
+        digest.update(piece[:size])
 
 
 def _whole_chunks(start: int, stop: int, step: int, wanted: int) -> Iterator[slice]:

@@ -1,14 +1,25 @@
 """Which files and folders of this process are unfinished: what goes when it dies, and what a later run takes up."""
 
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 _unfinished: set[Path] = set()
 _resumable: set[Path] = set()
 
 
+_helpers: list[Callable[[], None]] = []
+
+
+def on_discard(helper: Callable[[], None]) -> None:
+    """Have `discard_unfinished` call a function, too."""
+    _helpers.append(helper)
+
+
 def discard_unfinished() -> None:
     """Remove the temporary files of all outputs that are being written: for a process that is about to die."""
+    for helper in _helpers:
+        helper()
     for temporary in list(_unfinished):
         if temporary.is_dir() and not temporary.is_symlink():
             shutil.rmtree(temporary, ignore_errors=True)

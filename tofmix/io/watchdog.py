@@ -45,14 +45,14 @@ class Watchdog:
 
     def __init__(self, give_up: Callable[[str, float], object]) -> None:
         self._give_up = give_up
-        self._since: dict[object, tuple[float, str]] = {}
+        self._since: dict[object, tuple[float, str, float]] = {}
         threading.Thread(target=self._watch, name="tofmix-watchdog", daemon=True).start()
 
     @contextmanager
-    def over(self, what: str) -> Iterator[None]:
-        """Watch a block that reads."""
+    def over(self, what: str, times: float = 1.0) -> Iterator[None]:
+        """Watch a block that reads; it may take some times as long as a single read."""
         key = object()
-        self._since[key] = time.monotonic(), what
+        self._since[key] = time.monotonic(), what, times
         try:
             yield
         finally:
@@ -61,8 +61,8 @@ class Watchdog:
     def _watch(self) -> None:
         while True:
             time.sleep(_POLL_S)
-            limit = limit_s(READ_LIMIT_S)
-            for since, what in list(self._since.values()):
+            for since, what, times in list(self._since.values()):
+                limit = times * limit_s(READ_LIMIT_S)
                 if time.monotonic() - since > limit:
                     self._give_up(what, limit)
                     return
@@ -78,12 +78,20 @@ def arm() -> None:
 
 
 @contextmanager
-def watched(what: str) -> Iterator[None]:
-    """Watch a block that reads, if the watchdog is armed; `what` is the file and the dataset."""
+def watched(what: str, times: float = 1.0) -> Iterator[None]:
+    """Watch a block that reads, if the watchdog is armed.
+
+    Parameters
+    ----------
+    what : str
+        The file and the dataset, for the message.
+    times : float
+        How many times as long as a single read it may take.
+    """
     if not _watchdog:
         yield
         return
-    with _watchdog[0].over(what):
+    with _watchdog[0].over(what, times):
         yield
 
 

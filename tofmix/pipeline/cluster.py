@@ -217,7 +217,8 @@ def open_cluster(scheduler: str, *, memory_bytes: int) -> Iterator[ClusterEngine
         from distributed.comm.addressing import parse_address, parse_host_port
     except ImportError as error:
         raise UsageError("--scheduler needs dask.distributed: pip install 'tofmix[cluster]'") from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # its faults become ours, of one line
+    for logger in ("distributed", "distributed.client"):  # the second has a level of its own
+        logging.getLogger(logger).setLevel(logging.CRITICAL)  # its faults become ours, of one line
     where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
     try:
         if "address" in where:

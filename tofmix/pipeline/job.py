@@ -9,7 +9,7 @@ from tofmix import __version__
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.io.chunks import EncodedCell
-from tofmix.io.layers_file import header_image
+from tofmix.io.provenance import header_image
 from tofmix.io.recording_file import RecordingFile
 from tofmix.layers import Provenance
 from tofmix.windows import Windows

@@ -24,7 +24,8 @@ from tofmix.io.journal import (
     partial_path,
     remove_journal,
 )
-from tofmix.io.layers_file import LayersWriter, open_layers, read_header_image
+from tofmix.io.layers_file import LayersWriter, open_layers
+from tofmix.io.provenance import read_header_image
 from tofmix.io.storage import check_output
 from tofmix.pipeline.job import Engine, Job
 

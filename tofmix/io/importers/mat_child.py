@@ -27,7 +27,8 @@ def main() -> None:
     path, folder = sys.argv[1:]
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     for what, limit in ((resource.RLIMIT_AS, _MEMORY_BYTES), (resource.RLIMIT_CPU, _SECONDS)):
-        resource.setrlimit(what, (limit, resource.getrlimit(what)[1]))
+        hard = resource.getrlimit(what)[1]
+        resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
     try:
         sys.stdout.write(json.dumps({name: shape for name, shape, _ in whosmat(path)}) + "\n")
         sys.stdout.flush()

@@ -36,6 +36,8 @@ from tofmix.io.watchdog import watched
 
 _FRAMES_LAST: Axes = "row,col,frame"
 _DIMENSIONS = 3
+_UNPACKING_TIMES = 6.0
+"""A whole file is unpacked at once, which takes longer than a read."""
 
 
 @contextmanager
@@ -73,7 +75,7 @@ def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
     program = [sys.executable, "-P", str(Path(__file__).with_name("mat_child.py")), str(path), str(folder)]
     pipe = subprocess.PIPE
     with (
-        watched(f"{path}"),
+        watched(str(path), times=_UNPACKING_TIMES),
         subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=pipe, text=True, start_new_session=True) as child,  # noqa: S603  our own
     ):
         assert child.stdout is not None  # noqa: S101  for the type checker: it is a pipe
