@@ -73,5 +73,5 @@ def test_a_flipped_bit_in_a_chunk_is_noticed(tmp_path: Path) -> None:
             "range", (1, 4, 4, 3), "f4", chunks=(1, 4, 4, 3), compression="gzip", shuffle=True, fletcher32=True
         )
         dataset.id.write_direct_chunk((0, 0, 0, 0), bytes(chunk))
-        with pytest.raises(OSError, match="filter returned failure|Fletcher32"):
+        with pytest.raises(OSError, match=r"filter returned failure|Fletcher32"):
             dataset[...]
