@@ -11,8 +11,8 @@ import numpy as np
 def same_content(a: Path, b: Path) -> bool:
     """Compare two files.
 
-    HDF5 files by their datasets, parts of sharded runs by their rows, pages not at all (they show checksums of what they
-    were made of), others byte by byte.
+    HDF5 files by their datasets, parts of sharded runs by their rows, pages not at all (they show checksums of what
+    they were made of), others byte by byte.
     """
     if a.suffix == ".part":
         return _rows(a) == _rows(b)
