@@ -66,3 +66,8 @@ def test_the_largest_angle_is_that_of_the_arccosine() -> None:
     cosine = np.clip((grid * pinhole).sum(axis=-1), -1.0, 1.0)
     assert largest_angle_deg(grid, pinhole) == pytest.approx(float(np.rad2deg(np.arccos(cosine)).max()), rel=1e-9)
     assert largest_angle_deg(grid, grid) == 0.0
+
+
+def test_absurd_pinholes_give_unit_vectors_without_a_warning() -> None:
+    beams = pinhole_directions(2, 3, focal_px=(1e-300, 1e-200), centre_px=(1e300, -1e300))
+    np.testing.assert_allclose(np.linalg.norm(beams, axis=-1), 1)

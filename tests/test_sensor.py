@@ -45,7 +45,8 @@ def test_unfit_curves_are_refused(range_mm: list[float], sigma_mm: list[float], 
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("modulation_frequency_hz", 0.0), ("integration_time_ms", -1.0), ("range_max_mm", np.inf),
+        ("modulation_frequency_hz", 0.0), ("modulation_frequency_hz", 1e300), ("modulation_frequency_hz", 1e-300),
+        ("integration_time_ms", -1.0), ("range_max_mm", np.inf),
         ("fov_vertical_deg", np.nan), ("range_min_mm", np.nan), ("range_min_mm", 9000.0),
         ("outlier_probability", 1.0), ("outlier_probability", -0.1), ("outlier_probability", np.nan),
     ],

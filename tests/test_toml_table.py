@@ -31,3 +31,9 @@ def test_long_values_are_cut() -> None:
 def test_nearest_lists_all_even_without_a_guess() -> None:
     assert nearest("zzz", ["b", "a"]) == "; known: a, b"
     assert nearest("bb", ["b", "a"]) == '; did you mean "b"? known: a, b'
+
+
+@pytest.mark.parametrize("text", ["a." * 20_000 + "a = 1", "a = 1 # " + "x" * 5000, "a = 1\n" * 200_000])
+def test_texts_that_no_person_writes_are_refused_before_they_are_parsed(text: str) -> None:
+    with pytest.raises(BadInputError, match=r"m\.toml: .* are read"):
+        parse_toml(text, source="m.toml")

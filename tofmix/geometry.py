@@ -12,6 +12,10 @@ from tofmix.arrays import FloatArray
 _HORIZONTAL_MOST_DEG, _VERTICAL_MOST_DEG = 360.0, 180.0
 
 
+_FAR = 1e100
+"""Larger than any tangent of an angle, and its square is a number."""
+
+
 def check_view(fov_horizontal_deg: float, fov_vertical_deg: float) -> None:
     """Refuse a field of view that cannot be.
 
@@ -85,8 +89,11 @@ def pinhole_directions(
     """
     if not (np.isfinite([*focal_px, *centre_px]).all() and min(focal_px) > 0):
         raise ValueError(f"focal lengths {focal_px} and centre {centre_px} are not those of a camera")
-    x, y = np.meshgrid((np.arange(cols) - centre_px[0]) / focal_px[0], (np.arange(rows) - centre_px[1]) / focal_px[1])
-    beams = np.stack([x, y, np.ones((rows, cols))], axis=-1)
+    with np.errstate(over="ignore"):  # a damaged file's numbers: such a beam has no part along z
+        x, y = np.meshgrid(
+            (np.arange(cols) - centre_px[0]) / focal_px[0], (np.arange(rows) - centre_px[1]) / focal_px[1]
+        )
+        beams = np.stack([np.clip(x, -_FAR, _FAR), np.clip(y, -_FAR, _FAR), np.ones((rows, cols))], axis=-1)
     return np.asarray(beams / np.linalg.norm(beams, axis=-1, keepdims=True))
 
 

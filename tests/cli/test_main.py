@@ -127,3 +127,10 @@ def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals) 
     assert running.returncode == -number  # a shell shows 128 + the signal's number
     assert "Traceback" not in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_exit_code_tells_where_stderr_cannot(tmp_path: Path) -> None:
+    program = "from tofmix.cli.main import run; run(['info', 'none.h5'])"
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([sys.executable, "-c", program], stderr=full, cwd=tmp_path, check=False)
+    assert done.returncode == ExitCode.BAD_INPUT

@@ -144,7 +144,7 @@ class Injection:
         return _reported(tally, report)
 
     def limit(self, case: str, sizes: Iterable[int], *, report: Report = print) -> Tally:
-        """Run with limits of the size of files, as `ulimit -f` sets them."""
+        """Run with limits of the size of files, as `ulimit -f` sets them; stderr is a file here and needs its room."""
         tally = Tally(case, "ulimit -f")
         expected = self._expected_of(case)
         for size in sizes:

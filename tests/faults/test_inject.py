@@ -19,7 +19,7 @@ from faults.pool import Pool
         ("estimate", "write: a part only", 31),
         ("estimate", "fsync: I/O error", 2),
         ("estimate", "rename: I/O error", 1),
-        ("estimate", "open: no permission", 13),
+        ("estimate", "open: no permission", 3),
         ("estimate", "read: I/O error", 29),
         ("estimate", "allocation", 37),
         ("estimate", "killed after a write", 17),
@@ -36,20 +36,21 @@ def test_each_failing_call_leaves_all_or_nothing(
     tally = injection.run(case, failure, step=step, report=lambda _: None)
     assert not tally.faults, "\n".join(tally.faults)
     assert tally.done  # it went on until nothing failed any more
-    assert tally.runs > tally.done or "a part only" in failure
+    assert tally.refused or tally.killed or "a part only" in failure
 
 
 @pytest.mark.parametrize(("number", "count"), [(9, 6), (2, 2), (15, 2)])
 def test_a_killed_run_is_gone_on_with(injection: Injection, number: int, count: int) -> None:
     chance = random.Random(number)  # noqa: S311  no secret
-    tally = injection.kill("estimate", [chance.random() for _ in range(count)], number=number, report=lambda _: None)
+    moments = [0.02, *(chance.random() for _ in range(count))]  # the first is met on any machine
+    tally = injection.kill("estimate", moments, number=number, report=lambda _: None)
     assert not tally.faults, "\n".join(tally.faults)
     assert tally.killed
 
 
 @pytest.mark.parametrize("case", ["estimate", "report", "map"])
 def test_limits_of_the_size_of_files(injection: Injection, case: str) -> None:
-    tally = injection.limit(case, [0, 10_001], report=lambda _: None)
+    tally = injection.limit(case, [4096, 10_001], report=lambda _: None)
     assert not tally.faults, "\n".join(tally.faults)
     assert tally.refused
 

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from contextlib import suppress
 from types import FrameType
 from typing import NoReturn
 
@@ -94,7 +95,8 @@ def run(arguments: list[str] | None = None) -> NoReturn:
 
 
 def _fail(text: str, code: ExitCode) -> NoReturn:
-    click.echo(f"tofmix: {' '.join(text.split())}", err=True)
+    with suppress(OSError):  # stderr may be a file on the very disk that is full: the code must still tell
+        click.echo(f"tofmix: {' '.join(text.split())}", err=True)
     sys.exit(code)
 
 

@@ -1,5 +1,6 @@
 """ROS bags that rosbags' writer made: exact values, stamps, amplitudes, intrinsics; and every refusal."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -203,6 +204,15 @@ def test_damaged_bytes_are_refused_or_read(tmp_path: Path, kind: str) -> None:
 def test_a_bag_folder_with_broken_metadata(tmp_path: Path) -> None:
     path = simple_bag(tmp_path, "sqlite3")
     (path / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
+    with pytest.raises(BadInputError, match="bag_sqlite3"):
+        read_source(path)
+
+
+@pytest.mark.parametrize("count", ["[[1.0]]", "9" * 30, "text"])
+def test_counts_that_cannot_be_are_refused(tmp_path: Path, count: str) -> None:
+    path = simple_bag(tmp_path, "sqlite3")
+    metadata = path / "metadata.yaml"
+    metadata.write_text(re.sub(r"message_count: \d+", f"message_count: {count}", metadata.read_text()))
     with pytest.raises(BadInputError, match="bag_sqlite3"):
         read_source(path)
 
