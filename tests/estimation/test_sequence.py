@@ -139,12 +139,14 @@ def test_each_window_is_the_estimate_of_its_frames(recording: ArrayRecording, se
 
 def test_a_consumer_may_stop_early(recording: ArrayRecording) -> None:
     grid = small(plan_grid(plan_windows(60, window=1), (23, 7)), 4)
+    before = set(threading.enumerate())
     cells = estimate_cells(recording, grid, EstimateOptions(min_samples=2), lambda _: None, workers=2)
     next(cells)
+    assert set(threading.enumerate()) > before
     cells.close()
     with pytest.raises(StopIteration):
         next(cells)
-    assert not [thread.name for thread in threading.enumerate() if thread.name.startswith("tofmix")]
+    assert set(threading.enumerate()) <= before
 
 
 def test_an_error_while_reading_reaches_the_caller(recording: ArrayRecording) -> None:

@@ -234,7 +234,7 @@ def _compile(options: "EstimateOptions") -> None:
 @contextmanager
 def announced() -> Iterator[None]:
     """Say in one line on stderr what takes so long, if it does."""
-    text = "tofmix: compiling the kernels; a first run takes about half a minute longer"
+    text = "tofmix: compiling the kernels; a first run takes 15 to 30 seconds longer"
     timer = threading.Timer(_COMPILING_AFTER_S, click.echo, (text,), {"err": True})
     timer.start()
     try:
