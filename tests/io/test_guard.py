@@ -113,6 +113,20 @@ def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path: Path) -> None
         read()
 
 
+def test_once_all_is_read_a_change_hurts_no_more(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "a.h5", boards())
+    with open_recording(path) as source:
+        source.read_range(*EVERYTHING)
+        source.settle()
+        path.write_bytes(b"")
+    write_recording(path, boards())
+    with open_recording(path) as source:
+        path.write_bytes(b"")
+        with pytest.raises(BadInputError, match="it has changed while it was read"):
+            source.settle()
+        source.settled = True  # or the end would say it once more
+
+
 def test_a_file_that_is_replaced_is_read_as_it_was(tmp_path: Path) -> None:
     path, samples = tmp_path / "a.h5", boards()
     write_recording(path, samples)

@@ -189,7 +189,7 @@ def _estimate(
         shard = Shard(number=request.shard[0], count=request.shard[1]) if request.shard else WHOLE
         outcome = run_job(
             job, engine, target, shard=shard, overwrite=request.overwrite, resume=request.resume,
-            progress=bar.update, say=say,
+            progress=bar.update, say=say, settle=source.settle,
         )  # fmt: skip
     if outcome.continued:
         say(f"{target}: {outcome.continued} of {outcome.cells} blocks were there already")

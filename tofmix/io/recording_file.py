@@ -35,6 +35,7 @@ class RecordingFile:
     def __init__(self, root: h5py.File, path: Path) -> None:
         self._root, self.path = root, path
         self._identity = guard.identity(root)
+        self.settled = False
         self.sensor = hdf5.read_sensor(root, path)
         self._range = _samples(root, "range", path)
         frames, rows, cols = self._range.shape
@@ -57,6 +58,17 @@ class RecordingFile:
             If its size or the time of its last change is another than when it was opened.
         """
         guard.check_unchanged(self._root, self._identity, self.path)
+
+    def settle(self) -> None:
+        """Say that nothing more will be read: what happens to the file from now on is no fault of what was.
+
+        Raises
+        ------
+        BadInputError
+            If it was written to meanwhile.
+        """
+        self.check_unchanged()
+        self.settled = True
 
     def sha256(self) -> str:
         """SHA-256 of the file that is open, whatever its path may lead to by now.
@@ -208,7 +220,8 @@ def open_recording(path: Path) -> Iterator[RecordingFile]:
     BadInputError
         If the file is missing, not HDF5 or cut short, is no recording, or does not fit the contract.
     """
-    with guard.open_for_reading(path) as root:
+    recording: RecordingFile | None = None
+    with guard.open_for_reading(path, settled=lambda: recording is not None and recording.settled) as root:
         with guard.reading(path, "header"):
             hdf5.check_format(root, path, kind=FORMAT, required=False)
             recording = RecordingFile(root, path)

@@ -11,7 +11,6 @@ from tofmix.estimation.reading import MemoryTooSmallError, plan_reading
 from tofmix.estimation.sequence import estimate_cells
 from tofmix.grid import Cell, Grid
 from tofmix.io.chunks import EncodedCell, encode_cell
-from tofmix.io.recording_file import RecordingFile
 from tofmix.io.scratch import on_scratch
 from tofmix.pipeline.job import Job
 from tofmix.recording import SampleSource
@@ -49,7 +48,7 @@ class LocalEngine:
         UsageError
             If one row of one window does not fit into memory.
         BadInputError
-            If the recording cannot be read, or has changed meanwhile.
+            If the recording cannot be read.
         """
         buffer_bytes, source = self.memory_bytes - PROGRAM_BYTES, self.source
         with ExitStack() as stack:
@@ -64,8 +63,6 @@ class LocalEngine:
             yield from estimate_cells(
                 source, job.grid, job.options, finish, workers=self.workers, buffer_bytes=buffer_bytes, wanted=wanted
             )
-        if isinstance(self.source, RecordingFile):
-            self.source.check_unchanged()
 
 
 def _extent(grid: Grid, cells: Sequence[Cell]) -> tuple[slice, slice]:

@@ -54,6 +54,7 @@ def run_job(
     resume: bool = False,
     progress: Callable[[int], object] = lambda _: None,
     say: Callable[[str], object] = lambda _: None,
+    settle: Callable[[], object] = lambda: None,
 ) -> Outcome:
     """Do a job, or go on with it.
 
@@ -75,6 +76,8 @@ def run_job(
         Called with the number of pixels done since the last call.
     say : callable
         Called with a line for the user.
+    settle : callable
+        Called when nothing more will be read, before anything gets its name: the recording's `settle`.
 
     Returns
     -------
@@ -102,6 +105,7 @@ def run_job(
         for cell, encoded in engine(job, wanted) if wanted else ():
             journal.add(cell.index, encoded)
             progress(job.grid.pixels(cell))
+        settle()
         tally = _total(journal.done().values())
         if shard == WHOLE:
             parts = ((job.grid.cell(index), journal.cell(index)) for index in cells)
