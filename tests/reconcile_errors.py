@@ -47,13 +47,13 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
 """Effects that are hidden together."""
 
 
-def scene() -> Model:
-    """Two boards and a slanted wall before a camera of 16 x 20 pixels."""
+def scene(*, rows: int = 16, cols: int = 20) -> Model:
+    """Two boards and a slanted wall before a small camera."""
     ranges = np.linspace(500.0, 6000.0, 12)
     sensor = replace(
-        load_profile("sr3000"), rows=16, cols=20, fov_horizontal_deg=50.0, fov_vertical_deg=40.0, range_min_mm=300.0,
-        range_max_mm=7000.0, noise=NoiseCurve(ranges, 3.0 + (ranges / 1000) ** 2), reference_integration_time_ms=1.0,
-        integration_time_ms=1.0, modulation_frequency_hz=20e6,
+        load_profile("sr3000"), rows=rows, cols=cols, fov_horizontal_deg=50.0, fov_vertical_deg=40.0,
+        range_min_mm=300.0, range_max_mm=7000.0, noise=NoiseCurve(ranges, 3.0 + (ranges / 1000) ** 2),
+        reference_integration_time_ms=1.0, integration_time_ms=1.0, modulation_frequency_hz=20e6,
     )  # fmt: skip
     surfaces = (
         Surface(name="near", center_mm=(-500.0, 0.0, 1300.0), size_mm=(700.0, 700.0), reflectivity=0.9),
