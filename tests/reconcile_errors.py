@@ -7,11 +7,11 @@ import numpy as np
 from recordings import MAKE
 
 from tofmix.arrays import FloatArray
-from tofmix.reconcile.add import latent_states
 from tofmix.reconcile.evidence import make_evidence
 from tofmix.reconcile.fits import Fitted, fit
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Scene
+from tofmix.reconcile.refit import latent_states
 from tofmix.reconcile.searches import problems
 from tofmix.reconcile.standard_errors import Numbers, numeric, polish, standard_errors
 from tofmix.sensor import NoiseCurve

@@ -3,31 +3,33 @@
 An effect is added if its held-out gain, less the price of its parameters, is above what chance gives among all that
 was tried, above what a model within its tolerance gains, and no mere crumb of what was gained so far. A fixed
 pattern, which can stand for any static bias, must leave every structured effect that gains beside it the precedence.
+
+Where two effects are hidden, a third may gain more than either alone, and taken first it stands in the way of both. So
+there are several ways: the first one begins with the best candidate, the others with those that come after it.
 """
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import cast
 
 import numpy as np
 
-from tofmix.arrays import IntArray
 from tofmix.reconcile import links
 from tofmix.reconcile.compare import Compared, compare
-from tofmix.reconcile.fits import fit
 from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, pattern_gain, tolerated
-from tofmix.reconcile.standard_errors import Numbers, polish
-from tofmix.simulation.effects import Effect
+from tofmix.reconcile.refit import refit, without
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.interference import Interference
 
 CRUMB = 0.01
 """Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
+
+_OTHER_WAYS = 2
+_FAIR = 0.25  # share of the best candidate's score from which another may begin a way
 
 _COVERED = 0.999  # share of the beam that surfaces fill
 _ALIAS_NATS = 6.0
@@ -99,10 +101,11 @@ class _Search:
     chosen: list[Candidate] = field(default_factory=list)
     first: tuple[Candidate, ...] = ()
     aliases: list[tuple[Candidate, ...]] = field(default_factory=list)
+    begun: Candidate | None = None
 
 
-def add(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] = lambda _: None) -> Added:
-    """Look for effects until the panel agrees, nothing gains, or there are enough.
+def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] = lambda _: None) -> Iterator[Added]:
+    """Ways of adding effects until the panel agrees, nothing gains, or there are enough; each when it is asked for.
 
     Parameters
     ----------
@@ -113,17 +116,43 @@ def add(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] 
     tick : callable
         Told of each kind that was tried.
     """
-    search = _Search(likelihood, settings, tick, likelihood.start())
+    best = _Search(likelihood, settings, tick, likelihood.start())
+    yield _followed(best)
+    for other in _beginnings(best):
+        search = _Search(likelihood, settings, tick, likelihood.start(), first=best.first)
+        likelihood.scene.anchor(search.state.effects)
+        _take(search, other, best.first)
+        yield _followed(search)
+
+
+def _beginnings(best: _Search) -> list[Candidate]:
+    """Further candidates of the first round to begin with, of other kinds than the best way did.
+
+    A fixed pattern is none: it takes all that is static, whatever it is.
+    """
+    if best.begun is None:
+        return []
+    out: dict[str, Candidate] = {}
+    for c in best.first:
+        if c.kind not in (best.begun.kind, FixedPattern.kind) and c.score > _FAIR * best.begun.score:
+            out.setdefault(c.kind, c)
+    return list(out.values())[:_OTHER_WAYS]
+
+
+def _followed(search: _Search) -> Added:
+    """Go on from where a search stands to its end."""
+    likelihood, settings = search.likelihood, search.settings
     held = held_out(likelihood, settings)
+    stood: list[list[tuple[str, str]]] = []
     while True:
         near = tolerated(likelihood, search.state, fit_part(likelihood, settings), settings.tolerance)
         panel = compare(likelihood, near, _covered(likelihood, search.state, held), seed=settings.seed)
         if not disagreements(panel, settings.alpha) or len(search.chosen) >= settings.max_effects:
             break
-        if not _round(search, near):
+        names = sorted((c.kind, getattr(c.effect, "surface", "")) for c in search.chosen)
+        if names in stood or not _round(search, near):  # what was added before was dropped again
             break
-        _refit(search)
-        _drop(search)
+        stood.append(names)
     return Added(
         state=search.state, chosen=tuple(search.chosen), first=search.first, aliases=tuple(search.aliases),
         tolerated=near, panel=panel,
@@ -173,10 +202,19 @@ def _round(search: _Search, near: State) -> bool:
     needed = max(needed, CRUMB * sum(c.gain for c in search.chosen))
     if best.score <= needed:
         return False
+    _take(search, best, found)
+    return True
+
+
+def _take(search: _Search, best: Candidate, found: Sequence[Candidate]) -> None:
+    """Add a candidate to the model, and fit all anew."""
+    search.begun = search.begun or best
     search.aliases += _aliases(best, found)
     search.chosen.append(best)
     search.state = best.state
-    return True
+    part = fit_part(search.likelihood, search.settings)
+    search.state, search.chosen = refit(search.likelihood, search.state, search.chosen, part)
+    _drop(search)
 
 
 def _best(trial: Trial, found: Sequence[Candidate]) -> Candidate | None:
@@ -210,84 +248,17 @@ def _aliases(best: Candidate, found: Sequence[Candidate]) -> list[tuple[Candidat
     return [(best, *near)] if near else []
 
 
-def _refit(search: _Search) -> None:
-    """Fit all effects anew, each given the others, on the fitting frames and all their pixels."""
-    likelihood, part = search.likelihood, fit_part(search.likelihood, search.settings)
-    for _ in range(2 if len(search.chosen) > 1 else 1):
-        for k, candidate in enumerate(search.chosen):
-            if candidate.fitted is None or not candidate.fitted.problem.steps:
-                continue
-            rest = _without(search.state, k)
-            likelihood.scene.anchor(search.state.effects)
-            fitted = fit(candidate.fitted.problem, likelihood, rest, part, start=candidate.fitted.vector)
-            search.chosen[k] = replace(candidate, effect=fitted.effect, fitted=fitted)
-            search.state = replace(search.state, effects=_at(rest.effects, k, fitted.effect))
-    likelihood.scene.anchor(search.state.effects)
-    search.state = latent_states(likelihood, search.state, part[0])
-    last = polish(numbers(likelihood, search.state, search.chosen, part))
-    likelihood.scene.anchor(last.state.effects)
-    search.state = latent_states(likelihood, last.state, part[0])
-    for k, candidate in enumerate(search.chosen):
-        search.chosen[k] = replace(candidate, effect=search.state.effects[k], fitted=last.fits.get(k, candidate.fitted))
-
-
-def numbers(likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part) -> Numbers:
-    """The effects that were searched for, as one vector of numbers."""
-    fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.fitted.problem.steps}
-    return Numbers(likelihood=likelihood, state=state, fits=fits, part=part)
-
-
-def _without(state: State, number: int) -> State:
-    return replace(state, effects=(*state.effects[:number], *state.effects[number + 1 :]))
-
-
-def _at(effects: tuple[Effect, ...], number: int, effect: Effect) -> tuple[Effect, ...]:
-    return (*effects[:number], effect, *effects[number:])
-
-
-def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> State:
-    """Fit the effects that link samples anew, given the others.
-
-    Parameters
-    ----------
-    likelihood, state
-        As they stand.
-    frames : (n,) int64
-        What a pattern's map is made from.
-    """
-    effects = list(state.effects)
-    mixture = likelihood.scene.mixture(state.effects)
-    part = frames, np.arange(likelihood.evidence.shape[1])
-    for k, effect in enumerate(effects):
-        if isinstance(effect, FixedPattern):
-            bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
-            fitted = links.fit_pattern(likelihood, mixture, bare, part)
-            spread = effect if fitted is None else fitted[0]
-            effects[k] = spread
-            pattern, variance = links.pattern_map(likelihood, mixture, bare, spread, frames)
-            effects[k] = links.with_map(spread, pattern, likelihood.evidence.image)
-            state = replace(state, pixel_bias=pattern, pixel_variance=variance, effects=tuple(effects))
-        elif isinstance(effect, Interference):
-            bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
-            fitted_bursts = links.fit_interference(likelihood, mixture, bare, part)
-            bursts = effect if fitted_bursts is None else fitted_bursts
-            effects[k] = bursts
-            disturbed = links.disturbed_frames(likelihood, mixture, bare, bursts)
-            state = replace(state, disturbed=disturbed, effects=tuple(effects))
-    return replace(state, effects=tuple(effects))
-
-
 def _drop(search: _Search) -> None:
-    """Drop what no longer earns its place beside the newest effect."""
+    """Drop what no longer earns its place: beside the newest effect, or it, which may have led the others right."""
     if len(search.chosen) <= 1:
         return
     likelihood = search.likelihood
     part = likelihood.evidence.part(fit=False, split=search.settings.split)
-    whole = likelihood.value(search.state, part)
-    for k in range(len(search.chosen) - 2, -1, -1):
+    for k in range(len(search.chosen) - 1, -1, -1):
         candidate = search.chosen[k]
-        if candidate.fitted is None:
+        if candidate.fitted is None or len(search.chosen) == 1:
             continue
-        if whole - likelihood.value(_without(search.state, k), part) < PRICE_NATS * candidate.parameters:
-            search.state = _without(search.state, k)
+        rest = without(search.state, k)
+        if likelihood.value(search.state, part) - likelihood.value(rest, part) < PRICE_NATS * candidate.parameters:
+            search.state = rest
             del search.chosen[k]

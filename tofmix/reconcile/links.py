@@ -1,4 +1,4 @@
-"""Fits of the effects that link samples, or that a smooth search cannot find: latent states and lattices.
+"""Fits of the effects that link samples, or that a smooth search cannot find: latent states.
 
 Each function returns the state with the effect added, and whatever it learned, or None where there is no sign of
 it. Their gains are worked out in `tofmix.reconcile.name`.
@@ -13,7 +13,6 @@ from scipy.optimize import minimize
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.reconcile.bursts import forward
-from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.joint import View, views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
@@ -21,19 +20,13 @@ from tofmix.reconcile.pixel_pattern import PixelBiases, marginal_pattern, pixel_
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.parameter import PixelMap
-from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
 _MOST_STUCK = 0.05  # more constant pixels than this are no defect but a lattice
 _UNLIKELY_NATS = 25.0  # a constant pixel that the model explains to within this is not stuck
 VALUE_NATS = math.log(65_534.0)  # price of a stuck pixel's value, any whole mm being as good
-_LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0
-_ON_LATTICE = 0.985
-_AS_MANY = 0.999
-_AROUND = 60  # lines of the spectrum on either side of a peak, which is wider than the lattice's step is sharp
 _MAIN = 0.95
-_FULL = 5.0  # counts of a mm that has a density
 _FAR = 5.0  # sigma: random values have no memory
 _LEAST_PAIRS = 1000
 _CHANCE = 2.0  # standard deviations
@@ -64,59 +57,6 @@ def _constant_nats(view: View) -> FloatArray:
     spread = view.mixture.of_main(view.mixture.sigma)
     best = np.log(np.minimum(1.0, 1.0 / np.sqrt(2 * np.pi * (spread**2 + 1 / 12))))
     return np.asarray(best * view.evidence.shape[0])
-
-
-def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
-    """A step of which nearly all stored values are rounded multiples, from the spectrum of their histogram."""
-    count = np.bincount(evidence.samples[:, state.working].ravel(), minlength=65_536).astype(np.float64)
-    count[0] = 0
-    total = count.sum()
-    smooth = np.convolve(count, np.ones(9) / 9, mode="same")
-    comb = np.where(smooth >= _FULL, np.clip((count - smooth) / np.sqrt(np.maximum(smooth, 1)), -6, 6), 0.0)
-    length = 1 << 20
-    power = np.abs(np.fft.rfft(comb, length))
-    frequency = np.arange(power.size) / length
-    inside = (frequency > 1 / _MOST_STEP_MM) & (frequency < 1 / _LEAST_STEP_MM)
-    values = np.flatnonzero(count)
-    weights = count[values]
-    for peak in _peaks(np.where(inside, power, 0.0), 12):
-        trial = frequency[peak] + np.linspace(-_AROUND, _AROUND, 4 * _AROUND + 1) / length
-        held = [_held(1 / f, values, weights) / total for f in trial]
-        if max(held) >= _ON_LATTICE:
-            best = np.flatnonzero(np.array(held) >= max(held) - 1e-9)
-            fine = float(1 / trial[best].mean())
-            step = fine * _multiple(fine, values, weights)
-            # Ties of rounding are decided by the last digit: a step of few digits may be the camera's own
-            near = [step, *(round(step, digits) for digits in (3, 2, 1, 0))]
-            return Quantisation(step_mm=max(near, key=lambda s: _held(s, values, weights, slack=0.0)))
-    return None
-
-
-def _multiple(step: float, values: IntArray, weights: FloatArray) -> int:
-    """How many times coarser a lattice may be and hold as many: of 12.5 mm, the finer one of 6.25 mm holds all too."""
-    held = _held(step, values, weights)
-    coarser = (k for k in (4, 3, 2) if k * step <= _MOST_STEP_MM)
-    return next((k for k in coarser if _held(k * step, values, weights) >= _AS_MANY * held), 1)
-
-
-def _peaks(power: FloatArray, most: int) -> list[int]:
-    """The strongest frequencies, lowest first: a lattice's own period before its overtones."""
-    power = power.copy()
-    found = []
-    for _ in range(most):
-        at = int(power.argmax())
-        if power[at] <= 0:
-            break
-        found.append(at)
-        power[max(0, at - 400) : at + 400] = 0.0
-    return sorted(found)
-
-
-def _held(step: float, values: IntArray, weights: FloatArray, *, slack: float = 0.02) -> float:
-    """Samples on the lattice; `slack` mm more than half a mm, for ties of rounding."""
-    nearest = np.rint(values / step) * step
-    on = np.abs(nearest - values) <= 0.5 + slack if slack else np.rint(nearest) == values
-    return float(weights[on].sum())
 
 
 def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> Interference | None:

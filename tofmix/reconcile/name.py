@@ -15,6 +15,7 @@ from tofmix.reconcile import links
 from tofmix.reconcile.evidence import BLOCK_FRAMES, Evidence
 from tofmix.reconcile.fits import Fitted, fit
 from tofmix.reconcile.joint import View, views
+from tofmix.reconcile.lattice import find_lattice
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.pixel_pattern import marginal_pattern, pixel_biases
@@ -169,7 +170,7 @@ def _stuck(trial: Trial) -> Candidate | None:
 
 
 def _lattice(trial: Trial) -> Candidate | None:
-    effect = links.find_lattice(trial.likelihood.evidence, trial.state)
+    effect = find_lattice(trial.likelihood.evidence, trial.state)
     if effect is None:
         return None
     state = replace(trial.state, effects=(*trial.state.effects, effect))

@@ -11,7 +11,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.reconcile import links
-from tofmix.reconcile.add import Added, Settings, add, fit_part, latent_states, numbers
+from tofmix.reconcile.add import Added, Settings, fit_part, ways
 from tofmix.reconcile.aliases import separate_by
 from tofmix.reconcile.compare import Compared
 from tofmix.reconcile.evidence import Evidence
@@ -19,6 +19,7 @@ from tofmix.reconcile.joint import Recording, joint_likelihood, renamed
 from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import Place, localise
 from tofmix.reconcile.name import Candidate
+from tofmix.reconcile.refit import latent_states, numbers
 from tofmix.reconcile.standard_errors import numeric, standard_errors
 from tofmix.reconcile.verify import Verified, verify
 from tofmix.simulation.effects.base import Effect
@@ -29,6 +30,9 @@ from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 from tofmix.simulation.model import Model
+
+DONE = ("agree", "explained")
+"""Verdicts after which no other way is tried."""
 
 _LIKELY = 0.5
 
@@ -204,14 +208,25 @@ def reconcile(
     recordings = ((model, evidence), *also)
     models = tuple(model for model, _ in recordings)
     likelihood = joint_likelihood(recordings)
-    added = add(likelihood, settings, tick)
-    verified = verify(likelihood, added, settings)
+    added, verified = _searched(likelihood, settings, tick)
     where = tuple(localise(verified.before, settings.alpha)) if verified.verdict != "agree" else ()
     left = tuple(localise(added.panel, settings.alpha)) if verified.verdict != "agree" else ()
     if verified.verdict == "partly_explained":
         where = (*left, *where)
     named = tuple(_placed(n, likelihood, models) for n in _named(likelihood, added, verified, settings))
     return Reconciliation(models=models, named=named, where=where, left=left, added=added, verified=verified)
+
+
+def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]) -> tuple[Added, Verified]:
+    """The first way of adding effects that explains the recording; where none does, the best verdict's first."""
+    tried: list[tuple[Added, Verified]] = []
+    for added in ways(likelihood, settings, tick):
+        tried.append((added, verify(likelihood, added, settings)))
+        if tried[-1][1].verdict in DONE:
+            return tried[-1]
+    best = next((way for way in tried if way[1].verdict == "partly_explained"), tried[0])
+    likelihood.scene.anchor(best[0].state.effects)
+    return best
 
 
 def _placed(named: NamedEffect, likelihood: Likelihood, models: tuple[Model, ...]) -> NamedEffect:

@@ -1,0 +1,92 @@
+"""Fit the effects that were added anew, each given the others: their numbers, and the states that link samples."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tofmix.arrays import IntArray
+from tofmix.reconcile import links
+from tofmix.reconcile.fits import fit
+from tofmix.reconcile.likelihood import Likelihood, Part, State
+from tofmix.reconcile.name import Candidate
+from tofmix.reconcile.standard_errors import Numbers, polish
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.interference import Interference
+
+
+def refit(
+    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part
+) -> tuple[State, list[Candidate]]:
+    """Fit all effects anew, each given the others, then all numbers at once.
+
+    Parameters
+    ----------
+    likelihood, state
+        As they stand.
+    chosen : sequence of Candidate
+        The state's effects, in its order.
+    part : (frames, pixels)
+        What the fits may see.
+    """
+    chosen = list(chosen)
+    for _ in range(2 if len(chosen) > 1 else 1):
+        for k, candidate in enumerate(chosen):
+            if candidate.fitted is None or not candidate.fitted.problem.steps:
+                continue
+            rest = without(state, k)
+            likelihood.scene.anchor(state.effects)
+            fitted = fit(candidate.fitted.problem, likelihood, rest, part, start=candidate.fitted.vector)
+            chosen[k] = replace(candidate, effect=fitted.effect, fitted=fitted)
+            state = replace(state, effects=(*rest.effects[:k], fitted.effect, *rest.effects[k:]))
+    likelihood.scene.anchor(state.effects)
+    state = latent_states(likelihood, state, part[0])
+    last = polish(numbers(likelihood, state, chosen, part))
+    likelihood.scene.anchor(last.state.effects)
+    state = latent_states(likelihood, last.state, part[0])
+    for k, candidate in enumerate(chosen):
+        chosen[k] = replace(candidate, effect=state.effects[k], fitted=last.fits.get(k, candidate.fitted))
+    return state, chosen
+
+
+def without(state: State, number: int) -> State:
+    """The model without one of the effects."""
+    return replace(state, effects=(*state.effects[:number], *state.effects[number + 1 :]))
+
+
+def numbers(likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part) -> Numbers:
+    """The effects that were searched for, as one vector of numbers."""
+    fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.fitted.problem.steps}
+    return Numbers(likelihood=likelihood, state=state, fits=fits, part=part)
+
+
+def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> State:
+    """Fit the effects that link samples anew, given the others.
+
+    Parameters
+    ----------
+    likelihood, state
+        As they stand.
+    frames : (n,) int64
+        What a pattern's map is made from.
+    """
+    effects = list(state.effects)
+    mixture = likelihood.scene.mixture(state.effects)
+    part = frames, np.arange(likelihood.evidence.shape[1])
+    for k, effect in enumerate(effects):
+        if isinstance(effect, FixedPattern):
+            bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
+            fitted = links.fit_pattern(likelihood, mixture, bare, part)
+            spread = effect if fitted is None else fitted[0]
+            effects[k] = spread
+            pattern, variance = links.pattern_map(likelihood, mixture, bare, spread, frames)
+            effects[k] = links.with_map(spread, pattern, likelihood.evidence.image)
+            state = replace(state, pixel_bias=pattern, pixel_variance=variance, effects=tuple(effects))
+        elif isinstance(effect, Interference):
+            bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
+            fitted_bursts = links.fit_interference(likelihood, mixture, bare, part)
+            bursts = effect if fitted_bursts is None else fitted_bursts
+            effects[k] = bursts
+            disturbed = links.disturbed_frames(likelihood, mixture, bare, bursts)
+            state = replace(state, disturbed=disturbed, effects=tuple(effects))
+    return replace(state, effects=tuple(effects))
