@@ -90,6 +90,8 @@ def reconcile(
         with progress_bar(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
 
             def tick(_: str) -> None:
+                if bar.n == bar.total:  # another way is tried
+                    bar.total += len(kinds)
                 bar.update(1)
 
             result = run(*first, settings, tick, also=others)
