@@ -10,7 +10,7 @@ from tofmix.reconcile.mixture import Scene
 from tofmix.simulation.model import Model
 
 
-@pytest.mark.parametrize("step", [2.5, 7.3, 12.5, 29.2])
+@pytest.mark.parametrize("step", [1.83, 2.5, 7.3, 12.5, 29.2])
 def test_a_lattice_is_found(model: Model, record: Record, step: float) -> None:
     evidence = record(MAKE["quantisation"](step_mm=step))
     state = Likelihood(evidence, Scene(model, evidence.time_s)).start()

@@ -3,12 +3,16 @@
 from dataclasses import replace
 
 import numpy as np
-from recordings import Record
+import pytest
+from recordings import MAKE, Record
 
+from tofmix.reconcile.evidence import make_evidence
 from tofmix.reconcile.likelihood import Likelihood
-from tofmix.reconcile.links import find_stuck
+from tofmix.reconcile.links import find_stuck, fit_interference, fit_memory
 from tofmix.reconcile.mixture import Scene
+from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Model
+from tofmix.simulation.render import render_blocks
 
 
 def test_stuck_pixels_are_found_with_their_values(model: Model, record: Record) -> None:
@@ -27,3 +31,25 @@ def test_without_stuck_pixels_none_is_found(model: Model, record: Record) -> Non
     evidence = record()
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     assert find_stuck(likelihood, likelihood.scene.mixture(), likelihood.start()) is None
+
+
+def test_bursts_that_are_quieter_than_empty_pixels_have_their_own_sigma(model: Model) -> None:
+    """Pixels without a return have the sigma of the range's end, 52 mm: it must not bound the search."""
+    open_space = replace(model, surfaces=model.surfaces[:2], effects=(MAKE["interference"](
+        probability=0.3, sigma_mm=4.0, burst_frames=4.0),))  # fmt: skip
+    (block,) = render_blocks(open_space, cast_scene(open_space), n_frames=120, seed=3, block_frames=120)
+    range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
+    evidence = make_evidence(replace(open_space, effects=()), range_mm, time_s=block.time_s)
+    likelihood = Likelihood(evidence, Scene(replace(open_space, effects=()), evidence.time_s))
+    everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    found = fit_interference(likelihood, likelihood.scene.mixture(()), likelihood.start(), everything)
+    assert found is not None
+    assert found.sigma_mm == pytest.approx(4.0, rel=0.05)
+
+
+def test_no_pair_of_samples_is_no_memory(model: Model, record: Record) -> None:
+    evidence = record()
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    z = np.zeros(evidence.shape, dtype=np.float32)
+    everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    assert fit_memory(likelihood, z, likelihood.scene.mixture(()), everything) is None

@@ -127,6 +127,9 @@ def _read_all(files: "Files") -> list[tuple["Model", "Evidence"]]:
     from tofmix.reconcile.joint import check_camera
 
     models = [load_model(model) for model, _ in files]
+    for (name, _), model in zip(files, models, strict=True):
+        if not model.surfaces:
+            raise BadInputError(f"{name}: surface: the model has none to compare the recording with")
     for (name, _), model in zip(files[1:], models[1:], strict=True):
         try:
             check_camera([models[0], model])

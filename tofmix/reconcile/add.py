@@ -5,12 +5,13 @@ was tried, above what a model within its tolerance gains, and no mere crumb of w
 pattern, which can stand for any static bias, must leave every structured effect that gains beside it the precedence.
 
 Where two effects are hidden, a third may gain more than either alone, and taken first it stands in the way of both. So
-there are several ways: the first one begins with the best candidate, the others with those that come after it.
+close rivals of earlier effects are tried again beside the later ones, and where no explanation is reached, the search
+begins anew with other candidates.
 """
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
@@ -29,6 +30,7 @@ CRUMB = 0.01
 """Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
 
 _OTHER_WAYS = 2
+_RIVALS = 2  # of an effect that are tried in its place
 _FAIR = 0.25  # share of the best candidate's score from which another may begin a way
 
 _COVERED = 0.999  # share of the beam that surfaces fill
@@ -102,6 +104,7 @@ class _Search:
     first: tuple[Candidate, ...] = ()
     aliases: list[tuple[Candidate, ...]] = field(default_factory=list)
     begun: Candidate | None = None
+    rivals: list[tuple[Candidate, ...]] = field(default_factory=list)  # of each that was chosen, at its time
 
 
 def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] = lambda _: None) -> Iterator[Added]:
@@ -153,9 +156,10 @@ def _followed(search: _Search) -> Added:
         if names in stood or not _round(search, near):  # what was added before was dropped again
             break
         stood.append(names)
+    kept = {c.kind for c in search.chosen}
     return Added(
-        state=search.state, chosen=tuple(search.chosen), first=search.first, aliases=tuple(search.aliases),
-        tolerated=near, panel=panel,
+        state=search.state, chosen=tuple(search.chosen), first=search.first,
+        aliases=tuple(group for group in search.aliases if group[0].kind in kept), tolerated=near, panel=panel,
     )  # fmt: skip
 
 
@@ -211,10 +215,39 @@ def _take(search: _Search, best: Candidate, found: Sequence[Candidate]) -> None:
     search.begun = search.begun or best
     search.aliases += _aliases(best, found)
     search.chosen.append(best)
+    search.rivals.append(tuple(c for c in found if c is not best))
     search.state = best.state
     part = fit_part(search.likelihood, search.settings)
     search.state, search.chosen = refit(search.likelihood, search.state, search.chosen, part)
+    _exchange(search, part)
     _drop(search)
+
+
+def _exchange(search: _Search, part: Part) -> None:
+    """Put a rival in the place of an earlier effect where it does better beside what has come since.
+
+    A rival is worth the trial if it was no further behind than what the later effects have gained.
+    """
+    likelihood = search.likelihood
+    test = likelihood.evidence.part(fit=False, split=search.settings.split)
+    for k, old in enumerate(search.chosen[:-1]):
+        later = sum(c.gain for c in search.chosen[k + 1 :])
+        names = {(c.kind, getattr(c.effect, "surface", "")) for c in search.chosen}
+        worth = likelihood.value(search.state, test) - PRICE_NATS * old.parameters
+        near = [
+            c for c in search.rivals[k]
+            if c.fitted is not None and old.score - c.score < later
+            and (c.kind, getattr(c.effect, "surface", "")) not in names
+        ]  # fmt: skip
+        for rival in near[:_RIVALS]:
+            effects = list(search.state.effects)
+            effects[k] = rival.effect
+            trial = [*search.chosen[:k], rival, *search.chosen[k + 1 :]]
+            state, trial = refit(likelihood, replace(search.state, effects=tuple(effects)), trial, part)
+            found = likelihood.value(state, test) - PRICE_NATS * rival.parameters
+            if found > worth + PRICE_NATS:
+                search.state, search.chosen, worth = state, trial, found
+    likelihood.scene.anchor(search.state.effects)
 
 
 def _best(trial: Trial, found: Sequence[Candidate]) -> Candidate | None:
@@ -261,4 +294,4 @@ def _drop(search: _Search) -> None:
         rest = without(search.state, k)
         if likelihood.value(search.state, part) - likelihood.value(rest, part) < PRICE_NATS * candidate.parameters:
             search.state = rest
-            del search.chosen[k]
+            del search.chosen[k], search.rivals[k]

@@ -19,6 +19,7 @@ from tofmix.simulation.model import Model
 BLOCK_FRAMES = 5
 BLOCK_PIXELS = 4
 _LEAST_FRAMES = 20
+_FAR_BELOW = 0.002  # of the largest range: what is in metres is a thousandth
 _APART = 1_000_000  # frames between two recordings: no burst lasts that long; a multiple of any block
 
 
@@ -113,7 +114,8 @@ def make_evidence(
     Raises
     ------
     BadInputError
-        If the image differs from the model's camera, no sample is valid, or there are too few frames to hold some out.
+        If the image differs from the model's camera, no sample is valid, most are far below its range, the times do
+        not ascend, or there are too few frames to hold some out.
     """
     frames, rows, cols = range_mm.shape
     if (rows, cols) != (model.sensor.rows, model.sensor.cols):
@@ -126,6 +128,12 @@ def make_evidence(
     valid = np.isfinite(range_mm)
     if not valid.any():
         raise BadInputError("range: no sample is valid")
+    middle, most = float(np.median(range_mm[valid])), model.sensor.range_max_mm
+    if middle < _FAR_BELOW * most:
+        raise BadInputError(
+            f"range: half of the samples are below {middle:.3g} mm, of a camera that measures up to {most:g} mm; "
+            "are they in metres?"
+        )
     samples = np.where(valid, np.clip(np.rint(np.nan_to_num(range_mm)), 1, 65_534), 0).astype(np.uint16)
     now = np.arange(frames) / model.recording.frame_rate_hz if time_s is None else np.asarray(time_s, dtype=np.float64)
     if not (np.isfinite(now).all() and (np.diff(now) > 0).all()):

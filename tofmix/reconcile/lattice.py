@@ -23,12 +23,15 @@ def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
     comb = np.where(smooth >= _FULL, np.clip((count - smooth) / np.sqrt(np.maximum(smooth, 1)), -6, 6), 0.0)
     length = 1 << 20
     power = np.abs(np.fft.rfft(comb, length))
-    frequency = np.arange(power.size) / length
-    inside = (frequency > 1 / _MOST_STEP_MM) & (frequency < 1 / _LEAST_STEP_MM)
+    line = np.arange(power.size) / length
+    inside = (line > 1 / _MOST_STEP_MM) & (line < 1 / _LEAST_STEP_MM)
     values = np.flatnonzero(count)
     weights = count[values]
-    for peak in _peaks(np.where(inside, power, 0.0), 12):
-        trial = frequency[peak] + np.linspace(-_AROUND, _AROUND, 4 * _AROUND + 1) / length
+    peaks = [peak / length for peak in _peaks(np.where(inside, power, 0.0), 12)]
+    # Whole mm show nothing beyond half a cycle a mm: a step of less than 2 mm stands at what is left to a whole one
+    folded = [1 - f for f in peaks if 1 - f < 1 / _LEAST_STEP_MM]
+    for frequency in (*peaks, *folded):
+        trial = frequency + np.linspace(-_AROUND, _AROUND, 4 * _AROUND + 1) / length
         held = [_held(1 / f, values, weights) / total for f in trial]
         if max(held) >= _ON_LATTICE:
             best = np.flatnonzero(np.array(held) >= max(held) - 1e-9)

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.reconcile.bursts import forward
@@ -61,8 +61,9 @@ def _constant_nats(view: View) -> FloatArray:
 
 def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> Interference | None:
     """Share, length and noise of bursts, each frame's state integrated out."""
-    sigma = float(np.median(mixture.of_main(mixture.sigma)))
-
+    lit = mixture.of_main(mixture.lit).astype(bool)
+    sigmas = mixture.of_main(mixture.sigma)
+    sigma = float(np.median(sigmas[lit] if lit.any() else sigmas))  # where nothing returns, sigma is of the range's end
     numbers = likelihood.evidence.frame_number[part[0]]
 
     def at(size: float, start: tuple[float, float]) -> tuple[float, Interference]:
@@ -80,20 +81,23 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
         found = minimize(cost, np.array(start, dtype=np.float64), method="Nelder-Mead", options=options)
         return -float(found.fun), make(found.x)
 
-    sizes = [sigma * f for f in (0.25, 0.5, 1.0, 2.0, 4.0)]
-    best = max((at(size, (-1.5, 1.2)) for size in sizes), key=lambda pair: pair[0])
-    span = 0.5
-    for _ in range(4):
-        centre = best[1].sigma_mm
-        start = (
-            math.log(best[1].probability / (1 - best[1].probability)),
-            math.log(max(best[1].burst_frames - 1, 0.14)),
-        )
-        for size in (centre * (1 - span / 2), centre * (1 + span / 2)):
-            value, effect = at(size, start)
-            if value > best[0]:
-                best = value, effect
-        span /= 2
+    sizes = [sigma * 2.0**k for k in range(-4, 4)]
+    coarse = [at(size, (-1.5, 1.2)) for size in sizes]
+    top = max(range(len(sizes)), key=lambda k: coarse[k][0])
+    best = coarse[top]
+    start = (
+        math.log(best[1].probability / (1 - best[1].probability)),
+        math.log(max(best[1].burst_frames - 1, 0.14)),
+    )
+    ends = (math.log(sizes[max(top - 1, 0)]), math.log(sizes[min(top + 1, len(sizes) - 1)]))
+
+    def loss(log_size: float) -> float:
+        nonlocal best
+        found = at(math.exp(log_size), start)
+        best = max(best, found, key=lambda pair: pair[0])
+        return -found[0]
+
+    minimize_scalar(loss, bounds=ends, method="bounded", options={"xatol": 0.01, "maxiter": 10})
     return best[1] if best[1].probability < _MOST_FRAMES else None
 
 
@@ -217,6 +221,8 @@ def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: 
     if now.size < _LEAST_PAIRS:
         return None
     spread = float((now**2).mean() + (before**2).mean()) / 2
+    if spread * float((near**2).sum()) == 0:
+        return None
     rho = float((near * now * before).sum() / (near**2).sum()) / spread
     rho += (1 + 3 * rho) * len(likelihood.evidence.starts) / len(z)  # Kendall's bias, of the means that were taken out
     return TemporalCorrelation(coefficient=min(max(rho, -0.98), 0.98))

@@ -25,6 +25,8 @@ MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 
 _LEAST_PIXELS = 12  # that a surface must fill, for effects of its own
 _MOSTLY = 0.5
+_MOST_OUTLIERS = 0.5  # beyond, it is the rest that is odd
+_LEAST_FRAMES = 3.0  # in which a drift falls by e: a faster one is an offset with a bad first frame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -61,6 +63,7 @@ class Setting:
     sigma: float  # typical, mm
     turn: float  # d_u, mm
     duration: float  # s
+    interval: float  # s, between frames
     surfaces: tuple[tuple[str, float, float], ...]  # name, typical sigma, typical range, of those that fill pixels
     amplitudes: FloatArray
     shares: FloatArray  # of invalid samples by pixel
@@ -76,11 +79,11 @@ def _bounded(value: float, low: float, high: float) -> float:
     return float(value)
 
 
-def _simple(kind: str, name: str, sizes: tuple[float, ...], *, log: bool) -> _Maker:
-    """One number, in logarithms or in multiples of sigma."""
+def _simple(kind: str, name: str, sizes: tuple[float, ...], *, log: bool, most: float = 1e5) -> _Maker:
+    """One number, in logarithms and no more than `most`, or in multiples of sigma."""
 
     def make(scale: float, x: FloatArray) -> Effect:
-        return MAKE[kind](**{name: math.exp(_bounded(x[0], -25, 12)) if log else float(x[0]) * scale})
+        return MAKE[kind](**{name: math.exp(_bounded(x[0], -25, math.log(most))) if log else float(x[0]) * scale})
 
     def problems(s: Setting) -> Iterator[Problem]:
         starts = tuple((math.log(size) if log else size,) for size in sizes)
@@ -114,8 +117,10 @@ def _walk(s: Setting) -> Iterator[Problem]:
 
 
 def _drift(s: Setting) -> Iterator[Problem]:
+    fastest = max(s.duration / 100, _LEAST_FRAMES * s.interval)
+
     def make(x: FloatArray) -> Effect:
-        tau = math.exp(_bounded(x[1], math.log(s.duration / 100), math.log(s.duration * 30)))
+        tau = math.exp(_bounded(x[1], math.log(fastest), math.log(s.duration * 30)))
         reached = -math.expm1(-s.duration / tau)  # searched by what is reached, which tau does not change
         return MAKE["temperature_drift"](amplitude_mm=float(x[0]) * s.sigma / reached, time_constant_s=tau)
 
@@ -217,7 +222,7 @@ PROBLEMS: dict[str, _Maker] = {
     "pixel_crosstalk": _simple("pixel_crosstalk", "share", (0.003, 0.03), log=True),
     "vignetting": _vignetting,
     "excess_noise": _simple("excess_noise", "factor", (0.9, 1.1, 1.5), log=True),
-    "outliers": _simple("outliers", "probability", (0.0005, 0.01), log=True),
+    "outliers": _simple("outliers", "probability", (0.0005, 0.01), log=True, most=_MOST_OUTLIERS),
     "dropout": _dropout,
     "saturation": _saturation,
 }
@@ -239,6 +244,7 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
         sigma=float(np.median(sigma[lit])) if lit.any() else float(np.median(sigma)),
         turn=math.nan if turn is None else likelihood.scene.model.sensor.turn_mm("reconcile"),
         duration=max(float(likelihood.evidence.time_s.max()), 1e-3),
+        interval=float(np.median(np.abs(np.diff(likelihood.evidence.time_s)))),
         surfaces=tuple(names),
         amplitudes=amplitude,
         shares=lost,

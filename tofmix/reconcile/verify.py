@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.reconcile import links
-from tofmix.reconcile.add import Added, Settings, held_out
+from tofmix.reconcile.add import Added, Settings, fit_part, held_out
 from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.mixture import Scene
+from tofmix.reconcile.nameless import better_law
 from tofmix.reconcile.panel import Curve
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -84,6 +85,8 @@ class Verified:
         Held-out gain of all effects, nats.
     left : float
         The largest disagreement that is left, nats.
+    law : str or None
+        Of what a smooth law, which no effect is, fits better than the effects that were found.
     """
 
     verdict: str
@@ -93,6 +96,7 @@ class Verified:
     floor: Compared
     gain: float
     left: float
+    law: str | None = None
 
     @property
     def closed(self) -> float | None:
@@ -121,13 +125,16 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     loud = _beyond(disagreements(added.panel, settings.alpha), floor)
     left = max((_weight(c, floor) for c in loud), default=0.0)
     gain = _gain(likelihood, added, settings)
-    signed = _signed(likelihood, added, floor, settings)
-    enough = gain >= EXPLAINED * (gain + left) and _closes(before, after, floor)
+    law = better_law(likelihood, added.state, added.chosen, (fit_part(likelihood, settings), held))
+    signed = law is None and _signed(likelihood, added, floor, settings)
+    enough = (not loud or gain >= EXPLAINED * (gain + left)) and _closes(before, after, floor)
     verdict = _verdict(added, before, loud, enough=enough, signed=signed)
     state = added.state
     if added.chosen and verdict in ("agree", "unexplained"):
         state, after, floor = start, before, _floor(likelihood, start, settings)
-    return Verified(verdict=verdict, state=state, before=before, after=after, floor=floor, gain=gain, left=left)
+    return Verified(
+        verdict=verdict, state=state, before=before, after=after, floor=floor, gain=gain, left=left, law=law
+    )
 
 
 def _beyond(loud: list[Curve], floor: Compared) -> list[Curve]:
@@ -192,9 +199,9 @@ def _closes(before: Compared, after: Compared, floor: Compared) -> bool:
 def _verdict(added: Added, before: Compared, loud: list[Curve], *, enough: bool, signed: bool) -> str:
     if not added.chosen:
         return "unexplained" if loud else "agree"
-    if signed and (not loud or enough):
+    if signed and enough:
         return "explained"
-    return "partly_explained" if signed and _settled(added, before, loud) else "unexplained"
+    return "partly_explained" if signed and (not loud or _settled(added, before, loud)) else "unexplained"
 
 
 def _settled(added: Added, before: Compared, loud: list[Curve]) -> bool:

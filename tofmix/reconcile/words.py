@@ -15,6 +15,7 @@ _TITLES = {
 }
 _AXES = {"surfaces_in_pixel": "surfaces in the pixel", "neighbour_contrast": "contrast to the neighbours"}
 _NO_DOUBT = 1.0e-99
+_WIDER = 1.3
 _UNITS = {"range": "mm", "time": "s", "radius": "pixels", "neighbour_contrast": "mm"}
 
 
@@ -23,10 +24,12 @@ def headline(result: Reconciliation) -> str:
     v = result.verified
     if v.verdict == "agree" or not result.where:
         gap = f"the gap is {v.before.gap:.2f}, chance is {v.floor.gap:.2f}"
-        return f"{_TITLES['agree']}: no disagreement beyond chance and tolerance; {gap}."
+        within = ", and what is between is within the tolerance" if v.before.gap > _WIDER * v.floor.gap else ""
+        return f"{_TITLES['agree']}: no disagreement beyond chance and tolerance; {gap}{within}."
     place = where_text(result.where[0], result)
     if v.verdict == "unexplained":
-        return f"Simulation and measurement disagree most {place}. None of the known effects explains it."
+        law = f"; a smooth law of {v.law}, which none of them is, fits better" if v.law else ""
+        return f"Simulation and measurement disagree most {place}. None of the known effects explains it{law}."
     effects = " and ".join(effect_text(n, result) for n in result.named)
     verb = "explain" if len(result.named) > 1 else "explains"
     part = "it" if v.verdict == "explained" else "a part of it"

@@ -34,7 +34,7 @@ class Motion(Effect):
 
     def explain(self) -> str:
         """One sentence."""
-        return f'"{self.surface}" moves along its normal at {self.velocity_mm_s:+g} mm/s'
+        return f'"{self.surface}" moves along its normal at {self.velocity_mm_s:+.4g} mm/s'
 
     @property
     def moves(self) -> bool:

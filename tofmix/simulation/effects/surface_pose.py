@@ -35,7 +35,7 @@ class SurfacePose(Effect):
 
     def explain(self) -> str:
         """One sentence."""
-        return f'"{self.surface}" stands {self.shift_mm:+g} mm along its normal from where the model puts it'
+        return f'"{self.surface}" stands {self.shift_mm:+.4g} mm along its normal from where the model puts it'
 
     def place(self, surface: "Surface", time_s: float) -> "Surface":  # noqa: ARG002
         """Shift the surface."""

@@ -1,0 +1,22 @@
+"""Effects that came first give way where a rival does better beside what came later."""
+
+import pytest
+from recordings import MAKE, Record
+
+from tofmix.reconcile.add import Settings
+from tofmix.reconcile.standard_errors import numeric
+from tofmix.reconcile.workflow import reconcile
+from tofmix.simulation.model import Model
+
+KINDS = ("surface_pose", "multipath", "excess_noise", "temperature_drift")
+
+
+@pytest.mark.parametrize("shift_mm", [-14.0, 14.0])
+def test_a_second_bounce_gives_way_to_a_pose_beside_more_noise(model: Model, record: Record, shift_mm: float) -> None:
+    """Alone, the bounce, which widens the noise too, gains more than either."""
+    hidden = MAKE["surface_pose"](surface="middle", shift_mm=shift_mm), MAKE["excess_noise"](factor=1.25)
+    result = reconcile(model, record(*hidden), Settings(kinds=KINDS))
+    assert result.verified.verdict == "explained"
+    assert sorted(n.effect.kind for n in result.named) == ["excess_noise", "surface_pose"]
+    pose = next(n for n in result.named if n.effect.kind == "surface_pose")
+    assert abs(numeric(pose.effect)["shift_mm"] - shift_mm) < 4 * pose.stderr["shift_mm"]
