@@ -9,7 +9,7 @@ from recordings import MAKE, Record
 
 from tofmix.reconcile.add import Settings
 from tofmix.reconcile.name import KINDS
-from tofmix.reconcile.standard_errors import numeric
+from tofmix.reconcile.profiles import numeric
 from tofmix.reconcile.workflow import Reconciliation, reconcile
 from tofmix.simulation.model import Model
 

@@ -15,12 +15,13 @@ import numpy as np
 from tofmix.arrays import IntArray
 from tofmix.reconcile import links
 from tofmix.reconcile.compare import Compared, compare
+from tofmix.reconcile.curvature import Numbers
 from tofmix.reconcile.fits import fit
 from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, pattern_gain, tolerated
-from tofmix.reconcile.standard_errors import Numbers, polish
+from tofmix.reconcile.standard_errors import polish
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern

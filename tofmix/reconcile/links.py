@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.reconcile.bursts import forward
@@ -38,6 +38,7 @@ _FAR = 5.0  # sigma: random values have no memory
 _LEAST_PAIRS = 1000
 _CHANCE = 2.0  # standard deviations
 _MOST_FRAMES = 0.9  # that bursts may fill
+_NEXT = math.log(2.0)  # from one size of bursts that is tried first to the next
 
 _Pairs = tuple[FloatArray, FloatArray, FloatArray]
 
@@ -142,18 +143,13 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
 
     sizes = [sigma * f for f in (0.25, 0.5, 1.0, 2.0, 4.0)]
     best = max((at(size, (-1.5, 1.2)) for size in sizes), key=lambda pair: pair[0])
-    span = 0.5
-    for _ in range(4):
-        centre = best[1].sigma_mm
-        start = (
-            math.log(best[1].probability / (1 - best[1].probability)),
-            math.log(max(best[1].burst_frames - 1, 0.14)),
-        )
-        for size in (centre * (1 - span / 2), centre * (1 + span / 2)):
-            value, effect = at(size, start)
-            if value > best[0]:
-                best = value, effect
-        span /= 2
+    start = math.log(best[1].probability / (1 - best[1].probability)), math.log(max(best[1].burst_frames - 1, 0.14))
+    middle = math.log(best[1].sigma_mm)
+    finer: Any = minimize_scalar(
+        lambda size: -at(math.exp(size), start)[0],
+        bounds=(middle - _NEXT, middle + _NEXT), method="bounded", options={"xatol": 2e-3, "maxiter": 12},
+    )  # fmt: skip
+    best = max(best, at(math.exp(float(finer.x)), start), key=lambda pair: pair[0])
     return best[1] if best[1].probability < _MOST_FRAMES else None
 
 
@@ -278,7 +274,7 @@ def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: 
         return None
     spread = float((now**2).mean() + (before**2).mean()) / 2
     rho = float((near * now * before).sum() / (near**2).sum()) / spread
-    rho += (1 + 3 * rho) * len(likelihood.evidence.starts) / len(z)  # Kendall's bias, of the means that were taken out
+    rho += (1 + rho) * len(likelihood.evidence.starts) / len(z)  # Nickell's bias: many pixels, each mean taken out
     return TemporalCorrelation(coefficient=min(max(rho, -0.98), 0.98))
 
 
