@@ -45,6 +45,7 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "flying_pixels": (MAKE["flying_pixels"](probability=0.3),),
     "dropout by chance": (MAKE["dropout"](probability=0.03),),
     "dropout of dark samples": (MAKE["dropout"](probability=0.01, threshold=15.0, threshold_noise=3.0),),
+    "saturation": (MAKE["saturation"](full_well_amplitude=40.0),),
     "interference": (MAKE["interference"](probability=0.25, sigma_mm=30.0, burst_frames=5.0),),
     "temporal_correlation": (MEMORY,),
     "quantisation": (MAKE["quantisation"](step_mm=9.3),),

@@ -140,6 +140,7 @@ class PatternLines:
         self.noise = 1.0 / information[self.use]
         self.own = max(float(pixel_sigma_mm), _LEAST_MM) ** 2
         self.variance = self.own + self.noise
+        self._logdet = float(np.log(self.variance / self.noise).sum())
         weight = 1.0 / self.variance
         self._cross: FloatArray = np.zeros((self.cols + self.rows, self.cols + self.rows))
         self._cross[self.col, self.cols + self.row] = weight
@@ -157,4 +158,4 @@ class PatternLines:
         prior = np.concatenate([np.full(self.cols, by_col), np.full(self.rows, by_row)])
         root = cho_factor(np.diag(1.0 / prior) + self._cross, lower=True, check_finite=False)
         lines = float(2 * np.log(np.diag(root[0])).sum() + np.log(prior).sum())
-        return root, float(np.log(self.variance / self.noise).sum()) + lines
+        return root, self._logdet + lines
