@@ -29,7 +29,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("kinds", nargs="*", default=[], help="kinds to try; all if left out")
     parser.add_argument("--recordings", type=int, default=60)
-    parser.add_argument("--by-number", action="store_true", help="also print signed distances, number by number")
+    parser.add_argument("--by-number", action="store_true", help="also each number's spread and signed distances")
     options = parser.parse_args(arguments)
     model = scene()
     print("| effect | noise | numbers | within 1 | within 2 | within 3 | spread |")
@@ -43,7 +43,8 @@ def main(arguments: list[str] | None = None) -> None:
             found = [d for seed in seeds if (d := deviations(model, EFFECTS_OF[kind], beside, seed=seed))]
             print(f"| {kind} | {noise} | {_row([np.array(list(d.values())) for d in found])} |", flush=True)
             for name in found[0] if options.by_number and found else ():
-                print(f"    {name}:", " ".join(f"{d[name]:+.2f}" for d in found if name in d), flush=True)
+                off = np.array([d[name] for d in found if name in d])
+                print(f"    {name}, {math.sqrt((off**2).mean()):.2f}:", *(f"{d:+.2f}" for d in off), flush=True)
 
 
 def _row(found: list[FloatArray]) -> str:
