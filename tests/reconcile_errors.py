@@ -6,14 +6,17 @@ from dataclasses import replace
 import numpy as np
 from recordings import MAKE
 
-from tofmix.arrays import FloatArray
-from tofmix.reconcile.evidence import make_evidence
+from tofmix.reconcile.add import Settings
+from tofmix.reconcile.curvature import Numbers
+from tofmix.reconcile.evidence import Evidence, make_evidence
 from tofmix.reconcile.fits import Fitted, fit
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Scene
+from tofmix.reconcile.profiles import numeric
 from tofmix.reconcile.refit import latent_states
 from tofmix.reconcile.searches import problems
-from tofmix.reconcile.standard_errors import Numbers, numeric, polish, standard_errors
+from tofmix.reconcile.standard_errors import polish, standard_errors
+from tofmix.reconcile.workflow import reconcile
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.registry import load_profile
 from tofmix.simulation.cast import cast_scene
@@ -23,6 +26,8 @@ from tofmix.simulation.render import render_blocks
 
 FRAMES = 120
 MEMORY = MAKE["temporal_correlation"](coefficient=0.5)
+LATENT = ("interference", "temporal_correlation", "quantisation")
+"""Kinds that only the whole search fits."""
 EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "range_offset": (MAKE["range_offset"](offset_mm=8.0),),
     "surface_pose": (MAKE["surface_pose"](surface="middle", shift_mm=15.0),),
@@ -32,16 +37,30 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "motion": (MAKE["motion"](surface="middle", velocity_mm_s=2.0),),
     "scattering": (MAKE["scattering"](share=0.02),),
     "multipath": (MAKE["multipath"](surface="middle", share=0.08, extra_path_mm=1500.0),),
+    "temperature_drift, slow": (MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=20.0),),
+    "multipath, faint": (MAKE["multipath"](surface="middle", share=0.03, extra_path_mm=1500.0),),
     "excess_noise": (MAKE["excess_noise"](factor=1.3),),
     "vignetting": (MAKE["vignetting"](corner_factor=1.4),),
     "outliers": (MAKE["outliers"](probability=0.01),),
     "pixel_crosstalk": (MAKE["pixel_crosstalk"](share=0.03),),
+    "flying_pixels": (MAKE["flying_pixels"](probability=0.3),),
+    "dropout by chance": (MAKE["dropout"](probability=0.03),),
+    "dropout of dark samples": (MAKE["dropout"](probability=0.01, threshold=15.0, threshold_noise=3.0),),
+    "saturation": (MAKE["saturation"](full_well_amplitude=40.0),),
+    "interference": (MAKE["interference"](probability=0.25, sigma_mm=30.0, burst_frames=5.0),),
+    "temporal_correlation": (MEMORY,),
+    "quantisation": (MAKE["quantisation"](step_mm=9.3),),
+    "fixed_pattern": (MAKE["fixed_pattern"](pixel_sigma_mm=6.0, column_sigma_mm=2.0, row_sigma_mm=2.0),),
     "range_offset and wiggling": (
         MAKE["range_offset"](offset_mm=8.0), MAKE["wiggling"](amplitude_mm=10.0, phase_rad=0.7),
     ),
     "range_offset and fixed_pattern": (
         MAKE["range_offset"](offset_mm=8.0),
         MAKE["fixed_pattern"](pixel_sigma_mm=6.0, column_sigma_mm=2.0, row_sigma_mm=2.0),
+    ),
+    "range_offset and pixels alone": (
+        MAKE["range_offset"](offset_mm=8.0),
+        MAKE["fixed_pattern"](pixel_sigma_mm=6.0, column_sigma_mm=0.0, row_sigma_mm=0.0),
     ),
 }  # fmt: skip
 """Effects that are hidden together."""
@@ -63,7 +82,7 @@ def scene(*, rows: int = 16, cols: int = 20) -> Model:
     return Model(sensor=sensor, surfaces=surfaces, recording=RecordingSettings(frames=FRAMES, frame_rate_hz=10.0))
 
 
-def deviations(model: Model, effects: tuple[Effect, ...], beside: tuple[Effect, ...], *, seed: int) -> FloatArray:
+def deviations(model: Model, effects: tuple[Effect, ...], beside: tuple[Effect, ...], *, seed: int) -> dict[str, float]:
     """How far each number of the fitted effects is from the truth, in its standard errors.
 
     Parameters
@@ -76,26 +95,49 @@ def deviations(model: Model, effects: tuple[Effect, ...], beside: tuple[Effect, 
         Hidden, and not fitted.
     seed : int
         Of the recording.
+
+    Returns
+    -------
+    dict of str to float
+        By the number's name; empty where a kind that only the whole search fits is not named.
     """
     real = replace(model, effects=(*effects, *beside))
     (block,) = render_blocks(real, cast_scene(real), n_frames=FRAMES, seed=seed, block_frames=FRAMES)
     range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
     evidence = make_evidence(model, range_mm, time_s=block.time_s)
-    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
-    fitted_all = _fit(likelihood, effects)
-    errors = standard_errors(fitted_all)
-    out = []
-    for number, fitted in fitted_all.fits.items():
-        found = numeric(fitted.effect)
-        wanted = numeric(effects[number])
-        if fitted.effect.kind == "amplitude_walk":  # at the fit's own reference
-            wanted["scale_mm"] *= (wanted["reference_amplitude"] / found["reference_amplitude"]) ** wanted["exponent"]
-            wanted["reference_amplitude"] = found["reference_amplitude"]
-        for name, error in errors[number].items():
-            if error > 0:
-                change = found[name] - wanted[name]
-                out.append((math.remainder(change, 2 * math.pi) if name == "phase_rad" else change) / error)
-    return np.array(out)
+    known = _named if any(e.kind in LATENT for e in effects) else _fitted
+    out: dict[str, float] = {}
+    for wanted, (effect, errors) in zip(effects, known(model, evidence, effects), strict=False):
+        out |= _distances(wanted, effect, errors)
+    return out
+
+
+_Known = tuple[Effect, dict[str, float]]
+
+
+def _distances(hidden: Effect, effect: Effect, errors: dict[str, float]) -> dict[str, float]:
+    found, wanted = numeric(effect), numeric(hidden)
+    if effect.kind == "amplitude_walk":  # at the fit's own reference
+        wanted["scale_mm"] *= (wanted["reference_amplitude"] / found["reference_amplitude"]) ** wanted["exponent"]
+        wanted["reference_amplitude"] = found["reference_amplitude"]
+    out = {}
+    for name, error in errors.items():
+        change = found[name] - wanted[name]
+        if error > 0:
+            out[name] = (math.remainder(change, 2 * math.pi) if name == "phase_rad" else change) / error
+    return out
+
+
+def _named(model: Model, evidence: Evidence, effects: tuple[Effect, ...]) -> list[_Known]:
+    """What the whole search finds, for kinds with latent states of their own."""
+    result = reconcile(model, evidence, Settings(kinds=tuple(e.kind for e in effects)))
+    return [(n.effect, n.stderr) for n in result.named]
+
+
+def _fitted(model: Model, evidence: Evidence, effects: tuple[Effect, ...]) -> list[_Known]:
+    numbers = _fit(Likelihood(evidence, Scene(model, evidence.time_s)), effects)
+    errors = standard_errors(numbers)
+    return [(effect, errors[k]) for k, effect in enumerate(numbers.state.effects)]
 
 
 def _fit(likelihood: Likelihood, effects: tuple[Effect, ...]) -> Numbers:
@@ -120,5 +162,9 @@ def _fit(likelihood: Likelihood, effects: tuple[Effect, ...]) -> Numbers:
 def _one(likelihood: Likelihood, effect: Effect, state: State, part: Part) -> Fitted:
     mixture = likelihood.scene.mixture(state.effects)
     found = [fit(p, likelihood, state, part) for p in problems(effect.kind, likelihood, mixture)]
-    surface = getattr(effect, "surface", "")
-    return max((f for f in found if getattr(f.effect, "surface", "") == surface), key=lambda f: f.value)
+    return max((f for f in found if _form(f.effect) == _form(effect)), key=lambda f: f.value)
+
+
+def _form(effect: Effect) -> tuple[object, ...]:
+    """An effect's surface, and which of its numbers are not 0."""
+    return getattr(effect, "surface", ""), *(name for name, value in numeric(effect).items() if value)

@@ -4,7 +4,7 @@ import pytest
 from recordings import MAKE, Record
 
 from tofmix.reconcile.add import Settings
-from tofmix.reconcile.standard_errors import numeric
+from tofmix.reconcile.profiles import numeric
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.model import Model
 

@@ -7,12 +7,14 @@ import pytest
 from reconcile_errors import EFFECTS_OF, FRAMES, MEMORY, deviations, scene
 from recordings import MAKE, Record
 
+from tofmix.reconcile.add import latent_states
+from tofmix.reconcile.curvature import Numbers
 from tofmix.reconcile.fits import Fitted
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.pixel_pattern import PixelBiases, marginal_pattern
 from tofmix.reconcile.searches import problems
-from tofmix.reconcile.standard_errors import Numbers, polish, standard_errors
+from tofmix.reconcile.standard_errors import polish, standard_errors
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 
@@ -27,7 +29,7 @@ def test_errors_cover_the_truth(beside: tuple[Effect, ...]) -> None:
     """
     both = EFFECTS_OF["range_offset and wiggling"]
     model = scene()
-    off = np.concatenate([deviations(model, both, beside, seed=seed) for seed in range(RECORDINGS)])
+    off = np.array([d for seed in range(RECORDINGS) for d in deviations(model, both, beside, seed=seed).values()])
     assert off.size == 3 * RECORDINGS
     assert 0.35 < (off**2).mean() < 2.0
     assert (np.abs(off) < 3).mean() > 0.9
@@ -54,15 +56,34 @@ def test_the_last_step_ends_at_the_top_and_its_error_is_that_of_a_mean(model: Mo
 
 
 def test_a_pattern_that_is_unknown_widens_the_errors(model: Model, record: Record) -> None:
-    """The error of a constant under a pattern of pixels is the pattern's spread over root pixels, and little more."""
+    """The error of a constant under a pattern of pixels is the pattern's spread over root pixels, and some more.
+
+    More, because columns and rows may differ too, by what the pixels' pattern would hide.
+    """
     evidence = record(MAKE["range_offset"](offset_mm=4.0), MAKE["fixed_pattern"](
         pixel_sigma_mm=8.0, column_sigma_mm=0.0, row_sigma_mm=0.0))  # fmt: skip
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     alone = fitted_offset(model, likelihood, 0.4)
-    pattern = MAKE["fixed_pattern"](pixel_sigma_mm=8.0, column_sigma_mm=0.001, row_sigma_mm=0.001)
-    both = replace(alone, state=replace(alone.state, effects=(*alone.state.effects, pattern)))
+    pattern = MAKE["fixed_pattern"](pixel_sigma_mm=8.0)
+    state = replace(alone.state, effects=(*alone.state.effects, pattern))
+    both = replace(alone, state=latent_states(likelihood, state, alone.part[0]))
     known = 8.0 / np.sqrt(evidence.shape[1])
-    assert 0.95 * known < standard_errors(both)[0]["offset_mm"] < 1.3 * known
+    assert 0.95 * known < standard_errors(both)[0]["offset_mm"] < 1.4 * known
+
+
+def test_a_pattern_alone_has_errors_of_its_spreads(model: Model, record: Record) -> None:
+    """Pixels' spread: normal theory. Columns' spread: that of their means, which hold the pixels' too."""
+    evidence = record(MAKE["fixed_pattern"](pixel_sigma_mm=6.0, column_sigma_mm=5.0, row_sigma_mm=5.0))
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    part = np.arange(FRAMES), np.arange(evidence.shape[1])
+    pattern = MAKE["fixed_pattern"](pixel_sigma_mm=6.0, column_sigma_mm=5.0, row_sigma_mm=5.0)
+    state = latent_states(likelihood, replace(likelihood.start(), effects=(pattern,)), part[0])
+    errors = standard_errors(Numbers(likelihood=likelihood, state=state, fits={}, part=part))[0]
+    rows, cols = evidence.image
+    assert errors["pixel_sigma_mm"] == pytest.approx(6.0 / np.sqrt(2 * rows * cols), rel=0.2)
+    for name, lines, along in (("column_sigma_mm", cols, rows), ("row_sigma_mm", rows, cols)):
+        mean_variance = 5.0**2 + 6.0**2 / along
+        assert errors[name] == pytest.approx(mean_variance / 5.0 / np.sqrt(2 * lines), rel=0.35)
 
 
 def test_a_map_given_the_data_is_shrunk_as_its_covariance_says(rng: np.random.Generator) -> None:

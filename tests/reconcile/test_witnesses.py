@@ -7,12 +7,14 @@ import pytest
 from recordings import MAKE
 
 from tofmix.reconcile.add import Settings
+from tofmix.reconcile.curvature import Numbers
 from tofmix.reconcile.evidence import Evidence, make_evidence
 from tofmix.reconcile.fits import fit
 from tofmix.reconcile.joint import joint_likelihood
 from tofmix.reconcile.mixture import Scene
+from tofmix.reconcile.profiles import numeric
 from tofmix.reconcile.searches import problems
-from tofmix.reconcile.standard_errors import Numbers, numeric, standard_errors
+from tofmix.reconcile.standard_errors import standard_errors
 from tofmix.reconcile.witnesses import (
     SeenAmplitude,
     amplitude_witnesses,
@@ -66,7 +68,7 @@ def test_amplitudes_decide_the_share_and_path_of_multipath(model: Model) -> None
         errors.append(standard_errors(Numbers(likelihood=likelihood, state=state, fits={0: fitted}, part=part))[0])
     for name, wanted in (("share", 0.03), ("extra_path_mm", 1400.0)):
         assert abs(found[0][name] - wanted) < 4 * errors[0][name]
-        assert errors[0][name] < 0.1 * wanted
+        assert errors[0][name] < 0.12 * wanted  # of Student's law with 3 degrees: half its width at 2 nats, over 2
         assert abs(found[1][name] - wanted) > 0.2 * wanted  # noise alone says little of what is in phase
 
 

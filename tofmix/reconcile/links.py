@@ -31,6 +31,7 @@ _FAR = 5.0  # sigma: random values have no memory
 _LEAST_PAIRS = 1000
 _CHANCE = 2.0  # standard deviations
 _MOST_FRAMES = 0.9  # that bursts may fill
+_NEXT = math.log(2.0)  # from one size of bursts that is tried first to the next
 
 _Pairs = tuple[FloatArray, FloatArray, FloatArray]
 
@@ -82,22 +83,14 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
         return -float(found.fun), make(found.x)
 
     sizes = [sigma * 2.0**k for k in range(-4, 4)]
-    coarse = [at(size, (-1.5, 1.2)) for size in sizes]
-    top = max(range(len(sizes)), key=lambda k: coarse[k][0])
-    best = coarse[top]
-    start = (
-        math.log(best[1].probability / (1 - best[1].probability)),
-        math.log(max(best[1].burst_frames - 1, 0.14)),
-    )
-    ends = (math.log(sizes[max(top - 1, 0)]), math.log(sizes[min(top + 1, len(sizes) - 1)]))
-
-    def loss(log_size: float) -> float:
-        nonlocal best
-        found = at(math.exp(log_size), start)
-        best = max(best, found, key=lambda pair: pair[0])
-        return -found[0]
-
-    minimize_scalar(loss, bounds=ends, method="bounded", options={"xatol": 0.01, "maxiter": 10})
+    best = max((at(size, (-1.5, 1.2)) for size in sizes), key=lambda pair: pair[0])
+    start = math.log(best[1].probability / (1 - best[1].probability)), math.log(max(best[1].burst_frames - 1, 0.14))
+    middle = math.log(best[1].sigma_mm)
+    finer: Any = minimize_scalar(
+        lambda size: -at(math.exp(size), start)[0],
+        bounds=(middle - _NEXT, middle + _NEXT), method="bounded", options={"xatol": 2e-3, "maxiter": 12},
+    )  # fmt: skip
+    best = max(best, at(math.exp(float(finer.x)), start), key=lambda pair: pair[0])
     return best[1] if best[1].probability < _MOST_FRAMES else None
 
 
@@ -224,7 +217,7 @@ def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: 
     if spread * float((near**2).sum()) == 0:
         return None
     rho = float((near * now * before).sum() / (near**2).sum()) / spread
-    rho += (1 + 3 * rho) * len(likelihood.evidence.starts) / len(z)  # Kendall's bias, of the means that were taken out
+    rho += (1 + rho) * len(likelihood.evidence.starts) / len(z)  # Nickell's bias: many pixels, each mean taken out
     return TemporalCorrelation(coefficient=min(max(rho, -0.98), 0.98))
 
 

@@ -12,6 +12,7 @@ from tofmix.reconcile.likelihood import Likelihood, Part, State, Sums
 from tofmix.reconcile.mixture import Mixture
 
 _STEPS = 6  # of the iteration for pixels' biases
+_LEAST_MM = 1e-6  # a spread that counts as none
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,26 +107,55 @@ def marginal_pattern(
     ----------
     Woodbury matrix identity, for the covariance D + U U' of pixels (D), columns and rows (U).
     """
-    rows, cols = image
-    use = np.flatnonzero(found.information > 0)
-    row, col = np.divmod(use, cols)
-    b, noise = found.bias[use], 1.0 / found.information[use]
-    own, by_col, by_row = (max(float(s), 1e-6) ** 2 for s in sigmas_mm)
-    d = own + noise
-    cross: FloatArray = np.zeros((cols + rows, cols + rows))
-    np.add.at(cross, (col, cols + row), 1.0 / d)
-    cross += cross.T
-    cross[np.arange(cols), np.arange(cols)] = np.bincount(col, 1.0 / d, minlength=cols)
-    cross[cols + np.arange(rows), cols + np.arange(rows)] = np.bincount(row, 1.0 / d, minlength=rows)
-    prior = np.concatenate([np.full(cols, by_col), np.full(rows, by_row)])
-    inner = np.diag(1.0 / prior) + cross
-    pulled = np.concatenate([np.bincount(col, b / d, minlength=cols), np.bincount(row, b / d, minlength=rows)])
-    root = cho_factor(inner, lower=True, check_finite=False)
+    at = PatternLines(found.information, image, sigmas_mm[0])
+    b, d = found.bias[at.use], at.variance
+    pulled = at.sums(b / d)
+    root, logdet = at.factor(sigmas_mm[1], sigmas_mm[2])
     lines = cho_solve(root, pulled, check_finite=False)
     quadratic = float((b * b / d).sum() - pulled @ lines)
-    logdet = float(np.log(d / noise).sum() + 2 * np.log(np.diag(root[0])).sum() + np.log(prior).sum())
-    gain = float(found.gain[use].sum()) - 0.5 * (quadratic + logdet)
-    stripes = lines[col] + lines[cols + row]
+    gain = float(found.gain[at.use].sum()) - 0.5 * (quadratic + logdet)
+    stripes = lines[at.col] + lines[at.cols + at.row]
     pattern = np.zeros(found.bias.size)
-    pattern[use] = stripes + own / d * (b - stripes)
+    pattern[at.use] = stripes + at.own / d * (b - stripes)
     return gain, pattern
+
+
+class PatternLines:
+    """The covariance of pixels' biases and their noise, for one spread by pixel and any by column and row.
+
+    Parameters
+    ----------
+    information : (pixel,) float64
+        Of each pixel's bias, 1/mm2; 0 where there is none.
+    image : (int, int)
+        Rows, columns.
+    pixel_sigma_mm : float
+        Standard deviation by pixel.
+    """
+
+    def __init__(self, information: FloatArray, image: tuple[int, int], pixel_sigma_mm: float) -> None:
+        self.rows, self.cols = image
+        self.use = np.flatnonzero(information > 0)
+        self.row, self.col = np.divmod(self.use, self.cols)
+        self.noise = 1.0 / information[self.use]
+        self.own = max(float(pixel_sigma_mm), _LEAST_MM) ** 2
+        self.variance = self.own + self.noise
+        self._logdet = float(np.log(self.variance / self.noise).sum())
+        weight = 1.0 / self.variance
+        self._cross: FloatArray = np.zeros((self.cols + self.rows, self.cols + self.rows))
+        self._cross[self.col, self.cols + self.row] = weight
+        self._cross += self._cross.T
+        np.fill_diagonal(self._cross, self.sums(weight))
+
+    def sums(self, values: FloatArray) -> FloatArray:
+        """Sums (column and row,) of values of the used pixels."""
+        by_col = np.bincount(self.col, values, minlength=self.cols)
+        return np.concatenate([by_col, np.bincount(self.row, values, minlength=self.rows)])
+
+    def factor(self, column_sigma_mm: float, row_sigma_mm: float) -> tuple[tuple[FloatArray, bool], float]:
+        """Cholesky factor of what Woodbury's identity inverts; log determinant of the covariance over the noise's."""
+        by_col, by_row = (max(float(s), _LEAST_MM) ** 2 for s in (column_sigma_mm, row_sigma_mm))
+        prior = np.concatenate([np.full(self.cols, by_col), np.full(self.rows, by_row)])
+        root = cho_factor(np.diag(1.0 / prior) + self._cross, lower=True, check_finite=False)
+        lines = float(2 * np.log(np.diag(root[0])).sum() + np.log(prior).sum())
+        return root, self._logdet + lines

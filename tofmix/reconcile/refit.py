@@ -7,10 +7,11 @@ import numpy as np
 
 from tofmix.arrays import IntArray
 from tofmix.reconcile import links
+from tofmix.reconcile.curvature import Numbers
 from tofmix.reconcile.fits import fit
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.name import Candidate
-from tofmix.reconcile.standard_errors import Numbers, polish
+from tofmix.reconcile.standard_errors import polish
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 

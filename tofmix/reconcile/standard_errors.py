@@ -6,98 +6,21 @@ samples are fewer than they look: the errors are then those of scores summed ove
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.reconcile.evidence import BLOCK_FRAMES, BLOCK_PIXELS
-from tofmix.reconcile.fits import Fitted
-from tofmix.reconcile.likelihood import Likelihood, Part, State
-from tofmix.reconcile.pixel_pattern import PixelBiases, marginal_pattern
-from tofmix.simulation.effects import Effect
+from tofmix.reconcile.curvature import Numbers, Parabola, inverse, parabola
+from tofmix.reconcile.evidence import BLOCK_FRAMES, BLOCK_PIXELS, Evidence
+from tofmix.reconcile.pattern_errors import UnderPattern, pattern_of
+from tofmix.reconcile.profiles import Parameter, numeric, parabola_error, stretch
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
-_UNIT = (0.3, 3.0)  # a drop of the log-likelihood that counts as 1
 _MOST_STEPS = 4
 _ENOUGH = 0.01  # nats that are not worth a step
 _FARTHEST = 200.0  # nats that a step under a pattern may gain; beyond, the log-likelihood is no parabola
-_SOFT = 1e-9
-_STATIC = 0.05  # share of the curvature that is not of a static bias, below which there is none
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Numbers:
-    """Effects with numbers, as one vector.
-
-    Parameters
-    ----------
-    likelihood : Likelihood
-        Of the recording.
-    state : State
-        The model with all its effects.
-    fits : mapping of int to Fitted
-        Number of an effect in the state to its search.
-    part : (frames, pixels)
-        What the fits may see.
-    """
-
-    likelihood: Likelihood
-    state: State
-    fits: Mapping[int, Fitted]
-    part: Part
-
-    @property
-    def vector(self) -> FloatArray:
-        """All numbers in the units of their searches."""
-        return np.concatenate([np.zeros(0), *(f.vector for f in self.fits.values())])
-
-    @property
-    def first_steps(self) -> FloatArray:
-        """Steps of the searches."""
-        return np.array([step for f in self.fits.values() for step in f.problem.steps])
-
-    def moved(self, x: FloatArray) -> "Numbers":
-        """The effects with other numbers; a ValueError where they are out of bounds."""
-        effects, fits, start = list(self.state.effects), {}, 0
-        for number, fitted in self.fits.items():
-            own = x[start : start + fitted.problem.parameters]
-            start += own.size
-            effects[number] = fitted.problem.make(own)
-            effects[number].check(self.likelihood.scene.model.sensor, self.likelihood.scene.names)
-            fits[number] = replace(fitted, vector=own, effect=effects[number])
-        return replace(self, fits=fits, state=replace(self.state, effects=tuple(effects)))
-
-    def at(self, x: FloatArray) -> "_Value | None":
-        """What fits maximise, in all and by pixel and frame; None out of bounds."""
-        try:
-            state = self.moved(x).state
-        except ValueError:
-            return None
-        sums = self.likelihood.sums(self.likelihood.scene.mixture(state.effects), state, self.part)
-        return _Value(total=sums.total + self.likelihood.heard(state), by_pixel=sums.by_pixel, by_frame=sums.by_frame)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Value:
-    """The objective, and of it the log-likelihood as `Sums` has it."""
-
-    total: float
-    by_pixel: FloatArray
-    by_frame: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Parabola:
-    """The log-likelihood about a vector: steps of about one nat, slopes by them, covariance in their units."""
-
-    steps: FloatArray
-    slope: FloatArray
-    covariance: FloatArray
-    given_pattern: FloatArray  # the covariance if a fixed pattern's values were known
-    by_pixel: FloatArray  # (number, pixel) slopes
-    by_frame: FloatArray  # (number, frame)
 
 
 def polish(numbers: Numbers) -> Numbers:
@@ -106,17 +29,17 @@ def polish(numbers: Numbers) -> Numbers:
     Under a fixed pattern, whose values follow after the step, the log-likelihood is that with them integrated out,
     and one step is made.
     """
-    patterned = any(isinstance(e, FixedPattern) for e in numbers.state.effects)
-    for _ in range(1 if patterned else _MOST_STEPS):
+    pattern = pattern_of(numbers.state.effects)
+    for _ in range(_MOST_STEPS if pattern is None else 1):
         x = numbers.vector
-        about = _parabola(numbers, x) if x.size else None
+        about = parabola(numbers)
         if about is None:
             break
-        move = about.covariance @ about.slope
+        move = _covariance(numbers, about, pattern) @ about.slope
         gain = 0.5 * float(about.slope @ move)
         if gain < _ENOUGH:
             break
-        if patterned:
+        if pattern is not None:
             return _patterned(numbers, x + move * about.steps, gain)
         better = _better(numbers, x, move * about.steps)
         if better is None:
@@ -139,39 +62,76 @@ def _better(numbers: Numbers, x: FloatArray, move: FloatArray) -> Numbers | None
     return None
 
 
+def _covariance(numbers: Numbers, about: Parabola, pattern: FixedPattern | None) -> FloatArray:
+    """Of the numbers, a pattern's spreads taken as known."""
+    if pattern is None:
+        return inverse(about.hessian)
+    under = UnderPattern(numbers, about, pattern)
+    return inverse(under.curvature(pattern.column_sigma_mm, pattern.row_sigma_mm))
+
+
 def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
-    """Standard errors of the effects' numbers, by the effects' places in the state.
+    """Standard errors of the effects' numbers, by the effects' places in the state; of a fixed pattern's spreads too.
 
     For each number the largest of three: by the curvature (Fisher), and by slopes summed over blocks of pixels, and
-    over blocks of frames, between the curvature's inverses (the sandwich).
+    over blocks of frames, between the curvature's inverses (the sandwich). Under a fixed pattern, the errors by
+    curvature are averaged over what its spreads may be, and blocks of pixels, which share it, are left out. Without
+    one, all are stretched where the profile likelihood is no parabola.
 
     References
     ----------
     White, Econometrica 50 (1982) 1; Liang and Zeger, Biometrika 73 (1986) 13, for blocks.
     """
-    x = numbers.vector
-    about = _parabola(numbers, x) if x.size else None
+    pattern = pattern_of(numbers.state.effects)
+    about = parabola(numbers)
     if about is None:
-        return {number: {} for number in numbers.fits}
-    evidence = numbers.likelihood.evidence
-    row, col = np.divmod(np.arange(evidence.shape[1]), evidence.image[1])
-    squares = row // BLOCK_PIXELS * (evidence.image[1] // BLOCK_PIXELS + 1) + col // BLOCK_PIXELS
-    spells = np.arange(evidence.shape[0]) // BLOCK_FRAMES
-    found = [about.covariance, _sandwich(about.given_pattern, _summed(about.by_frame, spells))]
-    if not any(isinstance(e, FixedPattern) for e in numbers.state.effects):  # which is what pixels share
-        found.append(_sandwich(about.covariance, _summed(about.by_pixel, squares)))
-    out, start = {}, 0
+        bare = {} if pattern is None else standard_errors(replace(numbers, fits={}))
+        return {number: {} for number in numbers.fits} | bare
+    known = inverse(about.hessian)
+    pixels, frames = _blocks(numbers.likelihood.evidence)
+    found = [_sandwich(known, _summed(about.by_frame, frames))]
+    out = {}
+    if pattern is None:
+        found += [known, _sandwich(known, _summed(about.by_pixel, pixels))]
+    else:
+        averaged = UnderPattern(numbers, about, pattern).averaged()
+        found.append(averaged.covariance)
+        out[numbers.state.effects.index(pattern)] = _spreads(averaged.spreads_mm)
+    start = 0
     for number, fitted in numbers.fits.items():
         own = slice(start, start + fitted.problem.parameters)
         start = own.stop
-        each = [_to_parameters(fitted, covariance[own, own], about.steps[own]) for covariance in found]
-        out[number] = {name: max(errors[name] for errors in each) for name in each[0]}
+        out[number] = {}
+        for name in numeric(fitted.effect):
+            parameter = Parameter(name=name, fitted=fitted, own=own, steps=about.steps)
+            largest = max(parabola_error(parameter, covariance) for covariance in found)
+            known_shape = 1.0 if pattern is not None else stretch(parameter, known, partial(_value, numbers, about))
+            out[number][name] = largest * known_shape
     return out
+
+
+def _value(numbers: Numbers, about: Parabola, move: FloatArray) -> float:
+    """The log-likelihood where the numbers move by so many steps."""
+    if not move.any():
+        return about.top.total
+    found = numbers.at(numbers.vector + move * about.steps)
+    return -math.inf if found is None else found.total
+
+
+def _spreads(errors_mm: FloatArray) -> dict[str, float]:
+    return dict(zip(("pixel_sigma_mm", "column_sigma_mm", "row_sigma_mm"), errors_mm.tolist(), strict=True))
+
+
+def _blocks(evidence: Evidence) -> tuple[IntArray, IntArray]:
+    """Block of each pixel, and of each frame."""
+    row, col = np.divmod(np.arange(evidence.shape[1]), evidence.image[1])
+    squares = row // BLOCK_PIXELS * (evidence.image[1] // BLOCK_PIXELS + 1) + col // BLOCK_PIXELS
+    return squares, np.arange(evidence.shape[0]) // BLOCK_FRAMES
 
 
 def _summed(slopes: FloatArray, block: IntArray) -> FloatArray:
     """Slopes (number, block) of the blocks that have any."""
-    total = np.stack([np.bincount(block, s) for s in slopes])
+    total = np.array([np.bincount(block, s) for s in slopes]).reshape(len(slopes), -1 if len(slopes) else 0)
     return np.asarray(total[:, (total != 0).any(axis=0)])
 
 
@@ -181,129 +141,3 @@ def _sandwich(covariance: FloatArray, slopes: FloatArray) -> FloatArray:
         return covariance
     centred = slopes - slopes.mean(axis=1, keepdims=True)
     return np.asarray(covariance @ (centred @ centred.T) @ covariance * blocks / (blocks - 1))
-
-
-def _parabola(numbers: Numbers, x: FloatArray) -> _Parabola | None:
-    top = numbers.at(x)
-    if top is None or not math.isfinite(top.total):
-        return None
-    steps = np.array([_unit_drop(numbers, x, k, step, top.total) for k, step in enumerate(numbers.first_steps)])
-    unit = np.diag(steps)
-    above, below = ([numbers.at(x + s * unit[k]) for k in range(x.size)] for s in (1, -1))
-    up, down = [s for s in above if s is not None], [s for s in below if s is not None]
-    if len(up) < x.size or len(down) < x.size:
-        return None
-    hessian = _hessian(numbers, x, unit, top.total, ([s.total for s in up], [s.total for s in down]))
-    if not np.isfinite(hessian).all():
-        hessian = np.diag(np.where(np.isfinite(np.diag(hessian)), np.diag(hessian), 1.0))
-    pairs = list(zip(up, down, strict=True))
-    return _Parabola(
-        steps=steps,
-        slope=np.array([0.5 * (a.total - b.total) for a, b in pairs]),
-        covariance=_inverse(_with_pattern(numbers, hessian, top, (up, down))),
-        given_pattern=_inverse(hessian),
-        by_pixel=np.stack([0.5 * (a.by_pixel[:, 0] - b.by_pixel[:, 0]) for a, b in pairs]),
-        by_frame=np.stack([0.5 * (a.by_frame[:, 0] - b.by_frame[:, 0]) for a, b in pairs]),
-    )
-
-
-def _inverse(hessian: FloatArray) -> FloatArray:
-    return np.asarray(np.linalg.pinv(hessian + _SOFT * np.eye(len(hessian)), hermitian=True))
-
-
-def _hessian(
-    numbers: Numbers, x: FloatArray, unit: FloatArray, top: float, single: tuple[list[float], list[float]]
-) -> FloatArray:
-    """Curvature in the units of the steps."""
-
-    def value(at: FloatArray) -> float:
-        found = numbers.at(at)
-        return -math.inf if found is None else found.total
-
-    around = [a + b for a, b in zip(*single, strict=True)]
-    hessian = np.zeros((x.size, x.size))
-    for i in range(x.size):
-        hessian[i, i] = 2 * top - around[i]
-        for j in range(i):
-            both = value(x + unit[i] + unit[j]) + value(x - unit[i] - unit[j])
-            hessian[i, j] = hessian[j, i] = -0.5 * (both - around[i] - around[j] + 2 * top)
-    return hessian
-
-
-def _with_pattern(
-    numbers: Numbers, hessian: FloatArray, top: _Value, around: tuple[list[_Value], list[_Value]]
-) -> FloatArray:
-    """The curvature left where each pixel's bias is unknown too.
-
-    What the numbers move pixels' biases by counts by the covariance of pattern and noise together; what they change
-    beside, in time or in spread, counts as before.
-    """
-    pattern = next((e for e in numbers.state.effects if isinstance(e, FixedPattern)), None)
-    if pattern is None:
-        return hessian
-    known = top.by_pixel[:, 2]
-    inside = known > 0
-    cross = np.stack([0.5 * (b.by_pixel[:, 1] - a.by_pixel[:, 1]) for a, b in zip(*around, strict=True)])
-    moved = np.where(inside, cross / np.where(inside, known, 1.0), 0.0)
-    spreads = (pattern.pixel_sigma_mm, pattern.column_sigma_mm, pattern.row_sigma_mm)
-    image = numbers.likelihood.evidence.image
-    left = []
-    for bias in moved:
-        found = PixelBiases(bias=bias, information=known, gain=np.zeros(known.size))
-        left.append(bias - marginal_pattern(found, image, spreads)[1])
-    static = cross @ np.stack(left).T
-    beside = hessian - cross @ moved.T
-    beside = 0.5 * (beside + beside.T)
-    none = np.diag(beside) < _STATIC * np.diag(hessian)  # the rest of two numbers that are only nearly the same
-    beside[none] = 0.0
-    beside[:, none] = 0.0
-    return np.asarray(0.5 * (static + static.T) + beside)
-
-
-def _unit_drop(numbers: Numbers, x0: FloatArray, k: int, step: float, top: float) -> float:
-    """A step along one number that lowers the log-likelihood by about 1."""
-
-    def value(x: FloatArray) -> float:
-        found = numbers.at(x)
-        return -math.inf if found is None else found.total
-
-    h = step * 0.05
-    for _ in range(4):
-        shift = np.zeros(x0.size)
-        shift[k] = h
-        drop = 0.5 * (2 * top - value(x0 + shift) - value(x0 - shift))
-        if not math.isfinite(drop):
-            h *= 0.2
-        elif drop <= 0:
-            h *= 5
-        elif not _UNIT[0] < drop < _UNIT[1]:
-            h *= min(max(drop**-0.5, 0.02), 20.0)
-        else:
-            break
-    return h
-
-
-def _to_parameters(fitted: Fitted, covariance: FloatArray, steps: FloatArray) -> dict[str, float]:
-    """Standard errors of the effect's own numbers, by the slopes of `make`."""
-    values = numeric(fitted.effect)
-    slopes = np.zeros((len(values), steps.size))
-    for k in range(steps.size):
-        shift = np.zeros(steps.size)
-        shift[k] = 0.3 * steps[k]
-        try:
-            above, below = (numeric(fitted.problem.make(fitted.vector + s * shift)) for s in (1, -1))
-        except ValueError:
-            continue
-        for row, name in enumerate(values):
-            change = above[name] - below[name]
-            if name == "phase_rad":
-                change = math.remainder(change, 2 * math.pi)
-            slopes[row, k] = change / 0.6
-    variance = np.einsum("ik,kl,il->i", slopes, covariance, slopes)
-    return {name: float(math.sqrt(max(v, 0.0))) for name, v in zip(values, variance, strict=True)}
-
-
-def numeric(effect: Effect) -> dict[str, float]:
-    """An effect's numbers by name."""
-    values = {name: getattr(effect, name) for name in effect.parameters()}
-    return {name: float(v) for name, v in values.items() if isinstance(v, int | float)}

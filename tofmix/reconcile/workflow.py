@@ -20,10 +20,9 @@ from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import Place, localise
 from tofmix.reconcile.name import Candidate
 from tofmix.reconcile.refit import latent_states, numbers
-from tofmix.reconcile.standard_errors import numeric, standard_errors
+from tofmix.reconcile.standard_errors import standard_errors
 from tofmix.reconcile.verify import Verified, verify
 from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.effects.quantisation import Quantisation
@@ -248,7 +247,7 @@ def _named(likelihood: Likelihood, added: Added, verified: Verified, settings: S
     out = []
     for k, candidate in enumerate(added.chosen):
         effect = state.effects[k]
-        if candidate.fitted is not None:
+        if candidate.fitted is not None or k in errors_of:
             errors = errors_of.get(k, {})
         else:
             effect, errors = _latent(likelihood, state, effect, settings)
@@ -261,11 +260,6 @@ def _latent(
 ) -> tuple[Effect, dict[str, float]]:
     """Effects with latent states: their maps, and errors in closed form."""
     frames, pixels = likelihood.evidence.shape
-    if isinstance(effect, FixedPattern):
-        rows, cols = likelihood.evidence.image
-        counts = (pixels, cols, rows)
-        errors = {name: v / np.sqrt(2.0 * n) for (name, v), n in zip(numeric(effect).items(), counts, strict=True)}
-        return effect, {name: float(v) for name, v in errors.items()}
     if isinstance(effect, StuckPixels):
         return effect, {}
     if isinstance(effect, Interference):
@@ -296,11 +290,22 @@ def _bursts(likelihood: Likelihood, state: State, effect: Interference) -> tuple
     drop = (2 * value(effect.sigma_mm) - value(effect.sigma_mm + step) - value(effect.sigma_mm - step)) / step**2
     bursts = max(frames * share / effect.burst_frames, 1.0)
     errors = {
-        "probability": float(np.sqrt(share * (1 - share) * effect.burst_frames / frames)),
+        "probability": _share_error(share, frames / max(2 * effect.burst_frames * (1 - share) - 1, 1.0)),
         "sigma_mm": float(1 / np.sqrt(drop)) if drop > 0 else effect.sigma_mm,
         "burst_frames": float(effect.burst_frames / np.sqrt(bursts)),
     }
     return replace(effect, probability=share), errors
+
+
+def _share_error(share: float, independent: float) -> float:
+    """Standard error of a share among so many independent frames; of few, taken nearer to a half.
+
+    References
+    ----------
+    Agresti and Coull, Am. Statistician 52 (1998) 119: two of each sort more.
+    """
+    nearer = (share * independent + 2) / (independent + 4)
+    return float(np.sqrt(nearer * (1 - nearer) / independent))
 
 
 def maps_of(effect: Effect) -> dict[str, FloatArray]:
