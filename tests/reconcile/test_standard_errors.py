@@ -7,12 +7,12 @@ import pytest
 from reconcile_errors import EFFECTS_OF, FRAMES, MEMORY, deviations, scene
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import latent_states
 from tofmix.reconcile.curvature import Numbers
 from tofmix.reconcile.fits import Fitted
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.pixel_pattern import PixelBiases, marginal_pattern
+from tofmix.reconcile.refit import latent_states
 from tofmix.reconcile.searches import problems
 from tofmix.reconcile.standard_errors import polish, standard_errors
 from tofmix.simulation.effects import Effect

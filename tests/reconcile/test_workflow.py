@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 from recordings import MAKE, Record
-from scipy.stats import binom
 
 from tofmix.reconcile.add import Settings
 from tofmix.reconcile.name import KINDS
 from tofmix.reconcile.profiles import numeric
-from tofmix.reconcile.workflow import Reconciliation, _share_error, reconcile
+from tofmix.reconcile.workflow import Reconciliation, reconcile
 from tofmix.simulation.model import Model
 
 HIDDEN: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -77,12 +76,3 @@ def test_the_same_seed_gives_the_same_outcome(model: Model, record: Record) -> N
         return result.as_dict()
 
     assert run() == run()
-
-
-@pytest.mark.parametrize(("frames", "share"), [(12, 0.25), (20, 0.1), (60, 0.4)])
-def test_the_error_of_a_share_covers_where_frames_are_few(frames: int, share: float) -> None:
-    """By the binomial law, of which the mean square distance in errors is summed exactly."""
-    count = np.arange(frames + 1)
-    errors = np.array([_share_error(k / frames, frames) for k in count])
-    square = ((count / frames - share) / errors) ** 2
-    assert 0.7 < float(binom.pmf(count, frames, share) @ square) < 1.1

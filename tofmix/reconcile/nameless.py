@@ -6,18 +6,22 @@ as those did among themselves: fitted to the same data, paying for their numbers
 A fixed pattern among the effects is put under the law too, so that it tips no scale.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconcile import links
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.name import PRICE_NATS, Candidate
 from tofmix.reconcile.pixel_pattern import marginal_pattern, pixel_biases
+from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 
 STATIC = (
     "range_offset", "surface_pose", "wiggling", "amplitude_walk", "scattering", "multipath", FixedPattern.kind,
@@ -25,9 +29,13 @@ STATIC = (
 """Kinds that give each pixel a bias that stays."""
 
 CLEARLY_NATS = 6.0
-CLEARLY_SHARE = 0.0003
+CLEARLY_SHARE = 0.0001
 """By how much a law must beat the effects: at least so many nats, and this share of what they gained, as no effect's
 law is exact."""
+
+_PASSES = 2
+_SOON = 0.05  # of the recording, in which a drift that is as short falls by e
+_ALONE = 0.98  # share of the beam of a surface that a pixel sees by itself
 
 
 def better_law(
@@ -46,57 +54,93 @@ def better_law(
     parts : two of (frames, pixels)
         What fits may see, and what they may not, of all pixels: laws of few numbers need none held out.
     """
-    static = [c for c in chosen if c.kind in STATIC]
+    duration = float(likelihood.evidence.time_s.max())
+    static = [c for c in chosen if _stays(c.effect, duration)]
     if not static:
         return None
     patterned = any(c.kind == FixedPattern.kind for c in static)
     bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias), pixel_variance=np.zeros_like(state.pixel_bias))
     named = replace(bare, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
-    rest = replace(bare, effects=tuple(e for e in state.effects if e.kind not in STATIC))
+    rest = replace(bare, effects=tuple(e for e in state.effects if not _stays(e, duration)))
     price = PRICE_NATS * sum(c.parameters for c in static if c.kind != FixedPattern.kind)
-    nothing = _worth(likelihood, rest, parts, patterned=False)
-    worth = _worth(likelihood, named, parts, patterned=patterned) - price
+    mixture = likelihood.scene.mixture(rest.effects)
+    nothing = _worth(likelihood, rest, mixture, parts, patterned=False)
+    worth = _worth(likelihood, named, likelihood.scene.mixture(named.effects), parts, patterned=patterned) - price
     needed = worth + max(CLEARLY_NATS, CLEARLY_SHARE * (worth - nothing))
-    found = {
-        axis: _worth(likelihood, _bent(likelihood, rest, columns, parts[0]), parts, patterned=patterned)
-        - PRICE_NATS * columns.shape[1]
-        for axis, columns in _laws(likelihood, likelihood.scene.mixture(rest.effects)).items()
-    }
+    found = {}
+    for axis, law in _LAWS.items():
+        bent = law(likelihood, rest, mixture, parts[0])
+        if bent is not None:
+            found[axis] = _worth(likelihood, *bent[:2], parts, patterned=patterned) - PRICE_NATS * bent[2]
     best = max(found, key=lambda axis: found[axis])
     return best if found[best] > needed else None
 
 
-def _laws(likelihood: Likelihood, mixture: Mixture) -> Mapping[str, FloatArray]:
-    """The numbers (pixel, n) by which each law is linear: polynomials of second degree."""
+def _stays(effect: Effect, duration_s: float) -> bool:
+    """Whether an effect is static, or soon is."""
+    return effect.kind in STATIC or (
+        isinstance(effect, TemperatureDrift) and effect.time_constant_s < _SOON * duration_s
+    )
+
+
+_Bent = tuple[State, Mixture, int]
+"""What a law makes of state and prediction, and how many numbers it has."""
+
+
+def _by_place(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent:
+    """A polynomial of second degree in row and column."""
     rows, cols = likelihood.evidence.image
     row, col = np.divmod(np.arange(rows * cols), cols)
     v, u = 2 * row / max(rows - 1, 1) - 1, 2 * col / max(cols - 1, 1) - 1
-    laws = {"place in the image": np.stack([np.ones(rows * cols), u, v, u * u, u * v, v * v], axis=1)}
-    if len(likelihood.scene.members) == 1:
-        range_mm = mixture.of_main(mixture.true_range)
-        lit = mixture.of_main(mixture.lit).astype(bool)
-        if lit.any():
-            low, high = float(range_mm[lit].min()), float(range_mm[lit].max())
-            r = 2 * (range_mm - low) / max(high - low, 1.0) - 1
-            laws["range"] = np.where(lit[:, None], np.stack([np.ones(r.size), r, r * r], axis=1), 0.0)
-    return laws
-
-
-def _bent(likelihood: Likelihood, state: State, columns: FloatArray, part: Part) -> State:
-    """The state with the law that fits best as its pixels' bias."""
-    mixture = likelihood.scene.mixture(state.effects)
-    for _ in range(2):
-        found = pixel_biases(likelihood, mixture, state, part)
-        weighed = columns * found.information[:, None]
-        numbers = np.linalg.lstsq(columns.T @ weighed, weighed.T @ found.bias, rcond=None)[0]
+    columns = np.stack([np.ones(rows * cols), u, v, u * u, u * v, v * v], axis=1)
+    everywhere = np.ones(rows * cols, dtype=bool)
+    for _ in range(_PASSES):
+        numbers = _fitted(likelihood, state, mixture, part, (columns, everywhere))
         state = replace(state, pixel_bias=state.pixel_bias + columns @ numbers)
-    return state
+    return state, mixture, columns.shape[1]
 
 
-def _worth(likelihood: Likelihood, state: State, parts: tuple[Part, Part], *, patterned: bool) -> float:
+def _by_range(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent | None:
+    """A polynomial of second degree in the range of each surface; of one recording, as each has its own prediction."""
+    lit = mixture.of_main(mixture.lit).astype(bool)
+    if len(likelihood.scene.members) > 1 or not lit.any():
+        return None
+    range_mm = mixture.of_main(mixture.true_range)
+    low, high = float(range_mm[lit].min()), float(range_mm[lit].max())
+
+    def columns(true_range_mm: NDArray[Any]) -> FloatArray:
+        r = 2 * (true_range_mm - low) / max(high - low, 1.0) - 1
+        return np.stack([np.ones_like(r), r, r * r], axis=-1)
+
+    alone = lit & (mixture.of_main(mixture.weight) > _ALONE)
+    for _ in range(_PASSES):
+        numbers = _fitted(likelihood, state, mixture, part, (columns(range_mm), alone))
+        moved = np.where(mixture.lit, columns(mixture.true_range) @ numbers, 0.0)
+        mixture = replace(mixture, mean=(mixture.mean + moved).astype(mixture.mean.dtype))
+    return state, mixture, 3
+
+
+_LAWS: Mapping[str, Callable[[Likelihood, State, Mixture, Part], _Bent | None]] = {
+    "place in the image": _by_place,
+    "range": _by_range,
+}
+
+
+def _fitted(
+    likelihood: Likelihood, state: State, mixture: Mixture, part: Part, by: tuple[FloatArray, BoolArray]
+) -> FloatArray:
+    """The numbers of a law that is linear by columns (pixel, number), from the biases of some pixels."""
+    columns, use = by
+    found = pixel_biases(likelihood, mixture, state, part)
+    weighed = columns * np.where(use, found.information, 0.0)[:, None]
+    return np.asarray(np.linalg.lstsq(columns.T @ weighed, weighed.T @ found.bias, rcond=None)[0])
+
+
+def _worth(
+    likelihood: Likelihood, state: State, mixture: Mixture, parts: tuple[Part, Part], *, patterned: bool
+) -> float:
     """Log-likelihood of what no fit has seen, a pattern integrated out."""
     fit, test = parts
-    mixture = likelihood.scene.mixture(state.effects)
     worth = likelihood.value(state, test, mixture)
     pattern = links.fit_pattern(likelihood, mixture, state, fit) if patterned else None
     if pattern is not None:

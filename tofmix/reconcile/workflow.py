@@ -10,30 +10,24 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.reconcile import links
 from tofmix.reconcile.add import Added, Settings, fit_part, ways
 from tofmix.reconcile.aliases import separate_by
 from tofmix.reconcile.compare import Compared
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.joint import Recording, joint_likelihood, renamed
-from tofmix.reconcile.likelihood import Likelihood, State
+from tofmix.reconcile.latent_errors import latent_errors
+from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.localise import Place, localise
 from tofmix.reconcile.name import Candidate
 from tofmix.reconcile.refit import latent_states, numbers
 from tofmix.reconcile.standard_errors import standard_errors
 from tofmix.reconcile.verify import Verified, verify
 from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.parameter import PixelMap
-from tofmix.simulation.effects.quantisation import Quantisation
-from tofmix.simulation.effects.stuck_pixels import StuckPixels
-from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 from tofmix.simulation.model import Model
 
 DONE = ("agree", "explained")
 """Verdicts after which no other way is tried."""
-
-_LIKELY = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -217,11 +211,14 @@ def reconcile(
 
 
 def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]) -> tuple[Added, Verified]:
-    """The first way of adding effects that explains the recording; where none does, the best verdict's first."""
+    """The first way of adding effects that explains the recording; where none does, the best verdict's first.
+
+    Where a law that no effect is has beaten one way, no other way is tried: names only come nearer to it by chance.
+    """
     tried: list[tuple[Added, Verified]] = []
     for added in ways(likelihood, settings, tick):
         tried.append((added, verify(likelihood, added, settings)))
-        if tried[-1][1].verdict in DONE:
+        if tried[-1][1].verdict in DONE or tried[-1][1].law is not None:
             return tried[-1]
     best = next((way for way in tried if way[1].verdict == "partly_explained"), tried[0])
     likelihood.scene.anchor(best[0].state.effects)
@@ -250,62 +247,9 @@ def _named(likelihood: Likelihood, added: Added, verified: Verified, settings: S
         if candidate.fitted is not None or k in errors_of:
             errors = errors_of.get(k, {})
         else:
-            effect, errors = _latent(likelihood, state, effect, settings)
+            effect, errors = latent_errors(likelihood, state, effect, settings.seed)
         out.append(NamedEffect(effect=effect, stderr=errors, heldout_gain_nats=candidate.gain))
     return tuple(out)
-
-
-def _latent(
-    likelihood: Likelihood, state: State, effect: Effect, settings: Settings
-) -> tuple[Effect, dict[str, float]]:
-    """Effects with latent states: their maps, and errors in closed form."""
-    frames, pixels = likelihood.evidence.shape
-    if isinstance(effect, StuckPixels):
-        return effect, {}
-    if isinstance(effect, Interference):
-        return _bursts(likelihood, state, effect)
-    if isinstance(effect, TemporalCorrelation):
-        everything = np.arange(frames), np.arange(pixels)
-        mixture = likelihood.scene.mixture(state.effects)
-        z = likelihood.scores(state, everything, settings.seed, mixture)
-        refitted = links.fit_memory(likelihood, z, mixture, everything) or effect
-        return refitted, {"coefficient": links.memory_error(likelihood, z, mixture, everything)}
-    if isinstance(effect, Quantisation):
-        return effect, {"step_mm": 0.5 * effect.step_mm**2 / likelihood.scene.model.sensor.range_max_mm}
-    return effect, {}
-
-
-def _bursts(likelihood: Likelihood, state: State, effect: Interference) -> tuple[Effect, dict[str, float]]:
-    """The share of the frames that were disturbed, and errors of a count and of a curvature."""
-    share = float(np.clip(state.disturbed.mean(), 1e-4, 0.99))
-    frames = state.disturbed.size
-    mixture = likelihood.scene.mixture(state.effects)
-    part = np.flatnonzero(state.disturbed > _LIKELY), np.arange(likelihood.evidence.shape[1])
-    step = 0.02 * effect.sigma_mm
-    bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
-
-    def value(sigma: float) -> float:
-        return likelihood.sums(mixture, bare, part, variance=np.full(frames, sigma**2)).total
-
-    drop = (2 * value(effect.sigma_mm) - value(effect.sigma_mm + step) - value(effect.sigma_mm - step)) / step**2
-    bursts = max(frames * share / effect.burst_frames, 1.0)
-    errors = {
-        "probability": _share_error(share, frames / max(2 * effect.burst_frames * (1 - share) - 1, 1.0)),
-        "sigma_mm": float(1 / np.sqrt(drop)) if drop > 0 else effect.sigma_mm,
-        "burst_frames": float(effect.burst_frames / np.sqrt(bursts)),
-    }
-    return replace(effect, probability=share), errors
-
-
-def _share_error(share: float, independent: float) -> float:
-    """Standard error of a share among so many independent frames; of few, taken nearer to a half.
-
-    References
-    ----------
-    Agresti and Coull, Am. Statistician 52 (1998) 119: two of each sort more.
-    """
-    nearer = (share * independent + 2) / (independent + 4)
-    return float(np.sqrt(nearer * (1 - nearer) / independent))
 
 
 def maps_of(effect: Effect) -> dict[str, FloatArray]:
