@@ -247,7 +247,7 @@ def _exchange(search: _Search, part: Part) -> None:
             found = likelihood.value(state, test) - PRICE_NATS * rival.parameters
             if found > worth + PRICE_NATS:
                 search.state, search.chosen, worth = state, trial, found
-    likelihood.scene.anchor(search.state.effects)
+        likelihood.scene.anchor(search.state.effects)
 
 
 def _best(trial: Trial, found: Sequence[Candidate]) -> Candidate | None:
@@ -287,11 +287,15 @@ def _drop(search: _Search) -> None:
         return
     likelihood = search.likelihood
     part = likelihood.evidence.part(fit=False, split=search.settings.split)
+    whole = likelihood.value(search.state, part)
     for k in range(len(search.chosen) - 1, -1, -1):
         candidate = search.chosen[k]
         if candidate.fitted is None or len(search.chosen) == 1:
             continue
         rest = without(search.state, k)
-        if likelihood.value(search.state, part) - likelihood.value(rest, part) < PRICE_NATS * candidate.parameters:
-            search.state = rest
+        likelihood.scene.anchor(rest.effects)  # a pose that goes takes its edges with it
+        worth = likelihood.value(rest, part)
+        if whole - worth < PRICE_NATS * candidate.parameters:
+            search.state, whole = rest, worth
             del search.chosen[k], search.rivals[k]
+    likelihood.scene.anchor(search.state.effects)

@@ -63,15 +63,17 @@ def better_law(
     named = replace(bare, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
     rest = replace(bare, effects=tuple(e for e in state.effects if not _stays(e, duration)))
     price = PRICE_NATS * sum(c.parameters for c in static if c.kind != FixedPattern.kind)
+    worth = _worth(likelihood, named, likelihood.scene.mixture(named.effects), parts, patterned=patterned) - price
+    likelihood.scene.anchor(rest.effects)  # a pose that is left out takes its edges with it
     mixture = likelihood.scene.mixture(rest.effects)
     nothing = _worth(likelihood, rest, mixture, parts, patterned=False)
-    worth = _worth(likelihood, named, likelihood.scene.mixture(named.effects), parts, patterned=patterned) - price
     needed = worth + max(CLEARLY_NATS, CLEARLY_SHARE * (worth - nothing))
     found = {}
     for axis, law in _LAWS.items():
         bent = law(likelihood, rest, mixture, parts[0])
         if bent is not None:
             found[axis] = _worth(likelihood, *bent[:2], parts, patterned=patterned) - PRICE_NATS * bent[2]
+    likelihood.scene.anchor(state.effects)
     best = max(found, key=lambda axis: found[axis])
     return best if found[best] > needed else None
 

@@ -119,7 +119,9 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     """
     held = held_out(likelihood, settings)
     start = likelihood.start()
+    likelihood.scene.anchor(start.effects)  # edges where the model as given has them, not where a pose put them
     before = compare(likelihood, start, held, seed=settings.seed)
+    likelihood.scene.anchor(added.state.effects)
     after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
     floor = _floor(likelihood, added.state, settings)
     loud = _beyond(disagreements(added.panel, settings.alpha), floor)
@@ -131,6 +133,7 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     verdict = _verdict(added, before, loud, enough=enough, signed=signed)
     state = added.state
     if added.chosen and verdict in ("agree", "unexplained"):
+        likelihood.scene.anchor(start.effects)
         state, after, floor = start, before, _floor(likelihood, start, settings)
     return Verified(
         verdict=verdict, state=state, before=before, after=after, floor=floor, gain=gain, left=left, law=law
