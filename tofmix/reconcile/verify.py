@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconcile import links
 from tofmix.reconcile.add import Added, Settings, fit_part, held_out
 from tofmix.reconcile.compare import Compared, compare
@@ -63,6 +64,7 @@ SMOOTH = 0.2
 """Correlation of neighbours in a map above which it is no pattern of pixels."""
 
 _FEW = 0.1
+_SWEEPS = 30  # over columns and rows in turn, where not all pixels are known
 _SEEDS_APART = 1000
 _SIMULATED = 0.1
 _WITHIN_CHANCE = 0.15  # of a gap
@@ -176,21 +178,35 @@ def _signed(likelihood: Likelihood, added: Added, floor: Compared, settings: Set
         open_ = max((_weight(c, floor) for c in loud if c.statistic in own), default=0.0)
         if open_ > OPEN * scale * candidate.gain:
             return False
-    return not any(isinstance(e, FixedPattern) and _smooth(e) for e in added.state.effects)
+    known = (added.state.pixel_variance > 0).reshape(likelihood.evidence.image)
+    return not any(isinstance(e, FixedPattern) and _smooth(e, known) for e in added.state.effects)
 
 
-def _smooth(effect: FixedPattern) -> bool:
-    """Whether a map, columns and rows taken out, runs smoothly over the image: a pattern of pixels does not."""
-    if effect.map is None:
+def _smooth(effect: FixedPattern, known: BoolArray) -> bool:
+    """Whether a map, columns and rows taken out, runs smoothly over the image: a pattern of pixels does not.
+
+    Of the pixels (row, col) whose bias is known: the map has 0 where nothing returns, which would else leave of a
+    column what its lit part has.
+    """
+    if effect.map is None or not known.any():
         return False
-    rest = effect.map.values.astype(np.float64)
-    rest = rest - rest.mean(axis=0)
-    rest -= rest.mean(axis=1, keepdims=True)
-    power = float((rest**2).mean())
+    rest = np.where(known, effect.map.values.astype(np.float64), 0.0)
+    for _ in range(_SWEEPS):
+        for axis in (0, 1):
+            mean = rest.sum(axis=axis, keepdims=True) / np.maximum(known.sum(axis=axis, keepdims=True), 1)
+            rest -= np.where(known, mean, 0.0)
+    power = float((rest**2).sum()) / known.sum()
     if power == 0:
         return False
-    near = 0.5 * (float((rest[1:] * rest[:-1]).mean()) + float((rest[:, 1:] * rest[:, :-1]).mean()))
-    return near > SMOOTH * power
+    near = 0.5 * (
+        _mean_product(rest[1:], rest[:-1], known[1:] & known[:-1])
+        + _mean_product(rest[:, 1:], rest[:, :-1], known[:, 1:] & known[:, :-1])
+    )
+    return bool(near > SMOOTH * power)
+
+
+def _mean_product(a: FloatArray, b: FloatArray, both: BoolArray) -> float:
+    return float((a * b).sum() / max(int(both.sum()), 1))
 
 
 def _closes(before: Compared, after: Compared, floor: Compared) -> bool:
