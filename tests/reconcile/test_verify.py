@@ -1,10 +1,12 @@
 """The verdict is of the models as they are: no trace of poses that were tried, none of pixels that see nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import Added, Settings, held_out
+from tofmix.reconcile.add import Added, Settings, held_out, ways
 from tofmix.reconcile.compare import compare
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Scene
@@ -28,6 +30,16 @@ def test_a_pose_that_was_tried_leaves_no_trace_in_the_gaps(model: Model, record:
     after_a_trial = verify(likelihood, added, SETTINGS)
     assert after_a_trial.before.gap == straight.before.gap
     assert after_a_trial.floor.gap == straight.floor.gap
+
+
+def test_the_tolerance_brings_no_chance_of_other_frames_along(model: Model, record: Record) -> None:
+    evidence, other = record(seed=5), record(seed=6)
+    samples = np.where(evidence.fit_frames[:, None], other.samples, evidence.samples)
+    panels = []
+    for one in (evidence, replace(evidence, samples=samples)):
+        (added,) = ways(Likelihood(one, Scene(model, one.time_s)), replace(SETTINGS, max_effects=0))
+        panels.append({c.name: c.chi2 for c in added.panel.curves})
+    assert panels[0] == panels[1]
 
 
 @pytest.mark.parametrize("everywhere", [True, False], ids=["lit", "two boards"])

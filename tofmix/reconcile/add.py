@@ -83,7 +83,7 @@ class Added:
     tolerated : State
         The refined model within its tolerance.
     panel : Compared
-        Panel of the refined model within its tolerance, on held-out frames.
+        Panel of the refined model, on held-out frames, moved within its tolerance to where it fits them best.
     """
 
     state: State
@@ -148,12 +148,14 @@ def _followed(search: _Search) -> Added:
     held = held_out(likelihood, settings)
     stood: list[list[tuple[str, str]]] = []
     while True:
-        near = tolerated(likelihood, search.state, fit_part(likelihood, settings), settings.tolerance)
+        # The test asks whether any model within the tolerance agrees with these frames: fitted to others, it would
+        # bring the chance of those along
+        near = tolerated(likelihood, search.state, held, settings.tolerance)
         panel = compare(likelihood, near, _covered(likelihood, search.state, held), seed=settings.seed)
         if not disagreements(panel, settings.alpha) or len(search.chosen) >= settings.max_effects:
             break
         names = sorted((c.kind, getattr(c.effect, "surface", "")) for c in search.chosen)
-        if names in stood or not _round(search, near):  # what was added before was dropped again
+        if names in stood or not _round(search):  # what was added before was dropped again
             break
         stood.append(names)
     kept = {c.kind for c in search.chosen}
@@ -192,10 +194,11 @@ def fit_part(likelihood: Likelihood, settings: Settings) -> Part:
     return np.flatnonzero(likelihood.evidence.fit_frames), np.arange(likelihood.evidence.shape[1])
 
 
-def _round(search: _Search, near: State) -> bool:
+def _round(search: _Search) -> bool:
     """Try all kinds and add the best, if it is good enough."""
     settings, likelihood = search.settings, search.likelihood
     trial = begin_trial(likelihood, search.state, settings.split, settings.seed)
+    near = tolerated(likelihood, search.state, fit_part(likelihood, settings), settings.tolerance)
     allowed = max(0.0, likelihood.value(near, trial.test_part) - trial.base)
     found = candidates(trial, settings.kinds, search.tick)
     search.first = search.first or tuple(found)
