@@ -160,6 +160,23 @@ def test_it_refuses_a_recording_without_a_valid_sample(
     assert not (tmp_path / "gap").exists()
 
 
+def test_it_refuses_ranges_in_metres(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
+    with h5py.File(files[1], "r+") as file:
+        file["range"][...] = np.where(file["range"][...] == 0, 0, np.rint(file["range"][...] / 1000.0))
+    done = tofmix("reconcile", *files, "-o", tmp_path / "gap")
+    assert done.code == 3
+    assert "are they in metres?" in done.err
+    assert done.err.count("\n") == 1
+
+
+def test_it_refuses_a_model_without_surfaces(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
+    bare = tmp_path / "bare.toml"
+    bare.write_text(MODEL[: MODEL.index("[[surface]]")])
+    done = tofmix("reconcile", bare, files[1], "-o", tmp_path / "gap")
+    assert done.code == 3
+    assert done.err == f"tofmix: {bare}: surface: the model has none to compare the recording with\n"
+
+
 def test_it_refuses_a_folder_before_any_work(
     tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

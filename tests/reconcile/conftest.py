@@ -1,5 +1,6 @@
 """A small scene of three boards, and recordings of it with and without effects, made by the simulator."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -29,5 +30,19 @@ def record(model: Model) -> Record:
         (block,) = render_blocks(real, cast_scene(real), n_frames=FRAMES, seed=seed, block_frames=FRAMES)
         range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
         return make_evidence(model, range_mm, time_s=block.time_s)
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def in_the_open(model: Model) -> Callable[[Effect], tuple[Model, Evidence]]:
+    """Two boards before open space, with an effect; the model does not have it."""
+    bare = replace(model, surfaces=model.surfaces[:2])
+
+    def make(effect: Effect) -> tuple[Model, Evidence]:
+        real = replace(bare, effects=(effect,))
+        (block,) = render_blocks(real, cast_scene(real), n_frames=FRAMES, seed=3, block_frames=FRAMES)
+        range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
+        return bare, make_evidence(bare, range_mm, time_s=block.time_s)
 
     return make

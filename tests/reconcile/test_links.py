@@ -1,5 +1,6 @@
 """Searches that are no smooth fit: stuck pixels, and what only looks like them."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -8,13 +9,12 @@ from recordings import MAKE, Record
 from scipy.optimize import minimize_scalar
 
 from tofmix.reconcile.bursts import forward
-from tofmix.reconcile.evidence import make_evidence
+from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.links import find_stuck, fit_interference, fit_memory
 from tofmix.reconcile.mixture import Scene
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
-from tofmix.simulation.render import render_blocks
 
 
 def test_stuck_pixels_are_found_with_their_values(model: Model, record: Record) -> None:
@@ -35,14 +35,12 @@ def test_without_stuck_pixels_none_is_found(model: Model, record: Record) -> Non
     assert find_stuck(likelihood, likelihood.scene.mixture(), likelihood.start()) is None
 
 
-def test_bursts_that_are_quieter_than_empty_pixels_have_their_own_sigma(model: Model) -> None:
+def test_bursts_that_are_quieter_than_empty_pixels_have_their_own_sigma(
+    in_the_open: Callable[[Effect], tuple[Model, Evidence]],
+) -> None:
     """Pixels without a return have the sigma of the range's end, 52 mm: it must not bound the search."""
-    open_space = replace(model, surfaces=model.surfaces[:2], effects=(MAKE["interference"](
-        probability=0.3, sigma_mm=4.0, burst_frames=4.0),))  # fmt: skip
-    (block,) = render_blocks(open_space, cast_scene(open_space), n_frames=120, seed=3, block_frames=120)
-    range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
-    evidence = make_evidence(replace(open_space, effects=()), range_mm, time_s=block.time_s)
-    likelihood = Likelihood(evidence, Scene(replace(open_space, effects=()), evidence.time_s))
+    model, evidence = in_the_open(MAKE["interference"](probability=0.3, sigma_mm=4.0, burst_frames=4.0))
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
     found = fit_interference(likelihood, likelihood.scene.mixture(()), likelihood.start(), everything)
     assert found is not None

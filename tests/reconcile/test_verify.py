@@ -24,7 +24,7 @@ def test_a_pose_that_was_tried_leaves_no_trace_in_the_gaps(model: Model, record:
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     start = likelihood.start()
     panel = compare(likelihood, start, held_out(likelihood, SETTINGS), seed=SETTINGS.seed)
-    added = Added(state=start, chosen=(), first=(), aliases=(), tolerated=start, panel=panel)
+    added = Added(state=start, chosen=(), first=(), aliases=(), panel=panel)
     straight = verify(likelihood, added, SETTINGS)
     likelihood.scene.anchor((MAKE["surface_pose"](surface="near", shift_mm=200.0),))
     after_a_trial = verify(likelihood, added, SETTINGS)

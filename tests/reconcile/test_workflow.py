@@ -1,5 +1,6 @@
 """Effects that the simulator hides are named; a right model is left alone; what no effect is, gets no name."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -8,9 +9,12 @@ import pytest
 from recordings import MAKE, Record
 
 from tofmix.reconcile.add import Settings
+from tofmix.reconcile.evidence import Evidence
+from tofmix.reconcile.localise import localise
 from tofmix.reconcile.name import KINDS
 from tofmix.reconcile.profiles import numeric
 from tofmix.reconcile.workflow import Reconciliation, reconcile
+from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 
 HIDDEN: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -66,6 +70,16 @@ def test_what_no_effect_is_gets_no_name_but_a_place(model: Model, record: Record
     assert result.verified.verdict == "unexplained"
     assert result.named == ()
     assert result.where[0].axis == "frame"
+
+
+def test_a_shift_is_told_in_mm_where_many_pixels_see_nothing(
+    in_the_open: Callable[[Effect], tuple[Model, Evidence]],
+) -> None:
+    """Empty pixels are in the bins of rows and columns too; their sigma is none that a shift is seen by."""
+    result = reconcile(*in_the_open(MAKE["range_offset"](offset_mm=6.0)), Settings(kinds=("range_offset",)))
+    shifts = [p for p in localise(result.verified.before, 0.01) if p.statistic == "bias" and p.unit == "mm"]
+    assert {"row", "col"} & {p.axis for p in shifts}
+    assert all(p.size == pytest.approx(6.0, rel=0.15) for p in shifts)
 
 
 def test_the_same_seed_gives_the_same_outcome(model: Model, record: Record) -> None:

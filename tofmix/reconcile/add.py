@@ -80,8 +80,6 @@ class Added:
         All candidates of the first round, best first.
     aliases : tuple of tuple of Candidate
         Candidates that the recording cannot tell from a chosen one, which stands first.
-    tolerated : State
-        The refined model within its tolerance.
     panel : Compared
         Panel of the refined model, on held-out frames, moved within its tolerance to where it fits them best.
     """
@@ -90,7 +88,6 @@ class Added:
     chosen: tuple[Candidate, ...]
     first: tuple[Candidate, ...]
     aliases: tuple[tuple[Candidate, ...], ...]
-    tolerated: State
     panel: Compared
 
 
@@ -161,7 +158,7 @@ def _followed(search: _Search) -> Added:
     kept = {c.kind for c in search.chosen}
     return Added(
         state=search.state, chosen=tuple(search.chosen), first=search.first,
-        aliases=tuple(group for group in search.aliases if group[0].kind in kept), tolerated=near, panel=panel,
+        aliases=tuple(group for group in search.aliases if group[0].kind in kept), panel=panel,
     )  # fmt: skip
 
 

@@ -14,8 +14,9 @@ from tofmix.reconcile.joint import View, views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.links import whitened
 from tofmix.reconcile.mixture import Mixture
-from tofmix.reconcile.panel import Curve, discreteness, in_time, invalid, neighbours, panel_axes, shapes
+from tofmix.reconcile.panel import Curve, discreteness, invalid, neighbours, panel_axes, shapes
 from tofmix.reconcile.panel_lines import lines
+from tofmix.reconcile.panel_time import in_time
 from tofmix.reconcile.telling import telling_of
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Part, State
 from tofmix.reconcile.mixture import Mixture
@@ -20,7 +20,6 @@ BINS = 12
 """Of axes that are cut by quantiles."""
 
 _ENOUGH = 200  # samples of a bin
-_ENOUGH_IN_FRAME = 30
 _MANY_BINS = 40
 _SMOOTH_MM = 2.0  # a density of this sigma is smooth over three mm
 
@@ -38,7 +37,7 @@ class Curve:
     variance : of the value by chance.
     unit : str
         Unit of the axis.
-    scale_mm : mean sigma of the bin's samples, mm.
+    scale_mm : shift of all the bin's samples that have a return by which their mean rises by 1, mm; 0 if none has.
     telling : gain of what it says beyond lower orders, nats (`tofmix.reconcile.telling`); None if not worked out.
     recording : which one it is of, from 0.
     """
@@ -166,7 +165,7 @@ def shapes(z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Pa
     for name, power in zip(SHAPES, hermite(z), strict=True):
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
         for axis in axes:
-            yield _curve(name, axis, total, count, sigma)
+            yield _curve(name, axis, total, count, sigma_of_lit(m, part))
         enough = count >= _ENOUGH / 10
         value = total[enough] / count[enough]
         number = part[1][enough].astype(np.float64)
@@ -176,66 +175,19 @@ def shapes(z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Pa
                     value=value, variance=spread, unit="1", scale_mm=sigma[enough])  # fmt: skip
 
 
+def sigma_of_lit(m: Mixture, part: Part) -> FloatArray:
+    """Sigma of a part's pixels, mm; infinite where nothing returns, as no bias moves those samples."""
+    return np.where(m.of_main(m.lit)[part[1]], m.of_main(m.sigma)[part[1]], np.inf)
+
+
 def _curve(name: str, axis: Axis, total: FloatArray, count: FloatArray, sigma: FloatArray) -> Curve:
     n = np.bincount(axis.bin, count, minlength=axis.lower.size)
     some = n >= _ENOUGH
     value = np.bincount(axis.bin, total, minlength=n.size)[some] / n[some]
-    scale = np.bincount(axis.bin, count * sigma, minlength=n.size)[some] / n[some]
+    per_mm = np.bincount(axis.bin, count / sigma, minlength=n.size)[some] / n[some]
+    scale = np.where(per_mm > 0, 1.0 / np.maximum(per_mm, 1e-9), 0.0)
     return Curve(statistic=name, axis=axis.name, lower=axis.lower[some], upper=axis.upper[some], value=value,
                  variance=1.0 / n[some], unit=axis.unit, scale_mm=scale)  # fmt: skip
-
-
-def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iterator[Curve]:
-    """Each frame's mean and spread, with pixels' own means removed; tenths of the time; memory at lags 1 to 3."""
-    now = evidence.time_s[part[0]]
-    frame = part[0].astype(np.float64)
-    ok = np.isfinite(z)
-    count = ok.sum(axis=0)
-    flat = np.where(ok, z - np.nansum(z, axis=0) / np.maximum(count, 1), np.float32(0))
-    n = ok.sum(axis=1)
-    some = n >= _ENOUGH_IN_FRAME
-    if not some.any():
-        return
-    sigma = np.full(int(some.sum()), float(np.median(m.of_main(m.sigma)[part[1]])))
-    mean = flat.sum(axis=1, dtype=np.float64)[some] / n[some]
-    square = ((flat**2).sum(axis=1, dtype=np.float64)[some] / n[some] - _mean_square(flat, ok)) / np.sqrt(2)
-    for name, value, extra in (("common_mode", mean, 1.0), ("bursts", square, _kurtosis(flat, ok))):
-        yield Curve(statistic=name, axis="frame", lower=frame[some], upper=frame[some] + 1, value=value,
-                    variance=extra / n[some], unit="1", scale_mm=sigma)  # fmt: skip
-    tenth = np.arange(some.sum()) * 10 // max(int(some.sum()), 1)
-    for name, value in (("trend", mean), ("spread", square)):
-        size = np.bincount(tenth, n[some])
-        start = np.array([now[some][tenth == k][0] for k in range(tenth.max() + 1)])
-        end = np.array([now[some][tenth == k][-1] for k in range(tenth.max() + 1)])
-        mean_value = np.bincount(tenth, value * n[some]) / size
-        yield Curve(statistic=name, axis="time", lower=start, upper=end, value=mean_value,
-                    variance=1.0 / size, unit="s", scale_mm=sigma[: size.size])  # fmt: skip
-    yield from _memory(flat, ok, part[0])
-
-
-def _mean_square(flat: Float32Array, ok: BoolArray) -> float:
-    return float((flat**2).sum(dtype=np.float64) / max(int(ok.sum()), 1))
-
-
-def _kurtosis(flat: Float32Array, ok: BoolArray) -> float:
-    square = np.where(ok, flat**2, np.nan)
-    return float(np.nanvar(square) / 2)
-
-
-def _memory(flat: Float32Array, ok: BoolArray, frames: IntArray) -> Iterator[Curve]:
-    centred = flat - flat.sum(axis=1, keepdims=True) / np.maximum(ok.sum(axis=1, keepdims=True), 1)
-    centred = np.where(ok, centred, np.float32(0))
-    lags = (1, 2, 3)
-    value, variance = [], []
-    for lag in lags:
-        pair = np.flatnonzero(frames[lag:] - frames[:-lag] == lag)
-        n = int((ok[pair] & ok[pair + lag]).sum())
-        product = float((centred[pair] * centred[pair + lag]).sum(dtype=np.float64))
-        value.append(product / max(n, 1) + 1.0 / max(len(frames), 1))  # a removed mean lowers it by that
-        variance.append(1.0 / max(n, 1))
-    lag_axis = np.array(lags, dtype=np.float64)
-    yield Curve(statistic="memory", axis="frame", lower=lag_axis, upper=lag_axis, value=np.array(value),
-                variance=np.array(variance), unit="1", scale_mm=np.ones(len(lags)))  # fmt: skip
 
 
 def invalid(evidence: Evidence, m: Mixture, state: State, axes: list[Axis], part: Part) -> Iterator[Curve]:
