@@ -169,6 +169,15 @@ def test_it_refuses_ranges_in_metres(tofmix: Tofmix, files: tuple[Path, Path], t
     assert done.err.count("\n") == 1
 
 
+def test_it_says_when_the_file_is_of_another_setting(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
+    with h5py.File(files[1], "r+") as file:
+        file["sensor"].attrs["integration_time_ms"] = 7.5
+    done = tofmix("reconcile", *files, "-o", tmp_path / "gap", "--max-effects", "0")
+    assert done.code == 0
+    assert f"{files[1]}: sensor: integration_time_ms is 7.5, the model's is" in done.err
+    assert done.err.count("\n") == 1
+
+
 def test_it_refuses_a_model_without_surfaces(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
     bare = tmp_path / "bare.toml"
     bare.write_text(MODEL[: MODEL.index("[[surface]]")])

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     Files = tuple[tuple[str, Path], ...]
 
 _MOST_SAMPLES = 1 << 28
+_SAME = 1e-3
 
 
 @examples(
@@ -153,6 +154,10 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
         range_mm, time_s = file.read_range(every, every), file.read_time()
         amplitude = file.read_amplitude(every, every) if file.has_amplitude else None
         temperature_c = file.read_temperature()
+        for name in ("modulation_frequency_hz", "integration_time_ms"):
+            own, models = getattr(file.sensor, name), getattr(scene.sensor, name)
+            if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):
+                click.echo(f"tofmix: {measured}: sensor: {name} is {own:g}, the model's is {models:g}", err=True)
     try:
         return make_evidence(scene, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c)
     except BadInputError as error:
