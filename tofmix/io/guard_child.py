@@ -1,9 +1,9 @@
 """A program of its own that looks at the structure of HDF5 files: the library can hang or crash on a damaged one.
 
 It reads requests as lines of JSON, ``{"path": ...}`` or ``{"image": base64}`` with ``"limit_s"``, and answers each with
-a line: ``{"identity": [...]}``, what the file was that it looked at, or ``{"refused": reason}``. Should the library not
-come back within the limit, the kernel ends this process, for no Python code can run then. `tofmix.io.guard` starts it;
-nothing imports it.
+a line: ``{"identity": [...]}``, what the file was that it looked at, ``{"refused": reason}``, or ``{"no_memory": true}``
+where no file at all could be opened. Should the library not come back within the limit, the kernel ends this process,
+for no Python code can run then. `tofmix.io.guard` starts it; nothing imports it.
 """
 
 import base64
@@ -21,6 +21,7 @@ sys.path.append(str(Path(__file__).parents[2]))  # started with -P: the package 
 import h5py
 
 from tofmix.io.guard_rules import RefusedError, check_structure
+from tofmix.io.hdf5_memory import make_room
 from tofmix.io.library_reason import library_reason
 
 _MEMORY_BYTES = 1 << 30
@@ -56,6 +57,10 @@ def _bound(what: int, limit: int) -> None:
 
 
 def _answer(request: dict[str, Any]) -> dict[str, Any]:
+    try:
+        make_room()
+    except MemoryError:
+        return {"no_memory": True}
     try:
         if "image" in request:
             data = base64.b64decode(request["image"])
