@@ -119,6 +119,10 @@ def _in_a_fork(run: Any, job: dict[str, Any]) -> dict[str, Any]:  # noqa: ANN401
         if job["fault"] is not None:
             operation, number, error, once = job["fault"]
             ctypes.CDLL(None).fault_arm(str(job["cwd"]).encode(), operation.encode(), number, error, once)
+        if job["user"] is not None:
+            os.setgroups([])
+            os.setgid(job["user"])
+            os.setuid(job["user"])
         _leave(_code_of(run, job))
     waiting = os.pidfd_open(child)
     hung = not _until(waiting, job["timeout_s"] if job["kill_after_s"] is None else job["kill_after_s"])
@@ -235,7 +239,7 @@ def _begin() -> None:
 def _redirect(job: dict[str, Any]) -> None:
     os.chdir(job["cwd"])
     for name, descriptor in (("out", 1), ("err", 2)):
-        file = os.open(job[name], os.O_WRONLY)
+        file = os.open("/dev/full" if name in job["full"] else job[name], os.O_WRONLY)
         os.dup2(file, descriptor)
         os.close(file)
 

@@ -28,7 +28,7 @@ def _calls(module: Path) -> set[str]:
 def test_nothing_else_opens_a_file_for_reading() -> None:
     openers = {"h5py.File", "h5py.h5f.open", "h5py.is_hdf5", "h5py.h5f.is_hdf5"}
     found = {str(path.relative_to(PACKAGE)): _calls(path) & openers for path in PACKAGE.rglob("*.py")}
-    # hdf5.py wraps a new file that it has created, hdf5_memory.py makes empty ones; the child is the process that looks.
+    # hdf5.py wraps a new file that it has created, hdf5_memory.py makes empty ones; the child is the one that looks.
     assert {name for name, calls in found.items() if calls} == {
         "io/guard.py", "io/guard_child.py", "io/hdf5.py", "io/hdf5_memory.py",
     }  # fmt: skip

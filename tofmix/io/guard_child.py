@@ -1,9 +1,9 @@
 """A program of its own that looks at the structure of HDF5 files: the library can hang or crash on a damaged one.
 
 It reads requests as lines of JSON, ``{"path": ...}`` or ``{"image": base64}`` with ``"limit_s"``, and answers each with
-a line: ``{"identity": [...]}``, what the file was that it looked at, ``{"refused": reason}``, or ``{"no_memory": true}``
-where no file at all could be opened. Should the library not come back within the limit, the kernel ends this process,
-for no Python code can run then. `tofmix.io.guard` starts it; nothing imports it.
+a line: ``{"identity": [...]}``, what the file was that it looked at, ``{"refused": reason}``, or
+``{"no_memory": true}`` where no file at all could be opened. Should the library not come back within the limit, the
+kernel ends this process, for no Python code can run then. `tofmix.io.guard` starts it; nothing imports it.
 """
 
 import base64
@@ -35,7 +35,7 @@ def main() -> None:
     for line in sys.stdin:
         request = json.loads(line)
         signal.setitimer(signal.ITIMER_REAL, request["limit_s"])
-        answer = _answer(request)
+        answer = _answer(request) if _has_room() else {"no_memory": True}
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.stdout.write(json.dumps(answer) + "\n")
         sys.stdout.flush()
@@ -56,11 +56,15 @@ def _bound(what: int, limit: int) -> None:
     resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
 
 
-def _answer(request: dict[str, Any]) -> dict[str, Any]:
+def _has_room() -> bool:
     try:
         make_room()
     except MemoryError:
-        return {"no_memory": True}
+        return False
+    return True
+
+
+def _answer(request: dict[str, Any]) -> dict[str, Any]:
     try:
         if "image" in request:
             data = base64.b64decode(request["image"])

@@ -1,8 +1,8 @@
 """Room for HDF5 to open a file in: where the memory ends within an opening, the library ends the process.
 
-`H5AC_create` of HDF5 (seen in 1.14 and 2.0) reads from the metadata cache that it could not allocate, and the process
-dies of signal 11. That structure, of half a MB, comes from a free list of the library's. There it would stay when its
-file is closed, but for a limit of 64 kB. Here the limit is raised, and files in memory, opened and closed at once, leave
+`H5AC_create` of HDF5 (seen in 2.0) reads from the metadata cache that it could not allocate, and the process dies of
+signal 11. That structure, of half a MB, comes from a free list of the library's. There it would stay when its file is
+closed, but for a limit of 64 kB. Here the limit is raised, and files in memory, opened and closed at once, leave
 structures for the next openings. Call `make_room` before each opening; it fails in good order.
 """
 
