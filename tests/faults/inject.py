@@ -18,6 +18,7 @@ from faults.same import same_content
 
 Report: TypeAlias = Callable[[str], object]
 
+_OF_OUTPUTS = ("write", "truncate", "fsync", "rename", "unlink")
 KILL_BEFORE, KILL_AFTER, SHORT = -1, -2, 0
 _BEYOND = 1000
 """A call so far past the last of a sound run is not met."""
@@ -61,12 +62,13 @@ class Case:
     cost: int = 1
 
 
+# The recording is one cell, which the second of two parts has.
 CASES: dict[str, Case] = {
     "estimate": Case(
         "estimate recording.h5 -o out.layers.h5 --window 5 --workers 1", ("out.layers.h5",), " --resume --overwrite"
     ),
     "estimate a part": Case(
-        "estimate recording.h5 -o out.part --window 5 --workers 1 --shard 1/2", ("out.part",), " --resume --overwrite"
+        "estimate recording.h5 -o out.part --window 5 --workers 1 --shard 2/2", ("out.part",), " --resume --overwrite"
     ),
     "merge": Case("merge 1.part 2.part -o out.layers.h5", ("out.layers.h5",)),
     "simulate": Case("simulate model.toml -o out.h5", ("out.h5",)),
@@ -274,7 +276,7 @@ class Injection:
         leave_free: int | None = None,
         mode: int | None = None,
     ) -> Tried:
-        """Run once with the failure, look at what is left, and go on without it."""
+        """Run once with the failure, look at what is left, and go on from there without it."""
         case, expected = CASES[name], self._expected_of(name)
         with tempfile.TemporaryDirectory(dir=place, prefix="inject-") as text:
             folder = Path(text)
@@ -293,15 +295,18 @@ class Injection:
             )
             hard = asked_for and outcome.code == -signal.SIGKILL
             wrong = [_ending(outcome, killed=asked_for, silent="err" in job.full)]
+            if job.fault and job.fault[0] in _OF_OUTPUTS and outcome.code in REFUSED and outcome.code != 4:
+                wrong.append(f"exit code {outcome.code} for a disk that fails")
             wrong += _left(case, folder, self._originals, expected, outcome, old=old, killed=hard)
             if ballast is not None:
                 ballast.unlink()
-            argv = tuple((case.command + case.again * bool(case.outputs)).split())
-            again = self._pool.run(Job(argv=argv, cwd=text, cpu_s=job.cpu_s))
-            if again.code:
-                wrong.append(f"started again: {again.code} {again.err[-300:]}")
-            else:
-                wrong += _left(case, folder, self._originals, expected, again, old=old)
+            if _leftovers(case, folder, self._originals):  # else it would begin as any run does
+                argv = tuple((case.command + case.again).split())
+                again = self._pool.run(Job(argv=argv, cwd=text, cpu_s=job.cpu_s))
+                if again.code:
+                    wrong.append(f"started again: {again.code} {again.err[-300:]}")
+                else:
+                    wrong += _left(case, folder, self._originals, expected, again, old=old)
         told = f"{where}{', over an old file' * old}"
         faults = [f"{told}: {text} [{outcome.err[-300:]}]" for text in wrong if text]
         return Tried(outcome=outcome, killed=asked_for, faults=faults)
@@ -371,14 +376,19 @@ def _left(
     if outcome.code in DONE and not all(whole):
         yield "no output of a run that says it is done"
     resumable = "estimate" in case.command and outcome.code != 0
-    # A folder that a run makes for its outputs is theirs; it may stay where there are any, or where the run was killed.
+    # A folder that a run makes for its outputs may stay where there are any, or where the run was killed.
     folders = {str(Path(name).parent) for name in case.outputs if any(whole) or old or killed}
-    for path in sorted(folder.rglob("*")):
-        place = str(path.relative_to(folder))
-        known = place in case.outputs or place in folders or place in _inputs(originals)
+    for path in _leftovers(case, folder, originals):
         hidden = path.name.startswith(".")
-        if not known and not (hidden and (killed or (resumable and ".journal" in path.name))):
+        fitting = hidden and (killed or (resumable and ".journal" in path.name))
+        if not fitting and str(path.relative_to(folder)) not in folders:
             yield f"{path.name} is left"
+
+
+def _leftovers(case: Case, folder: Path, originals: Path) -> list[Path]:
+    """Return what stands there that is no input and no output."""
+    known = {*case.outputs, *_inputs(originals)}
+    return [path for path in sorted(folder.rglob("*")) if str(path.relative_to(folder)) not in known]
 
 
 def table(tallies: list[Tally]) -> str:

@@ -25,6 +25,8 @@ from faults.pool import Pool
         ("estimate", "allocation, and all after", 6),
         ("estimate", "killed after a write", 8),
         ("estimate", "killed after rename", 1),
+        ("estimate a part", "write: disk full", 9),
+        ("estimate a part", "rename: I/O error", 1),
         ("map", "rename: I/O error", 3),
         ("simulate", "write: disk full", 4),
     ],
