@@ -245,10 +245,10 @@ class Injection:
                 self._once(case, job, f"{' and '.join(full)}, {size} bytes", old=size is None).into(tally)
         return _reported(tally, report)
 
-    def closed(self, case: str, *, user: int | None, report: Report = print) -> Tally:
+    def closed(self, case: str, *, report: Report = print) -> Tally:
         """Run in a folder without permission to write."""
         tally = Tally(case, "a folder without permission")
-        job = Job(argv=(), cwd="", user=user, cpu_s=_cpu_s(case))
+        job = Job(argv=(), cwd="", unprivileged=True, cpu_s=_cpu_s(case))
         self._once(case, job, "closed", old=False, mode=0o555).into(tally)
         return _reported(tally, report)
 

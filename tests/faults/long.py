@@ -161,7 +161,7 @@ def _kills(run: Run) -> Done:
         injection = Injection(Path(name), pool)
         share = run.options.kills // len(WRITING)
         for case in WRITING:
-            count = share * 4 if case == "estimate" else share
+            count = share * 4 if case == "estimate" else share // CASES[case].cost
             for number in (9, 2, 15):
                 moments = [chance.random() for _ in range(count if number == 9 else count // 4)]
                 tallies.append(injection.kill(case, moments, number=number, report=lambda _: None))
@@ -176,19 +176,18 @@ def _full_disks(run: Run) -> Done:
         make(Path(name), pool)
         injection = Injection(Path(name), pool)
         sizes = [4096, *range(8192, 120_000, 7000)]
-        tallies = [injection.limit(case, sizes, report=lambda _: None) for case in WRITING]
+        tallies = [injection.limit(case, sizes[:: CASES[case].cost], report=lambda _: None) for case in WRITING]
         place = Path(name) / "disk"
         with disk.small_disk(place) as mounted:
             if mounted is not None:
                 free = range(0, 200_000, 12_288)
-                tallies += [injection.fill(case, mounted, free, report=lambda _: None) for case in WRITING]
+                for case in WRITING:
+                    tallies.append(injection.fill(case, mounted, free[:: CASES[case].cost], report=lambda _: None))
                 lines.append(_read_only(run, Path(name), mounted, pool))
             else:
                 run.report("no disk can be mounted here: neither the full nor the read-only one was run")
         tallies += [injection.device(case, report=lambda _: None) for case in CASES]
-        # Nothing is closed to the administrator.
-        user = _NOBODY if os.geteuid() == 0 else None
-        tallies += [injection.closed(case, user=user, report=lambda _: None) for case in WRITING]
+        tallies += [injection.closed(case, report=lambda _: None) for case in WRITING]
     return "\n\n".join([_counted(run, tallies), *lines]), _must(run, tallies, "refused")
 
 
@@ -260,9 +259,6 @@ def _guided(run: Run) -> Done:
     last = [line for line in done.stderr.splitlines() if line.startswith("#")][-1:] or ["nothing"]
     broke = int(bool(done.returncode))
     return f"- {seconds} s: {inputs} inputs; {' '.join(last[0].split())}; inputs that broke a reader: {broke}", inputs
-
-
-_NOBODY = 65534
 
 
 def main() -> int:

@@ -43,8 +43,8 @@ class Job:
         When it gets `kill_signal`.
     full : tuple of str
         Which of its streams, "out" and "err", lead to a full device.
-    user : int, optional
-        Who runs it, where the administrator runs us.
+    unprivileged : bool
+        Whether permissions hold for it even where the administrator runs us.
     """
 
     argv: tuple[str, ...]
@@ -57,7 +57,7 @@ class Job:
     kill_after_s: float | None = None
     kill_signal: int = 9
     full: tuple[str, ...] = ()
-    user: int | None = None
+    unprivileged: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -72,6 +72,16 @@ def test_limits_of_the_size_of_files(injection: Injection, case: str) -> None:
     assert tally.refused
 
 
+def test_a_folder_without_permission_and_full_streams(injection: Injection) -> None:
+    for tally in (
+        injection.closed("estimate", report=lambda _: None),
+        injection.closed("map", report=lambda _: None),
+        injection.device("info", report=lambda _: None),
+    ):
+        assert not tally.faults, "\n".join(tally.faults)
+        assert tally.refused
+
+
 def test_a_full_disk_and_a_read_only_one(injection: Injection, pool: Pool, folder: Path, tmp_path: Path) -> None:
     from faults.inject import inputs_into
     from faults.pool import Job
