@@ -181,8 +181,9 @@ def _full_disks(run: Run) -> Done:
         with disk.small_disk(place) as mounted:
             if mounted is not None:
                 free = range(0, 200_000, 12_288)
-                for case in WRITING:
-                    tallies.append(injection.fill(case, mounted, free[:: CASES[case].cost], report=lambda _: None))
+                tallies += [
+                    injection.fill(case, mounted, free[:: CASES[case].cost], report=lambda _: None) for case in WRITING
+                ]
                 lines.append(_read_only(run, Path(name), mounted, pool))
             else:
                 run.report("no disk can be mounted here: neither the full nor the read-only one was run")
