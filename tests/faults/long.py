@@ -121,7 +121,7 @@ def _failing_calls(run: Run) -> Done:
         if not any(tally.tried for tally in tallies if tally.failure == failure):
             run.report(f"{failure}: no call of any command has failed")
     most = run.options.most_calls
-    said = f"of at most {most} calls of a kind all, of more {most}, fewer of reconcile" if most else "all calls"
+    said = f"of at most {most} calls of a kind all, of more {most}; of reconcile {most // 4}" if most else "all calls"
     return f"{said}\n\n{_counted(run, tallies)}", sum(len(tally.tried) for tally in tallies)
 
 
