@@ -175,12 +175,12 @@ def _full_disks(run: Run) -> Done:
     with tempfile.TemporaryDirectory(prefix="originals-") as name, Pool(1) as pool:
         make(Path(name), pool)
         injection = Injection(Path(name), pool)
-        sizes = [4096, *range(8192, 120_000, 7000)]
+        sizes = [4096, *range(8192, 120_000, 13_000)]
         tallies = [injection.limit(case, sizes[:: CASES[case].cost], report=lambda _: None) for case in WRITING]
         place = Path(name) / "disk"
         with disk.small_disk(place) as mounted:
             if mounted is not None:
-                free = range(0, 200_000, 12_288)
+                free = range(0, 200_000, 24_576)
                 tallies += [
                     injection.fill(case, mounted, free[:: CASES[case].cost], report=lambda _: None) for case in WRITING
                 ]
