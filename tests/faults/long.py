@@ -257,9 +257,9 @@ def _guided(run: Run) -> Done:
     if done.returncode:
         run.report(f"guided: {done.stderr[-2000:]}")
     inputs = sum(map(int, re.findall(r"^Done (\d+) runs", done.stderr, re.MULTILINE)))
-    last = [line for line in done.stderr.splitlines() if line.startswith("#")][-1:] or ["nothing"]
+    reached = max([0, *map(int, re.findall(r"^#\d+.* cov: (\d+)", done.stderr, re.MULTILINE))])
     broke = int(bool(done.returncode))
-    return f"- {seconds} s: {inputs} inputs; {' '.join(last[0].split())}; inputs that broke a reader: {broke}", inputs
+    return f"- {seconds} s: {inputs} inputs, {reached} edges of code; inputs that broke a reader: {broke}", inputs
 
 
 def main() -> int:

@@ -28,6 +28,7 @@ from faults.pool import Pool
         ("estimate a part", "write: disk full", 9),
         ("estimate a part", "rename: I/O error", 1),
         ("map", "rename: I/O error", 3),
+        ("map", "allocation", 6),
         ("simulate", "write: disk full", 4),
     ],
 )
