@@ -12,11 +12,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
-from faults.fuzz import DONE, REFUSED
+from faults import fuzz
+from faults.fuzz import DONE
 from faults.pool import HANG_CPU_S, Job, Outcome, Pool
 from faults.same import same_content
 
 Report: TypeAlias = Callable[[str], object]
+
+REFUSED = (*fuzz.REFUSED, 5)
+"""Where one of several files is unfit, too."""
 
 _OF_OUTPUTS = ("write", "truncate", "fsync", "rename", "unlink")
 KILL_BEFORE, KILL_AFTER, SHORT = -1, -2, 0
@@ -353,7 +357,7 @@ def _ending(outcome: Outcome, *, killed: bool, silent: bool) -> str:
         (outcome.hung, "hang"),
         (outcome.code < 0, f"signal {-outcome.code}"),
         ("Traceback" in outcome.err or outcome.code not in (*DONE, *REFUSED), f"exit code {outcome.code}"),
-        (outcome.code in REFUSED and not lines and not silent, "no reason"),
+        (outcome.code in REFUSED and not (lines or outcome.out) and not silent, "no reason"),
         (any(not line.startswith("tofmix: ") for line in lines), "stray line on stderr"),
     )
     return next((text for wrong, text in rules if wrong), "")

@@ -29,6 +29,7 @@ from faults.pool import Pool
         ("estimate a part", "rename: I/O error", 1),
         ("map", "rename: I/O error", 3),
         ("map", "allocation", 6),
+        ("verify", "read: I/O error", 15),
         ("simulate", "write: disk full", 4),
     ],
 )
