@@ -29,7 +29,7 @@ from faults.pool import Pool
         ("estimate a part", "rename: I/O error", 1),
         ("map", "rename: I/O error", 3),
         ("map", "allocation", 6),
-        ("verify", "read: I/O error", 15),
+        ("verify", "read: I/O error", 12),
         ("simulate", "write: disk full", 4),
     ],
 )
@@ -96,7 +96,7 @@ def test_a_full_disk_and_a_read_only_one(injection: Injection, pool: Pool, folde
             assert not tally.faults, "\n".join(tally.faults)
         inputs_into(folder, place)
         disk.make_read_only(place)
-        for case in ("estimate", "export points"):
+        for case in ("estimate", "export points", "reconcile"):
             outcome = pool.run(Job(argv=tuple(CASES[case].command.split()), cwd=str(place)))
             assert outcome.code == 4, outcome.err
             assert "Read-only file system" in outcome.err
