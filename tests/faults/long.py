@@ -240,7 +240,7 @@ def _properties(run: Run) -> Done:
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=TESTS.parent)
     if done.returncode:
         run.report(done.stdout[-3000:])
-    passing = sum(map(int, re.findall(r"(\d+) passing examples", done.stdout)))
+    passing = sum(map(int, re.findall(r"(\d+) passing", done.stdout)))
     said = f"{times} times the examples of each property test: {passing} examples passed"
     return f"- {said}; {done.stdout.splitlines()[-1]}", passing
 

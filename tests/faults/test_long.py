@@ -1,6 +1,7 @@
 """The long run itself: what tries nothing is a fault, and what cannot be run is said."""
 
 import argparse
+import subprocess
 from contextlib import nullcontext
 from pathlib import Path
 
@@ -49,3 +50,14 @@ def test_a_disk_that_may_not_be_mounted_is_said(tmp_path: Path, monkeypatch: pyt
         "no disk can be mounted here: neither the full nor the read-only one was run",
         "full disks: nothing was tried",
     ]
+
+
+@pytest.mark.parametrize(
+    ("said", "count"), [("- 10 passing, 0 failing", 30), ("- 10 passing examples, 0 failing", 30), ("", 0)]
+)
+def test_examples_of_the_properties_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: str, count: int
+) -> None:
+    done = subprocess.CompletedProcess([], 0, stdout=f"{said}\n" * 3 + "7 passed in 3 s")
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: done)
+    assert _run(tmp_path, property_times=2).stage("properties")["tried"] == count
