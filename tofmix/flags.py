@@ -4,7 +4,10 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """Outcome of the estimator for one pixel in one window (CF flag values)."""
+    """Outcome of the estimator for one pixel in one window (CF flag values).
+
+    Compare arrays with ``int(member)``: NumPy takes a member for a number of 64 bits, and casts the whole array.
+    """
 
     OK = 0
     TOO_FEW_SAMPLES = 1

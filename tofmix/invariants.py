@@ -51,7 +51,7 @@ def layer_rules(
     """
     n = layers.n_modes
     present = np.arange(layers.max_layers) < n[..., None]
-    fitted = layers.status != Status.TOO_FEW_SAMPLES
+    fitted = layers.status != int(Status.TOO_FEW_SAMPLES)
     yield Rule("n_modes", f"at most {layers.max_layers}, the layers that there is room for", n > layers.max_layers)
     yield from _patterns(layers, present)
     yield from _bounds(layers, present)
@@ -118,7 +118,7 @@ def _statuses(layers: Layers, present: BoolArray, fitted: BoolArray) -> Iterator
     yield Rule("status", "too_few_samples and no_surface have no layer", (n > 0) & np.isin(status, _EMPTY))
     yield Rule("status", "ok, not_converged and degenerate have a layer", (n == 0) & np.isin(status, _FILLED))
     unknown = _any(np.isnan(layers.range_stderr) & present)
-    yield Rule("status", "ok has a standard error for each range", unknown & (status == Status.OK))
+    yield Rule("status", "ok has a standard error for each range", unknown & (status == int(Status.OK)))
     yield Rule("n_peaks", "0 where nothing was fitted", ~fitted & (layers.n_peaks > 0))
 
 

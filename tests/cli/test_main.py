@@ -134,3 +134,22 @@ def test_the_exit_code_tells_where_stderr_cannot(tmp_path: Path) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([sys.executable, "-c", program], stderr=full, cwd=tmp_path, check=False)
     assert done.returncode == ExitCode.BAD_INPUT
+
+
+@pytest.mark.parametrize("then", [None, ValueError("cannot be closed")])
+def test_want_of_memory_is_one_line_whatever_a_library_makes_of_it(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, then: Exception | None
+) -> None:
+    def none(*_: object, **__: object) -> None:
+        try:
+            raise MemoryError
+        finally:
+            if then is not None:
+                raise then
+
+    monkeypatch.setattr("tofmix.io.guard.Scout.look", none)
+    path = write_recording(tmp_path / "a.h5", boards())
+    result = tofmix("info", path)
+    assert result.code == ExitCode.STORAGE
+    assert result.err.startswith("tofmix: out of memory; ")
+    assert result.err.count("\n") == 1

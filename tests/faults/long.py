@@ -3,7 +3,7 @@
 Usage: python -m faults.long --output FOLDER [--only STAGE,...] [--mutants 5000] [--guided 600] [--processes 2], with
 `tests` and the package on PYTHONPATH. It can be stopped and started again: what is done is kept in FOLDER. It
 prints what it finds as it goes, and at the end the tables of all that has been run; it leaves with 1 if there are
-faults.
+faults. What tries nothing, or cannot be run here, is a fault.
 """
 
 import argparse
@@ -11,9 +11,11 @@ import importlib.util
 import json
 import os
 import random
+import re
 import subprocess
 import sys
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
@@ -23,7 +25,7 @@ from typing import Any, TypeAlias
 from faults import disk, load
 from faults.changing import changing
 from faults.fuzz import Fuzz, Verdict, table
-from faults.inject import CASES, FAILURES, Injection, Tally, compiled, inputs_into, with_shim
+from faults.inject import CASES, FAILURES, WRITING, Injection, Tally, compiled, inputs_into, with_shim
 from faults.inject import table as injection_table
 from faults.originals import make
 from faults.pool import Job, Outcome, Pool
@@ -31,9 +33,12 @@ from faults.pool import Job, Outcome, Pool
 TESTS = Path(__file__).parents[1]
 _BATCH = 250
 
-Stage: TypeAlias = Callable[["Run"], str]
+Done: TypeAlias = tuple[str, int]
+"""What a stage has to say, as Markdown, and how many things it tried."""
+
+Stage: TypeAlias = Callable[["Run"], Done]
 STAGES: dict[str, Stage] = {}
-"""What is run, in its order; each returns Markdown."""
+"""What is run, in its order."""
 
 
 class Run:
@@ -49,6 +54,15 @@ class Run:
         self.faults.append(text)
         print(f"FAULT: {text}", flush=True)
 
+    def stage(self, name: str) -> dict[str, Any]:
+        """Run one; one that tried nothing has a fault, for it has shown nothing."""
+        before, since = len(self.faults), time.monotonic()
+        text, tried = STAGES[name](self)
+        if not tried:
+            self.report(f"{name}: nothing was tried")
+        minutes = (time.monotonic() - since) / 60
+        return {"text": text, "tried": tried, "minutes": minutes, "faults": self.faults[before:]}
+
 
 def _stage(work: Stage) -> Stage:
     STAGES[work.__name__.strip("_").replace("_", " ")] = work
@@ -56,20 +70,21 @@ def _stage(work: Stage) -> Stage:
 
 
 @_stage
-def _mutants(run: Run) -> str:
+def _mutants(run: Run) -> Done:
     """Mutants through the commands that read them."""
     path = run.folder / "mutants.jsonl"
     lines = path.read_text().splitlines() if path.exists() else []
     verdicts = [_verdict(json.loads(line)) for line in lines]
     done = len({verdict.mutant for verdict in verdicts}) // _BATCH * _BATCH  # a batch that was broken off begins anew
-    verdicts = [verdict for verdict in verdicts if int(verdict.mutant.split()[-1]) < done]
+    first = run.options.first_mutant
+    verdicts = [verdict for verdict in verdicts if int(verdict.mutant.split()[-1]) < first + done]
     path.write_text("".join(json.dumps(asdict(verdict)) + "\n" for verdict in verdicts))
     with tempfile.TemporaryDirectory(prefix="originals-") as name, Pool(run.options.processes) as pool:
         originals = make(Path(name), pool)
         fuzz = Fuzz(Path(name), pool, originals)
         fuzz.check_originals()
         while done < run.options.mutants:
-            found = list(fuzz.run(list(originals), _BATCH, seed=done, commands=2))
+            found = list(fuzz.run(list(originals), _BATCH, seed=first + done, commands=2))
             with path.open("a") as file:
                 file.writelines(json.dumps(asdict(verdict)) + "\n" for verdict in found)
             verdicts += found
@@ -78,162 +93,173 @@ def _mutants(run: Run) -> str:
     for verdict in verdicts:
         if verdict.fault:
             run.report(f"{verdict.fault}: {verdict.mutant}: {verdict.command}: {verdict.change}: {verdict.outcome.err}")
-    return f"{done} mutants\n\n{table(verdicts)}"
+    idle = [kind for kind in originals if not any(verdict.kind == kind for verdict in verdicts)]
+    if idle:
+        run.report(f"no mutants of {', '.join(idle)}")
+    numbers = f"{done} mutants, those of the numbers {first} to {first + done - 1}"
+    return f"{numbers}; {len(verdicts)} commands\n\n{table(verdicts)}", len(verdicts)
 
 
 def _verdict(values: dict[str, Any]) -> Verdict:
     return Verdict(**values | {"outcome": Outcome(**values["outcome"])})
 
 
-def _with_shim(work: Callable[[Injection], list[Tally]]) -> str:
+@_stage
+def _failing_calls(run: Run) -> Done:
+    """The N-th call of each kind fails: all of them where they are few, else the first, the last, and some between."""
+    tallies: list[Tally] = []
     with tempfile.TemporaryDirectory(prefix="originals-") as name:
         library = compiled(Path(name))
         if library is None:
-            return "not run: no C compiler"
-        with Pool(1, with_shim(library)) as pool:
+            return "not run: no C compiler", 0
+        with Pool(run.options.processes, with_shim(library)) as pool:
             make(Path(name), pool)
-            tallies = work(Injection(Path(name), pool))
-    return injection_table(tallies)
+            injection = Injection(Path(name), pool)
+            for case in CASES:
+                tallies += _failing_calls_of(run, case, injection)
+    for failure in FAILURES:
+        if not any(tally.tried for tally in tallies if tally.failure == failure):
+            run.report(f"{failure}: no call of any command has failed")
+    most = run.options.most_calls
+    said = f"of at most {most} calls of a kind all, of more {most}; of reconcile {most // 4}" if most else "all calls"
+    return f"{said}\n\n{_counted(run, tallies)}", sum(len(tally.tried) for tally in tallies)
 
 
-@_stage
-def _failing_calls(run: Run) -> str:
-    """The N-th call of each kind fails, for N = 1, 2, ... until the run succeeds."""
-    tallies: list[Tally] = []
-    for case in CASES:
-        path = run.folder / f"failing {case}.json"
-        if not path.exists():
-
-            def work(injection: Injection, case: str = case, path: Path = path) -> list[Tally]:
-                found = []
-                for failure in FAILURES:
-                    # Allocations are many, and alike: at most some hundred of them.
-                    step = run.options.allocation_step if failure.startswith("alloc") else 1
-                    found.append(injection.run(case, failure, step=step, report=print))
-                path.write_text(json.dumps([asdict(tally) for tally in found]))
-                return found
-
-            print(_with_shim(work), flush=True)
-        if path.exists():
-            tallies += [Tally(**values) for values in json.loads(path.read_text())]
-    return _counted(run, tallies)
+def _failing_calls_of(run: Run, case: str, injection: Injection) -> list[Tally]:
+    """Run one command, unless that has been done."""
+    path = run.folder / f"failing {case}.json"
+    if not path.exists():
+        most = run.options.most_calls and max(3, run.options.most_calls // CASES[case].cost)
+        found = [injection.run(case, failure, most=most) for failure in FAILURES]
+        path.write_text(json.dumps([asdict(tally) for tally in found]))
+        print(f"{case}\n{injection_table(found)}", flush=True)
+    return [Tally(**values) for values in json.loads(path.read_text())]
 
 
 def _counted(run: Run, tallies: list[Tally]) -> str:
     for tally in tallies:
         for fault in tally.faults:
             run.report(f"{tally.case}: {tally.failure}: {fault}")
-    return injection_table(tallies) if tallies else "not run: no C compiler"
+    return injection_table(tallies)
+
+
+def _must(run: Run, tallies: list[Tally], what: str) -> int:
+    """Report the kinds of failure that none of the runs met; return how many runs there were."""
+    for failure in dict.fromkeys(tally.failure for tally in tallies):
+        if not sum(getattr(tally, what) for tally in tallies if tally.failure == failure):
+            run.report(f"{failure}: not one run was {what}")
+    return sum(tally.runs for tally in tallies)
 
 
 @_stage
-def _kills(run: Run) -> str:
+def _kills(run: Run) -> Done:
     """Signals at random moments of the work."""
     chance = random.Random(1)  # noqa: S311  no secret
     tallies = []
     with tempfile.TemporaryDirectory(prefix="originals-") as name, Pool(1) as pool:
         make(Path(name), pool)
         injection = Injection(Path(name), pool)
-        share = run.options.kills // len(CASES)
-        for case in CASES:
-            count = share * 4 if case == "estimate" else share
+        share = run.options.kills // len(WRITING)
+        for case in WRITING:
+            count = share * 4 if case == "estimate" else share // CASES[case].cost
             for number in (9, 2, 15):
                 moments = [chance.random() for _ in range(count if number == 9 else count // 4)]
                 tallies.append(injection.kill(case, moments, number=number, report=lambda _: None))
-    return _counted(run, tallies)
+    return _counted(run, tallies), _must(run, tallies, "killed")
 
 
 @_stage
-def _full_disks(run: Run) -> str:
+def _full_disks(run: Run) -> Done:
     """`ulimit -f`, a disk of 8 MB with little room, and a disk that is read-only."""
-    tallies, lines = [], []
+    lines: list[str] = []
     with tempfile.TemporaryDirectory(prefix="originals-") as name, Pool(1) as pool:
         make(Path(name), pool)
         injection = Injection(Path(name), pool)
-        sizes = [4096, *range(8192, 120_000, 7000)]
-        tallies += [injection.limit(case, sizes, report=lambda _: None) for case in CASES]
+        sizes = [4096, *range(8192, 120_000, 13_000)]
+        tallies = [injection.limit(case, sizes[:: CASES[case].cost], report=lambda _: None) for case in WRITING]
         place = Path(name) / "disk"
         with disk.small_disk(place) as mounted:
             if mounted is not None:
-                free = range(0, 200_000, 12_288)
-                tallies += [injection.fill(case, mounted, free, report=lambda _: None) for case in CASES]
+                free = range(0, 200_000, 24_576)
+                tallies += [
+                    injection.fill(case, mounted, free[:: CASES[case].cost], report=lambda _: None) for case in WRITING
+                ]
                 lines.append(_read_only(run, Path(name), mounted, pool))
             else:
-                lines.append("no disk could be mounted: neither the full nor the read-only one was run")
-    return "\n\n".join([_counted(run, tallies), *lines])
+                run.report("no disk can be mounted here: neither the full nor the read-only one was run")
+        tallies += [injection.device(case, report=lambda _: None) for case in CASES]
+        tallies += [injection.closed(case, report=lambda _: None) for case in WRITING]
+    return "\n\n".join([_counted(run, tallies), *lines]), _must(run, tallies, "refused")
 
 
 def _read_only(run: Run, originals: Path, place: Path, pool: Pool) -> str:
     inputs_into(originals, place)
     disk.make_read_only(place)
     codes = Counter[int]()
-    for case in CASES.values():
-        outcome = pool.run(Job(argv=tuple(case.command.split()), cwd=str(place)))
+    for case in WRITING:
+        outcome = pool.run(Job(argv=tuple(CASES[case].command.split()), cwd=str(place)))
         codes[outcome.code] += 1
         if outcome.code != 4 or "Read-only file system" not in outcome.err:
-            run.report(f"read-only disk: {case.command}: {outcome.code} {outcome.err}")
+            run.report(f"read-only disk: {CASES[case].command}: {outcome.code} {outcome.err}")
     return f"a read-only disk: {sum(codes.values())} commands, exit codes {dict(codes)}"
 
 
 @_stage
-def _changing_recordings(run: Run) -> str:
+def _changing_recordings(run: Run) -> Done:
     """A recording that is written to while it is read."""
     with Pool(1) as pool:
         counts = changing(pool, run.options.changes, report=run.report)
-    return "\n".join(
-        ["| a recording changed while it is read | |", "|---|---|", *(f"| {k} | {n} |" for k, n in counts.items())]
-    )
+    if not counts["refused"]:
+        run.report("changing recordings: no change was met")
+    lines = ["| a recording changed while it is read | |", "|---|---|", *(f"| {k} | {n} |" for k, n in counts.items())]
+    return "\n".join(lines), counts.total()
 
 
 @_stage
-def _loads(run: Run) -> str:
+def _loads(run: Run) -> Done:
     """Concurrent runs, declared sizes, a cluster's worker killed."""
     with Pool(1) as pool:
         lines = load.huge(pool, report=run.report)
-    return "\n".join(
-        f"- {line}" for line in (load.side_by_side(8, report=run.report), *lines, load.worker_killed(report=run.report))
-    )
+    lines = [load.side_by_side(8, report=run.report), *lines, load.worker_killed(report=run.report)]
+    return "\n".join(f"- {line}" for line in lines), len(lines)
 
 
 @_stage
-def _soak(run: Run) -> str:
+def _soak(run: Run) -> Done:
     """Many recordings in one process."""
-    return f"- {load.soak(run.options.soak, report=run.report)}"
+    return f"- {load.soak(run.options.soak, report=run.report)}", run.options.soak
 
 
 @_stage
-def _properties(run: Run) -> str:
+def _properties(run: Run) -> Done:
     """The property tests with more examples, at random."""
     times = run.options.property_times
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        str(TESTS / "faults" / "test_properties.py"),
-    ]
+    options = ["-q", "-p", "no:cacheprovider", "--hypothesis-show-statistics"]
+    command = [sys.executable, "-m", "pytest", *options, str(TESTS / "faults" / "test_properties.py")]
     environment = os.environ | {"TOFMIX_TEST_EXAMPLES_TIMES": str(times)}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=TESTS.parent)
     if done.returncode:
         run.report(done.stdout[-3000:])
-    return f"- {times} times the examples of each property test: {done.stdout.splitlines()[-1]}"
+    passing = sum(map(int, re.findall(r"(\d+) passing", done.stdout)))
+    said = f"{times} times the examples of each property test: {passing} examples passed"
+    return f"- {said}; {done.stdout.splitlines()[-1]}", passing
 
 
 @_stage
-def _guided(run: Run) -> str:
+def _guided(run: Run) -> Done:
     """Coverage-guided fuzzing of the readers."""
     seconds = run.options.guided
     if importlib.util.find_spec("atheris") is None:
-        return "- not run: atheris is not installed (`pip install atheris`)"
+        return "- not run: atheris is not installed (`pip install atheris`)", 0
     command = [sys.executable, "-m", "faults.guided", str(seconds), str(run.folder / "guided")]
     done = subprocess.run(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, check=False)
     (run.folder / "guided.log").write_text(done.stderr)
-    last = [line for line in done.stderr.splitlines() if line.startswith("#")][-1:] or ["nothing"]
     if done.returncode:
         run.report(f"guided: {done.stderr[-2000:]}")
-    return f"- {seconds} s: {' '.join(last[0].split())}; inputs that broke a reader: {int(bool(done.returncode))}"
+    inputs = sum(map(int, re.findall(r"^Done (\d+) runs", done.stderr, re.MULTILINE)))
+    reached = max([0, *map(int, re.findall(r"^#\d+.* cov: (\d+)", done.stderr, re.MULTILINE))])
+    broke = int(bool(done.returncode))
+    return f"- {seconds} s: {inputs} inputs, {reached} edges of code; inputs that broke a reader: {broke}", inputs
 
 
 def main() -> int:
@@ -248,22 +274,22 @@ def main() -> int:
     parser.add_argument("--changes", type=int, default=120)
     parser.add_argument("--soak", type=int, default=1000)
     parser.add_argument("--property-times", type=int, default=20)
-    parser.add_argument("--allocation-step", type=int, default=1)
+    parser.add_argument("--most-calls", type=int, default=12, help="0: all")
+    parser.add_argument("--first-mutant", type=int, default=0, metavar="NUMBER")
     run = Run(parser.parse_args())
     run.folder.mkdir(parents=True, exist_ok=True)
     for name in run.options.only.split(","):
         path = run.folder / f"{name}.json"
         if not path.exists():
-            before = len(run.faults)
             print(f"== {name}", flush=True)
-            path.write_text(json.dumps({"text": STAGES[name](run), "faults": run.faults[before:]}))
+            path.write_text(json.dumps(run.stage(name)))
     total = 0
     for name, work in STAGES.items():
         path = run.folder / f"{name}.json"
         if path.exists():
             kept = json.loads(path.read_text())
             total += len(kept["faults"])
-            print(f"\n### {name}\n\n{work.__doc__}\n\n{kept['text']}")
+            print(f"\n### {name} ({kept['minutes']:.0f} min)\n\n{work.__doc__}\n\n{kept['text']}")
     print(f"\n{total} faults")
     return int(total > 0)
 

@@ -14,7 +14,7 @@ from typing import Self, TypeVar
 
 TESTS = Path(__file__).parents[1]
 HANG_CPU_S = 20
-HANG_S = 90.0
+HANG_S = 300.0
 """A command hangs that takes more of the processor, or lasts longer: other work may hold it up, but not for ever."""
 
 T = TypeVar("T")
@@ -41,6 +41,10 @@ class Job:
         Which call fails, with the shim of `faults.shim`; `once` 0: and all calls of that kind after it.
     kill_after_s : float, optional
         When it gets `kill_signal`.
+    full : tuple of str
+        Which of its streams, "out" and "err", lead to a full device.
+    unprivileged : bool
+        Whether permissions hold for it even where the administrator runs us.
     """
 
     argv: tuple[str, ...]
@@ -52,6 +56,8 @@ class Job:
     fault: tuple[str, int, int, int] | None = None
     kill_after_s: float | None = None
     kill_signal: int = 9
+    full: tuple[str, ...] = ()
+    unprivileged: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

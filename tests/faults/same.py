@@ -34,11 +34,11 @@ def _rows(part: Path) -> list[tuple[object, ...]]:
 
 
 def _values(root: h5py.File) -> dict[str, np.ndarray]:
-    found = {}
-
-    def visit(name: str, item: h5py.HLObject) -> None:
+    """All datasets by their names; by the links, as the library's own visit also reads indexes that no reader needs."""
+    found, names = {}, list[bytes]()
+    root.id.links.visit(names.append)
+    for name in names:
+        item = root.get(name)
         if isinstance(item, h5py.Dataset):
-            found[name] = np.asarray(item[...])
-
-    root.visititems(visit)
+            found[name.decode()] = np.asarray(item[...])
     return found

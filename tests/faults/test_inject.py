@@ -8,35 +8,54 @@ import pytest
 
 from faults import disk, load
 from faults.changing import changing
-from faults.inject import CASES, Injection
+from faults.inject import CASES, Injection, chosen
 from faults.pool import Pool
 
 
 @pytest.mark.parametrize(
-    ("case", "failure", "step"),
+    ("case", "failure", "most"),
     [
-        ("estimate", "write: disk full", 17),
-        ("estimate", "write: a part only", 31),
-        ("estimate", "fsync: I/O error", 2),
+        ("estimate", "write: disk full", 8),
+        ("estimate", "write: a part only", 4),
+        ("estimate", "fsync: I/O error", 5),
         ("estimate", "rename: I/O error", 1),
         ("estimate", "open: no permission", 3),
-        ("estimate", "read: I/O error", 29),
-        ("estimate", "allocation", 37),
-        ("estimate", "killed after a write", 17),
+        ("estimate", "read: I/O error", 6),
+        ("estimate", "allocation", 3),
+        ("estimate", "allocation, and all after", 6),
+        ("estimate", "killed after a write", 8),
         ("estimate", "killed after rename", 1),
-        ("map", "rename: I/O error", 1),
-        ("simulate", "write: disk full", 29),
+        ("estimate a part", "write: disk full", 9),
+        ("estimate a part", "rename: I/O error", 1),
+        ("map", "rename: I/O error", 3),
+        ("map", "allocation", 6),
+        ("verify", "read: I/O error", 12),
+        ("simulate", "write: disk full", 4),
     ],
 )
 def test_each_failing_call_leaves_all_or_nothing(
-    shim: Path | None, injection: Injection, case: str, failure: str, step: int
+    shim: Path | None, injection: Injection, case: str, failure: str, most: int
 ) -> None:
     if shim is None:
         pytest.skip("no C compiler")
-    tally = injection.run(case, failure, step=step, report=lambda _: None)
+    tally = injection.run(case, failure, most=most, report=lambda _: None)
     assert not tally.faults, "\n".join(tally.faults)
-    assert tally.done  # it went on until nothing failed any more
+    assert tally.tried
+    assert tally.done  # a call past the last one was asked for, too
     assert tally.refused or tally.killed or "a part only" in failure
+
+
+@pytest.mark.parametrize(
+    ("calls", "most", "numbers"),
+    [
+        (3, 4, [1, 2, 3]),
+        (3, None, [1, 2, 3]),
+        (100, 6, [1, 2, 34, 66, 99, 100]),
+        (0, 6, []),
+    ],
+)
+def test_calls_are_chosen_at_both_ends_and_between(calls: int, most: int | None, numbers: list[int]) -> None:
+    assert chosen(calls, most) == numbers
 
 
 @pytest.mark.parametrize(("number", "count"), [(9, 6), (2, 2), (15, 2)])
@@ -55,6 +74,16 @@ def test_limits_of_the_size_of_files(injection: Injection, case: str) -> None:
     assert tally.refused
 
 
+def test_a_folder_without_permission_and_full_streams(injection: Injection) -> None:
+    for tally in (
+        injection.closed("estimate", report=lambda _: None),
+        injection.closed("map", report=lambda _: None),
+        injection.device("info", report=lambda _: None),
+    ):
+        assert not tally.faults, "\n".join(tally.faults)
+        assert tally.refused
+
+
 def test_a_full_disk_and_a_read_only_one(injection: Injection, pool: Pool, folder: Path, tmp_path: Path) -> None:
     from faults.inject import inputs_into
     from faults.pool import Job
@@ -67,7 +96,7 @@ def test_a_full_disk_and_a_read_only_one(injection: Injection, pool: Pool, folde
             assert not tally.faults, "\n".join(tally.faults)
         inputs_into(folder, place)
         disk.make_read_only(place)
-        for case in ("estimate", "export points"):
+        for case in ("estimate", "export points", "reconcile"):
             outcome = pool.run(Job(argv=tuple(CASES[case].command.split()), cwd=str(place)))
             assert outcome.code == 4, outcome.err
             assert "Read-only file system" in outcome.err

@@ -28,8 +28,12 @@ def _calls(module: Path) -> set[str]:
 def test_nothing_else_opens_a_file_for_reading() -> None:
     openers = {"h5py.File", "h5py.h5f.open", "h5py.is_hdf5", "h5py.h5f.is_hdf5"}
     found = {str(path.relative_to(PACKAGE)): _calls(path) & openers for path in PACKAGE.rglob("*.py")}
-    # hdf5.py wraps a new file that it has created; the child is the process that looks.
-    assert {name for name, calls in found.items() if calls} == {"io/guard.py", "io/guard_child.py", "io/hdf5.py"}
+    # hdf5.py wraps a new file that it has created, hdf5_memory.py makes empty ones; the child is the one that looks.
+    assert {name for name, calls in found.items() if calls} == {
+        "io/guard.py", "io/guard_child.py", "io/hdf5.py", "io/hdf5_memory.py",
+    }  # fmt: skip
+    source = (PACKAGE / "io/hdf5_memory.py").read_text()
+    assert source.count("h5py.File(") == source.count('h5py.File(io.BytesIO(), "w")') == 1
     source = (PACKAGE / "io/hdf5.py").read_text()
     assert source.count("h5py.File(") == source.count("h5py.File(h5py.h5f.create(") == 1
 
@@ -66,6 +70,8 @@ def test_a_look_that_crashes_is_told_of(tmp_path: Path) -> None:
     scout = _scout("import os, sys; sys.stdin.readline(); os.kill(os.getpid(), 11)")
     with pytest.raises(BadInputError, match="the HDF5 library crashed on it"):
         scout.look({}, tmp_path / "a.h5")
+    with pytest.raises(StorageError, match="was killed"):
+        _scout("import os, sys; sys.stdin.readline(); os.kill(os.getpid(), 9)").look({}, tmp_path / "a.h5")
     with pytest.raises(StorageError, match="ended with 3"):
         _scout("raise SystemExit(3)").look({}, tmp_path / "a.h5")
     with pytest.raises(StorageError, match="No such file"):
@@ -97,6 +103,19 @@ def test_memory_of_a_look_is_bounded(tmp_path: Path) -> None:
     scout = _scout(program)
     with pytest.raises(BadInputError, match="takes more memory"):
         scout.look({"path": str(path)}, path)
+    scout.close()
+
+
+def test_no_memory_for_a_look_is_no_fault_of_the_file(tmp_path: Path) -> None:
+    program = (
+        f"import sys; sys.path.append({str(PACKAGE.parent)!r})\n"
+        "from tofmix.io import guard_child\n"
+        "def none():\n    raise MemoryError\n"
+        "guard_child.make_room = none\nguard_child.main()\n"
+    )
+    scout = _scout(program)
+    with pytest.raises(MemoryError):
+        scout.look({"path": str(write_recording(tmp_path / "a.h5", boards()))}, tmp_path / "a.h5")
     scout.close()
 
 

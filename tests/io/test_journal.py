@@ -65,6 +65,25 @@ def test_a_published_part_is_one_file(path: Path, tmp_path: Path) -> None:
         assert (part.header, part.shard, part.cell(1)) == (b"header", Shard(number=2, count=3), encoded(1))
 
 
+def test_a_part_that_cannot_be_published_keeps_its_cells(path: Path, tmp_path: Path) -> None:
+    with open_journal(path, b"header") as journal:
+        journal.add(1, encoded(1))
+        with pytest.raises(StorageError, match="No such file"):
+            journal.publish(tmp_path / "none" / "a.part")
+        assert journal.has_cells
+    with open_journal(path, b"header") as journal:
+        assert journal.has_cells
+        assert journal.cell(1) == encoded(1)
+
+
+def test_a_published_part_leaves_nothing_of_sqlite_s_behind(path: Path, tmp_path: Path) -> None:
+    with open_journal(path, b"header") as journal:
+        journal.add(1, encoded(1))
+        path.with_name(path.name + "-journal").write_bytes(b"")  # what it could not remove
+        journal.publish(tmp_path / "a.part")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.part"]
+
+
 def test_shards_share_the_cells_out() -> None:
     for total in (0, 1, 7, 100):
         for count in (1, 2, 3, 8):

@@ -86,12 +86,19 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     except SystemExit as leave:
         # click leaves with 1 where the reader of a pipe has gone (`| head`); by our table that were a bug of ours.
         sys.exit(ExitCode.CLOSED_PIPE if leave.code == 1 else leave.code)
-    except MemoryError:
-        _fail("out of memory; close other programs, or choose a smaller --memory or fewer --workers", ExitCode.STORAGE)
     except OSError as error:
         _discard_stdout()
         _fail(os_error_text(error, error.filename or "standard output"), ExitCode.STORAGE)
+    except Exception as error:
+        if not _is_want_of_memory(error):
+            raise
+        _fail("out of memory; close other programs, or choose a smaller --memory or fewer --workers", ExitCode.STORAGE)
     sys.exit(code)
+
+
+def _is_want_of_memory(error: BaseException | None) -> bool:
+    """Whether it is a MemoryError, or came of one: a library that tidies up after one may fail in another way."""
+    return error is not None and (isinstance(error, MemoryError) or _is_want_of_memory(error.__context__))
 
 
 def _fail(text: str, code: ExitCode) -> NoReturn:

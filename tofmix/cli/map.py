@@ -252,7 +252,7 @@ def _say(output: Path | None, floor: "FloorMap | None", voxels: Path | None, spa
         parts["voxels"] = (voxels, space.states())
     said = {}
     for name, (path, states) in parts.items():
-        counts = {state.name.lower(): int((states == state).sum()) for state in reversed(State)}
+        counts = {state.name.lower(): int((states == int(state)).sum()) for state in reversed(State)}
         said[name] = {"path": str(path), "cell_mm": space.grid.cell_mm, "shape": list(states.shape)} | counts
         if not as_json:
             size = " x ".join(str(n) for n in states.shape)

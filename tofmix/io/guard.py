@@ -23,6 +23,7 @@ from typing import Any
 import h5py
 
 from tofmix.errors import BadInputError, StorageError, os_error_text
+from tofmix.io.hdf5_memory import make_room
 from tofmix.io.library_reason import library_reason
 from tofmix.io.storage import check_input
 from tofmix.io.unpacking import BoundedDataset
@@ -58,7 +59,9 @@ class Scout:
         BadInputError
             If the file breaks a rule, or the library hangs or crashes on it.
         StorageError
-            If the process cannot be started.
+            If the process cannot be started, or somebody kills it.
+        MemoryError
+            If there is no memory to open any file in.
         """
         limit = limit_s(STRUCTURE_LIMIT_S)
         with self._lock:
@@ -69,12 +72,16 @@ class Scout:
                 code = self._ended()
                 if code == -signal.SIGALRM or code is None:
                     reason = f"its structure could not be read within {limit:g} s; given up, the file is damaged"
+                elif code == -signal.SIGKILL:
+                    raise StorageError(f"{what}: the process that looks at files was killed; is the memory used up?")
                 elif code < 0:
                     reason = "cannot be read: the HDF5 library crashed on it; the file is damaged"
                 else:
                     raise StorageError(f"{what}: the process that looks at files ended with {code}")
                 raise BadInputError(f"{what}: {reason}")
         found = json.loads(answer)
+        if "no_memory" in found:
+            raise MemoryError
         if "refused" in found:
             raise BadInputError(f"{what}: {found['refused']}")
         return list(found["identity"])
@@ -165,6 +172,7 @@ def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False)
 
 
 def _open(path: Path) -> h5py.File:
+    make_room()
     try:
         return h5py.File(path, "r")
     except LIBRARY_FAULTS as error:
@@ -177,6 +185,7 @@ def _open(path: Path) -> h5py.File:
 def open_image(image: bytes, path: Path) -> Iterator[h5py.File]:
     """Open a small HDF5 file in memory, which the file `path` holds; refused as by `open_for_reading`."""
     _scout.look({"image": base64.b64encode(image).decode()}, path)
+    make_room()
     with reading(path, "header"), h5py.File(io.BytesIO(image), "r") as root:
         yield root
 

@@ -1,9 +1,9 @@
 """A program of its own that looks at the structure of HDF5 files: the library can hang or crash on a damaged one.
 
 It reads requests as lines of JSON, ``{"path": ...}`` or ``{"image": base64}`` with ``"limit_s"``, and answers each with
-a line: ``{"identity": [...]}``, what the file was that it looked at, or ``{"refused": reason}``. Should the library not
-come back within the limit, the kernel ends this process, for no Python code can run then. `tofmix.io.guard` starts it;
-nothing imports it.
+a line: ``{"identity": [...]}``, what the file was that it looked at, ``{"refused": reason}``, or
+``{"no_memory": true}`` where no file at all could be opened. Should the library not come back within the limit, the
+kernel ends this process, for no Python code can run then. `tofmix.io.guard` starts it; nothing imports it.
 """
 
 import base64
@@ -21,6 +21,7 @@ sys.path.append(str(Path(__file__).parents[2]))  # started with -P: the package 
 import h5py
 
 from tofmix.io.guard_rules import RefusedError, check_structure
+from tofmix.io.hdf5_memory import make_room
 from tofmix.io.library_reason import library_reason
 
 _MEMORY_BYTES = 1 << 30
@@ -34,7 +35,7 @@ def main() -> None:
     for line in sys.stdin:
         request = json.loads(line)
         signal.setitimer(signal.ITIMER_REAL, request["limit_s"])
-        answer = _answer(request)
+        answer = _answer(request) if _has_room() else {"no_memory": True}
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.stdout.write(json.dumps(answer) + "\n")
         sys.stdout.flush()
@@ -53,6 +54,14 @@ def _bound(what: int, limit: int) -> None:
     """Set a limit of this process, no higher than the one that it may not leave."""
     hard = resource.getrlimit(what)[1]
     resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
+
+
+def _has_room() -> bool:
+    try:
+        make_room()
+    except MemoryError:
+        return False
+    return True
 
 
 def _answer(request: dict[str, Any]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io import guard
+from tofmix.io.hdf5_memory import make_room
 from tofmix.io.storage import AtomicFile, Sink
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
 
@@ -81,6 +82,7 @@ def _new_file(sink: Sink | io.BytesIO) -> h5py.File:
     access.set_libver_bounds(*_LIBVER)
     creation = h5py.h5p.create(h5py.h5p.FILE_CREATE)
     creation.set_obj_track_times(False)
+    make_room()
     return h5py.File(h5py.h5f.create(b"tofmix", h5py.h5f.ACC_TRUNC, creation, access))
 
 

@@ -46,12 +46,16 @@ WHOLE = Shard(number=1, count=1)
 
 
 class Journal:
-    """An open journal; made by `open_journal` or `open_part`."""
+    """An open journal; made by `open_journal` or `open_part`.
+
+    `has_cells` is known whatever has become of the database.
+    """
 
     def __init__(self, path: Path, database: sqlite3.Connection, header: bytes, shard: Shard) -> None:
         self.path = path
         self.header = header
         self.shard = shard
+        self.has_cells = False
         self._database = database
 
     def done(self) -> dict[int, tuple[int, ...]]:
@@ -73,6 +77,7 @@ class Journal:
         row = (cell, json.dumps(encoded.tally), sizes, zlib.crc32(chunks), chunks)
         with _faults(self.path), self._database:
             self._database.execute("INSERT INTO cells VALUES (?, ?, ?, ?, ?)", row)
+        self.has_cells = True
         keep_unfinished(*files_of(self.path), resumable=True)
 
     def cell(self, cell: int) -> EncodedCell:
@@ -115,9 +120,14 @@ class Journal:
             If the disk fails.
         """
         with _faults(self.path):
-            self._database.execute("PRAGMA journal_mode = DELETE")
+            # Fetched to its end: it is then that SQLite commits, and says what fails.
+            modes = self._database.execute("PRAGMA journal_mode = DELETE").fetchall()
             self._database.close()
+        if modes != [("delete",)]:
+            raise StorageError(f"{self.path}: it cannot be brought into one file")
         try:
+            for path in _beside(self.path):
+                path.unlink(missing_ok=True)  # SQLite says nothing where it fails in that
             descriptor = os.open(self.path, os.O_RDONLY)
             try:
                 os.fsync(descriptor)
@@ -143,8 +153,12 @@ def journal_path(output: Path) -> Path:
 
 def files_of(journal: Path) -> tuple[Path, ...]:
     """All files that a journal may consist of, and the unfinished output of its run."""
-    beside = tuple(journal.with_name(journal.name + end) for end in ("-wal", "-shm", "-journal", ""))
-    return partial_path(journal), *beside
+    return partial_path(journal), *_beside(journal), journal
+
+
+def _beside(journal: Path) -> tuple[Path, ...]:
+    """What SQLite keeps beside a database that is in use."""
+    return tuple(journal.with_name(journal.name + end) for end in ("-wal", "-shm", "-journal"))
 
 
 def partial_path(journal: Path) -> Path:
@@ -221,7 +235,8 @@ def _begin(path: Path, database: sqlite3.Connection, header: bytes, shard: Shard
         database.executemany("INSERT INTO about VALUES (?, ?)", about.items())
     database.execute("COMMIT")
     journal = _opened(path, database)
-    if journal.done():
+    journal.has_cells = bool(journal.done())
+    if journal.has_cells:
         keep_unfinished(*files_of(path), resumable=True)
     return journal
 

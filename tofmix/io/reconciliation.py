@@ -6,6 +6,7 @@ All files are on disk whole before the first gets its name, and `gap.json` gets 
 complete.
 """
 
+import errno
 import io
 import json
 import os
@@ -45,8 +46,10 @@ def check_folder(folder: Path, *, overwrite: bool, models: int = 1) -> None:
         raise StorageError(f"{folder} exists and is not a folder")
     if not folder.exists() and not folder.parent.is_dir():
         raise StorageError(f"{folder}: no such folder {folder.parent}")
-    if not os.access(folder if folder.exists() else folder.parent, os.W_OK | os.X_OK):
-        raise StorageError(f"{folder}: no permission to write there")
+    place = folder if folder.exists() else folder.parent
+    if not os.access(place, os.W_OK | os.X_OK):
+        read_only = os.statvfs(place).f_flag & os.ST_RDONLY
+        raise StorageError(f"{folder}: {os.strerror(errno.EROFS) if read_only else 'no permission to write there'}")
     there = [name for name in (*model_names(models), *FILES) if (folder / name).exists()]
     if there and not overwrite:
         raise UsageError(f"{folder / there[0]} exists; pass --overwrite to replace it")

@@ -79,10 +79,11 @@ def _verify_layers(root: h5py.File, path: Path, findings: Findings) -> None:
         layers = LayersFile(root, path)
     units = {spec.name: spec.units for spec in LAYER_FIELDS} | {"window_start": "1", "window_stop": "1"}
     for name, unit in units.items():
-        found = hdf5.text_attribute(root[name], "units")
-        if found != unit:
-            findings.add(name, f"units {found!r}, expected {unit!r}")
-        check_storage(root[name], name, path, findings, ours=True)
+        with guard.reading(path, name):
+            found = hdf5.text_attribute(root[name], "units")
+            if found != unit:
+                findings.add(name, f"units {found!r}, expected {unit!r}")
+            check_storage(root[name], name, path, findings, ours=True)
     _check_windows(layers, findings)
     for windows, rows in _blocks(layers):
         _check_block(layers, windows, rows, findings)

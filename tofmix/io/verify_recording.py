@@ -31,9 +31,10 @@ def verify_recording(root: h5py.File, recording: RecordingFile, findings: Findin
         Whether the file says that it is of the tofmix format.
     """
     for name in ("range", *_UNITS):
-        if name in root:
-            check_storage(root[name], name, recording.path, findings, ours=ours)
-            _check_units(root, name, findings, ours=ours)
+        with guard.reading(recording.path, name):
+            if name in root:
+                check_storage(root[name], name, recording.path, findings, ours=ours)
+                _check_units(root, name, findings, ours=ours)
     valid = _check_samples(recording, findings)
     if not valid and findings.ok:
         findings.notes.append("range: no valid sample")
@@ -98,7 +99,9 @@ def _check_per_frame(root: h5py.File, recording: RecordingFile, findings: Findin
             findings.add("time", f"{int((~np.isfinite(time_s)).sum())} frames have no time")
         elif (np.diff(time_s) <= 0).any():
             findings.add_broken("time", "ascending", np.r_[False, np.diff(time_s) <= 0], ("frame",), (0,))
-    if "temperature" in root:
+    with guard.reading(recording.path, "temperature"):
+        has_temperature = "temperature" in root
+    if has_temperature:
         dataset = guard.checked_dataset(root, "temperature", recording.path)
         if dataset.shape != recording.shape[:1] or dataset.dtype.kind not in "iuf":
             got = f"{dataset.dtype} of shape {dataset.shape}"

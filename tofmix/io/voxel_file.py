@@ -66,7 +66,7 @@ def _npz(voxels: VoxelMap) -> bytes:
 
 def _ply(voxels: VoxelMap, comment: str) -> bytes:
     plyfile = _plyfile()
-    cells = np.nonzero(voxels.states() == State.OCCUPIED)
+    cells = np.nonzero(voxels.states() == int(State.OCCUPIED))
     names = ("x", "y", "z", "probability", "log_odds")
     vertices = np.empty(len(cells[0]), dtype=[(name, "<f4") for name in names])
     for axis, name in enumerate(names[:3]):

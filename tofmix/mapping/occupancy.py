@@ -42,7 +42,10 @@ _TINY = 1e-300  # keeps the logarithm of a vanished tail finite; it is clipped a
 
 
 class State(IntEnum):
-    """What a map says of a cell."""
+    """What a map says of a cell.
+
+    Compare arrays with ``int(member)``: NumPy takes a member for a number of 64 bits, and casts the whole array.
+    """
 
     FREE = 0
     UNKNOWN = 1
@@ -216,7 +219,7 @@ def project(voxels: VoxelMap, height_mm: tuple[float, float]) -> FloorMap:
         If the band is empty or not all within the grid.
     """
     band = voxels.states()[:, :, voxels.grid.levels(height_mm)]
-    occupied, free = (band == State.OCCUPIED).any(axis=2), (band == State.FREE).any(axis=2)
+    occupied, free = (band == int(State.OCCUPIED)).any(axis=2), (band == int(State.FREE)).any(axis=2)
     cells = np.where(occupied, State.OCCUPIED, np.where(free, State.FREE, State.UNKNOWN))
     x, y, _ = voxels.grid.origin_mm
     return FloorMap(cells=cells.astype(np.uint8), cell_mm=voxels.grid.cell_mm, origin_mm=(float(x), float(y)))

@@ -129,12 +129,12 @@ def _left_as_fits(journal: Journal) -> Iterator[None]:
         journal.remove()  # going on would meet the same fault
         raise
     except StorageError as error:
-        if journal.done():
+        if journal.has_cells:
             raise StorageError(f"{error}; --resume goes on from what is done") from error
         journal.remove()
         raise
     except BaseException:
-        if not journal.done():
+        if not journal.has_cells:
             journal.remove()
         raise
 

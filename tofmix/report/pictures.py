@@ -144,7 +144,7 @@ def _extent(range_mm: FloatArray) -> str:
 
 
 def _count_picture(layers: Layers) -> ImagePicture:
-    fitted = layers.status != Status.TOO_FEW_SAMPLES
+    fitted = layers.status != int(Status.TOO_FEW_SAMPLES)
     counts = np.bincount(layers.n_modes[fitted], minlength=int(layers.n_modes.max(initial=0)) + 1)
     found = "; ".join(f"{n}: {count} pixels" for n, count in enumerate(counts.tolist()) if count)
     light, dark = (count_uri(layers.n_modes, fitted=fitted, theme=theme) for theme in (LIGHT, DARK))

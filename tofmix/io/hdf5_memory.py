@@ -1,0 +1,55 @@
+"""Room for HDF5 to open a file in: where the memory ends within an opening, the library ends the process.
+
+`H5AC_create` of HDF5 (seen in 2.0) reads from the metadata cache that it could not allocate, and the process dies of
+signal 11. That structure, of half a MB, comes from a free list of the library's. There it would stay when its file is
+closed, but for a limit of 64 kB. Here the limit is raised, and files in memory, opened and closed at once, leave
+structures for the next openings. Call `make_room` before each opening; it fails in good order.
+"""
+
+import ctypes
+import io
+from contextlib import ExitStack
+from functools import cache
+
+import h5py
+
+_PREFLIGHT_BYTES = 4 << 20
+"""What must be free before an opening; the library takes less than 1 MB for one."""
+
+_AHEAD = 4
+_LIST_BYTES, _ALL_LISTS_BYTES = 16 << 20, 32 << 20
+"""What the library may keep of objects of one kind, and of all kinds, that it has done with."""
+
+_MOST_FILES = 28
+"""The caches of so many files fit into the list; it is emptied when more of them are given back."""
+
+_caches = [0]
+"""How many caches there are, in use or in the list."""
+
+
+def make_room() -> None:
+    """See to it that the next opening finds the memory that it needs.
+
+    Raises
+    ------
+    MemoryError
+        If there is none to be had.
+    """
+    _keep_caches()
+    bytearray(_PREFLIGHT_BYTES)
+    opened = h5py.h5f.get_obj_count(h5py.h5f.OBJ_ALL, h5py.h5f.OBJ_FILE)
+    if opened >= _caches[0]:
+        with ExitStack() as stack:
+            for _ in range(_AHEAD):
+                stack.enter_context(h5py.File(io.BytesIO(), "w"))
+        _caches[0] = min(opened + _AHEAD, _MOST_FILES)
+
+
+@cache
+def _keep_caches() -> None:
+    """Raise the limits of the library's free lists; where it has none, the rest of `make_room` is what there is."""
+    library = ctypes.PyDLL(h5py.h5.__file__)
+    set_limits = getattr(library, "H5set_free_list_limits", None)
+    if set_limits is not None:
+        # Lists of structures; of arrays (as the library's defaults); of blocks (the same).
+        set_limits(*map(ctypes.c_int, (_ALL_LISTS_BYTES, _LIST_BYTES, 4 << 20, 256 << 10, 16 << 20, 1 << 20)))
