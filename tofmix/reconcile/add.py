@@ -29,9 +29,8 @@ from tofmix.simulation.effects.fixed_pattern import FixedPattern
 CRUMB = 0.01
 """Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
 
-_OTHER_WAYS = 2
-_RIVALS = 2  # of an effect that are tried in its place
-_FAIR = 0.25  # share of the best candidate's score from which another may begin a way
+_RIVALS = 1  # of an effect that are tried in its place
+_FAIR = 0.5  # share of the best candidate's score from which another may begin a way
 
 _COVERED = 0.999  # share of the beam that surfaces fill
 _ALIAS_NATS = 6.0
@@ -118,25 +117,24 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
     """
     best = _Search(likelihood, settings, tick, likelihood.start())
     yield _followed(best)
-    for other in _beginnings(best):
+    other = _beginning(best)
+    if other is not None:
         search = _Search(likelihood, settings, tick, likelihood.start(), first=best.first)
         likelihood.scene.anchor(search.state.effects)
         _take(search, other, best.first)
         yield _followed(search)
 
 
-def _beginnings(best: _Search) -> list[Candidate]:
-    """Further candidates of the first round to begin with, of other kinds than the best way did.
+def _beginning(best: _Search) -> Candidate | None:
+    """The next candidate of the first round to begin with, of another kind than the best way did.
 
     A fixed pattern is none: it takes all that is static, whatever it is.
     """
     if best.begun is None:
-        return []
-    out: dict[str, Candidate] = {}
-    for c in best.first:
-        if c.kind not in (best.begun.kind, FixedPattern.kind) and c.score > _FAIR * best.begun.score:
-            out.setdefault(c.kind, c)
-    return list(out.values())[:_OTHER_WAYS]
+        return None
+    kinds = (best.begun.kind, FixedPattern.kind)
+    other = next((c for c in best.first if c.kind not in kinds), None)
+    return other if other is not None and other.score > _FAIR * best.begun.score else None
 
 
 def _followed(search: _Search) -> Added:
