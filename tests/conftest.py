@@ -7,14 +7,27 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from tofmix.jit import config as numba_config
 from tofmix.sensor import NoiseCurve, Sensor
+
+PLAIN = bool(numba_config.DISABLE_JIT)
+"""Kernels run as plain Python, some hundred times slower: for branch coverage, or a debugger."""
 
 # The first call of a kernel compiles it: no deadline. One seed: CI sees what we saw.
 settings.register_profile("tofmix", deadline=None, derandomize=True)
-settings.load_profile("tofmix")
+settings.register_profile("plain", settings.get_profile("tofmix"), max_examples=10)
+settings.load_profile("plain" if PLAIN else "tofmix")
 
 # `import naive`, `import scenes_in_memory`: helpers beside the tests, not a package.
 sys.path.insert(0, str(Path(__file__).parent))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip, where kernels run as plain Python, what is about compiling or takes too many pixels."""
+    for item in items:
+        mark = item.get_closest_marker("compiled")
+        if PLAIN and mark is not None:
+            item.add_marker(pytest.mark.skip(reason=f"kernels are not compiled: {mark.args[0]}"))
 
 
 @pytest.fixture
