@@ -1,6 +1,7 @@
 """Fixtures and helpers that several folders of tests share."""
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ settings.load_profile("plain" if PLAIN else "tofmix")
 
 # `import naive`, `import scenes_in_memory`: helpers beside the tests, not a package.
 sys.path.insert(0, str(Path(__file__).parent))
+import noise_twins
+import reconcile_twins
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -28,6 +31,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         mark = item.get_closest_marker("compiled")
         if PLAIN and mark is not None:
             item.add_marker(pytest.mark.skip(reason=f"kernels are not compiled: {mark.args[0]}"))
+
+
+@pytest.fixture(autouse=PLAIN, scope="session")
+def _twins() -> Iterator[None]:
+    """As plain Python these would take hours: they go over samples with the kernels' twins, which other tests hold."""
+    from tofmix.estimation import noise_series
+    from tofmix.reconcile import likelihood
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(noise_series, "_series_statistics", noise_twins.series_statistics)
+        patch.setattr(likelihood, "log_likelihood", reconcile_twins.log_likelihood)
+        patch.setattr(likelihood, "transform", reconcile_twins.transform)
+        yield
 
 
 @pytest.fixture

@@ -60,13 +60,14 @@ def _gain_by_many_starts(samples: naive.Array, sensor: Sensor) -> float:
     return best - float(np.log(naive.mixture_density(samples, *one, sensor)).sum())
 
 
+@pytest.mark.compiled("some of 60 pixels, and not all")
 def test_close_surfaces_are_found_where_the_likelihood_ratio_finds_them(
     rng: np.random.Generator,
 ) -> None:
     noise = NoiseCurve(np.array([0.0]), np.array([50.0]))
     camera = Sensor(name="flat", range_min_mm=0.0, noise=NoiseCurve(np.array([9000.0]), noise.sigma_mm))
     samples = draw(
-        rng, replace(camera, range_max_mm=9000.0), ranges_mm=[3000, 3090], shares=[0.4, 0.6], n=100, pixels=sized(60, 6)
+        rng, replace(camera, range_max_mm=9000.0), ranges_mm=[3000, 3090], shares=[0.4, 0.6], n=100, pixels=60
     )
     found = layer_pixels(samples, camera, EstimateOptions(false_alarm=0.01)).n_modes > 1
     least = gain_table(100)[100, 3]
@@ -132,7 +133,7 @@ def test_without_refinement_the_peaks_are_the_surfaces(rng: np.random.Generator,
 
 
 def test_probability_tells_strong_layers_from_weak_ones(rng: np.random.Generator, sensor: Sensor) -> None:
-    samples = draw(rng, sensor, ranges_mm=[1500, 1570], shares=[0.5, 0.5], n=100, pixels=sized(300, 25))
+    samples = draw(rng, sensor, ranges_mm=[1500, 1570], shares=[0.5, 0.5], n=100, pixels=sized(300, 40))
     layers = layer_pixels(samples, sensor, EstimateOptions(false_alarm=0.05))
     found = layers.probability[np.isfinite(layers.probability)]
     assert np.all((found >= 0.94) & (found <= 1))
