@@ -21,6 +21,7 @@ settings.load_profile("plain" if PLAIN else "tofmix")
 
 # `import naive`, `import scenes_in_memory`: helpers beside the tests, not a package.
 sys.path.insert(0, str(Path(__file__).parent))
+import cast_twin
 import noise_twins
 import reconcile_twins
 
@@ -38,8 +39,10 @@ def _twins() -> Iterator[None]:
     """As plain Python these would take hours: they go over samples with the kernels' twins, which other tests hold."""
     from tofmix.estimation import noise_series
     from tofmix.reconcile import likelihood
+    from tofmix.simulation import cast
 
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cast, "cast_row", cast_twin.cast_row)
         patch.setattr(noise_series, "_series_statistics", noise_twins.series_statistics)
         patch.setattr(likelihood, "log_likelihood", reconcile_twins.log_likelihood)
         patch.setattr(likelihood, "transform", reconcile_twins.transform)

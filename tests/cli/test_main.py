@@ -112,6 +112,7 @@ def test_a_closed_pipe_gives_no_traceback() -> None:
     assert done.stderr == ""
 
 
+@pytest.mark.compiled("a scene of 25,344 pixels in another process")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals) -> None:
     # 10^6 frames take minutes: the signal comes in the middle.
