@@ -21,9 +21,6 @@ settings.load_profile("plain" if PLAIN else "tofmix")
 
 # `import naive`, `import scenes_in_memory`: helpers beside the tests, not a package.
 sys.path.insert(0, str(Path(__file__).parent))
-import cast_twin
-import noise_twins
-import reconcile_twins
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -37,6 +34,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(autouse=PLAIN, scope="session")
 def _twins() -> Iterator[None]:
     """As plain Python these would take hours: they go over samples with the kernels' twins, which other tests hold."""
+    import cast_twin
+    import noise_twins
+    import reconcile_twins
+
     from tofmix.estimation import noise_series
     from tofmix.reconcile import likelihood
     from tofmix.simulation import cast

@@ -1,7 +1,7 @@
 """Twin of the kernel of `noise_series`, all series at once, in NumPy: for where kernels run as plain Python.
 
-`test_noise.py` holds the kernel against it; `conftest.py` puts it in the kernel's place with the JIT off, for the limits
-of shape alone are of tens of thousands of simulated series.
+`test_noise.py` holds the kernel against it; `conftest.py` puts it in the kernel's place with the JIT off: the limits of
+shape alone are of tens of thousands of simulated series.
 """
 
 import numpy as np

@@ -70,10 +70,10 @@ def log_likelihood(
 def uniform(seed: int, frames: Any_, pixels: Any_) -> Array:
     """One deviate a sample, by its frame and pixel (SplitMix64)."""
     mask = (1 << 64) - 1
-    start = np.array(
-        [[(seed * 0x9E3779B97F4A7C15 + int(t) * 0xBF58476D1CE4E5B9 + int(p) * 0x94D049BB133111EB) & mask for p in pixels]
-         for t in frames], dtype=np.uint64,
-    )  # fmt: skip
+    of_frame = [int(t) * 0xBF58476D1CE4E5B9 for t in frames]
+    of_pixel = [int(p) * 0x94D049BB133111EB for p in pixels]
+    first = seed * 0x9E3779B97F4A7C15
+    start = np.array([[(first + a + b) & mask for b in of_pixel] for a in of_frame], dtype=np.uint64)
     x = (start ^ (start >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     x ^= x >> np.uint64(31)

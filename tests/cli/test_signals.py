@@ -39,7 +39,8 @@ def folder(tofmix: Tofmix, tmp_path: Path) -> Path:
     ("number", "arguments"),
     [
         pytest.param(
-            signal.SIGINT, ("simulate", "near-far", "--frames", "3", "-o", "out.h5"),
+            signal.SIGINT,
+            ("simulate", "near-far", "--frames", "3", "-o", "out.h5"),
             marks=pytest.mark.compiled("a whole scene in another process"),
         ),
         (signal.SIGTERM, ("import", "a.npy", "-o", "out.h5", "--sensor", "sr3000")),

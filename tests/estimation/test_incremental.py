@@ -80,7 +80,8 @@ def test_modes_agree_with_the_batch_search(n: int, gamma: float, epsilon: float,
             np.testing.assert_allclose(modes.height[pixel, : len(found)], batch.height[pixel, : len(found)], rtol=0.05)
         else:
             differing += 1
-    assert differing <= sized(12, 3)  # of 300, or 30: two maxima, or a shoulder and a maximum, within a step; a height next to gamma
+    # Of 300, or 30: two maxima, or a shoulder and a maximum, within a step; a height next to gamma.
+    assert differing <= sized(12, 3)
 
 
 def test_a_pixel_that_no_peak_passes_has_a_guess_and_an_empty_one_has_none() -> None:
@@ -163,7 +164,8 @@ def test_on_a_circle_the_modes_agree_with_the_batch_search(rng: np.random.Genera
     assert at_fold.all()
     batch = Kde().peaks(samples, beam)
     same = modes.found == batch.found
-    assert same.mean() > sized(0.96, 0.84)  # two maxima, or a shoulder and a maximum, within a step; a height next to gamma
+    # Two maxima, or a shoulder and a maximum, within a step; a height next to gamma.
+    assert same.mean() > sized(0.96, 0.84)
     for pixel in np.flatnonzero(same):
         k = modes.found[pixel]
         place = fold(batch.place[pixel, :k], 6000.0)

@@ -4,8 +4,8 @@ import naive
 import numpy as np
 import pytest
 from drawing import draw
-from sizes import sized
 from numpy.typing import NDArray
+from sizes import sized
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.settings import EstimateOptions, SigmaMode
