@@ -49,7 +49,7 @@ def _filled(beams: Floats, radius: float, scene: SceneArrays) -> tuple[NDArray[n
     others = kept & ~hidden
     others[np.arange(len(front)), front] = False
     alone = (inside[np.arange(len(front)), front] > radius) & ~others.any(axis=1)
-    return np.where(alone, front, -1), ~kept.any(axis=1)
+    return np.where(alone, front, -1), np.asarray(~kept.any(axis=1))
 
 
 def cast_row(

@@ -23,6 +23,14 @@ settings.load_profile("plain" if PLAIN else "tofmix")
 sys.path.insert(0, str(Path(__file__).parent))
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """What kernels divide by zero is inf or NaN; as plain Python, NumPy's numbers say so each time."""
+    if PLAIN:
+        config.addinivalue_line(
+            "filterwarnings", "ignore:(overflow|divide by zero|invalid value) encountered:RuntimeWarning"
+        )
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip, where kernels run as plain Python, what is about compiling or takes too many pixels."""
     for item in items:

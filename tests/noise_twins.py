@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from tofmix.estimation.noise_series import (
     CLIP_SIGMAS,
-    FARTHEST_MM,
     LEAST_KEPT,
     LEAST_SAMPLES,
     MAD_TO_SIGMA,
     TREND_DEGREES,
     SeriesStatistics,
 )
+from tofmix.estimation.samples import FARTHEST_MM
 
 ROUNDS = 4
 

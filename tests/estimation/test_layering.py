@@ -121,12 +121,12 @@ def test_without_range_max_a_far_surface_is_a_surface(rng: np.random.Generator) 
 @pytest.mark.parametrize("mode", list(SigmaMode))
 def test_ranges_and_weights_come_back(mode: SigmaMode, rng: np.random.Generator) -> None:
     truth, shares = [900, 2000, 3800], [0.2, 0.3, 0.35]
-    samples = draw(rng, CAMERA, ranges_mm=truth, shares=shares, n=200, pixels=sized(500, 50))
+    samples = draw(rng, CAMERA, ranges_mm=truth, shares=shares, n=200, pixels=sized(500, 16))
     layers = layer_pixels(samples, CAMERA, EstimateOptions(sigma=mode))
     right = layers.n_modes == 3
-    assert right.mean() > 0.98
-    np.testing.assert_allclose(layers.range[right, :3].mean(0), truth, rtol=sized(2e-3, 5e-3))
-    np.testing.assert_allclose(layers.weight[right, :3].mean(0), shares, atol=sized(0.01, 0.03))
+    assert right.mean() > sized(0.98, 0.9)
+    np.testing.assert_allclose(layers.range[right, :3].mean(0), truth, rtol=sized(2e-3, 8e-3))
+    np.testing.assert_allclose(layers.weight[right, :3].mean(0), shares, atol=sized(0.01, 0.04))
     assert layers.weight_no_return[right].mean() == pytest.approx(0.15, abs=sized(0.01, 0.03))
 
 
