@@ -137,7 +137,8 @@ def test_one_surface_stays_one_at_any_amplitude(rng: np.random.Generator, light:
 
 
 def test_the_order_of_frames_changes_nothing(rng: np.random.Generator) -> None:
-    samples = np.rint(rng.choice([1500.0, 1560.0, 2500.0], (50, sized(40, 8))) + 15.0 * rng.standard_normal((50, 40)))
+    shape = 50, sized(40, 3)
+    samples = np.rint(rng.choice([1500.0, 1560.0, 2500.0], shape) + 15.0 * rng.standard_normal(shape))
     light = rng.uniform(20.0, 800.0, samples.shape)
     order = rng.permutation(50)
     one, other = (layer_pixels(samples[k], CAMERA, amplitude=light[k]) for k in (np.arange(50), order))

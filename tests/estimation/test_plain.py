@@ -22,7 +22,7 @@ def _three(rng: np.random.Generator, n: int = 150) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("variances", Variances)
-@pytest.mark.parametrize("k", [1, 2, 3, 5])
+@pytest.mark.parametrize("k", [1, 2, 3, pytest.param(5, marks=pytest.mark.compiled("five surfaces take long"))])
 def test_no_random_start_of_textbook_em_ends_higher(k: int, variances: Variances, rng: np.random.Generator) -> None:
     samples = _three(rng)
     fit = fit_gaussians(samples, k, variances=variances, floor=0.05)
