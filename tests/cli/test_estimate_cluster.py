@@ -124,7 +124,7 @@ def test_ctrl_c_takes_the_work_back_and_leaves_what_is_done(
 
 
 def test_the_bytes_are_those_of_a_local_run(cluster: Cluster, tmp_path: Path) -> None:
-    small = write_recording(tmp_path / "a.h5", boards(60, 4, 6))
+    small = write_recording(tmp_path / "a.h5", boards(56, 4, 6))
     outputs = tmp_path / "local", tmp_path / "cluster"
     for output, extra in zip(outputs, ([], ["--scheduler", cluster.file]), strict=True):
         done = run(small, output, *extra)
