@@ -85,7 +85,7 @@ class Bench:
         """What the pixels see: cast once for all effects that leave it as it is."""
         if model.moves:
             return cast_scene(model)
-        key = repr((model.sensor, model.surfaces, model.outlier_share))
+        key = repr((model.sensor, model.placed(0.0), model.outlier_share))
         if key not in self._casts:
             self._casts[key] = cast_scene(model)
         return self._casts[key]
