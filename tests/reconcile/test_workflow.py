@@ -10,6 +10,7 @@ from recordings import MAKE, Record
 from tofmix.reconcile.add import Settings
 from tofmix.reconcile.name import KINDS
 from tofmix.reconcile.standard_errors import numeric
+from tofmix.reconcile.words import headline
 from tofmix.reconcile.workflow import Reconciliation, reconcile
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Model
@@ -68,6 +69,7 @@ def test_what_no_effect_is_gets_no_name_but_a_place(model: Model, record: Record
     assert result.verified.verdict == "unexplained"
     assert result.named == ()
     assert result.where[0].axis == "frame"
+    assert "None of the known effects explains it" in headline(result)
 
 
 def test_the_same_seed_gives_the_same_outcome(model: Model, record: Record) -> None:
