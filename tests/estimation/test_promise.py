@@ -65,4 +65,4 @@ def test_it_agrees_with_the_search_that_looks_everywhere(rng: np.random.Generato
         both.append((quick, steepest_place(data, 2, work.fit, beam, work.room, math.inf)[2]))
     quick, full = np.array([pair for pair in both if np.isfinite(pair[0])]).T
     assert len(quick) > sized(150, 20)
-    assert np.corrcoef(quick, full)[0, 1] > 0.8
+    assert np.corrcoef(quick, full)[0, 1] > sized(0.8, 0.6)

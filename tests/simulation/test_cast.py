@@ -26,10 +26,7 @@ WALL = Surface(name="wall", center_mm=(0, 0, 4000), size_mm=(4000, 4000))
 P_R = 1.0e-4
 
 
-@pytest.fixture(autouse=True)
-def _the_kernel_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where its twin has taken its place elsewhere."""
-    monkeypatch.setattr(cast, "cast_row", cast_kernel.cast_row)
+pytestmark = pytest.mark.usefixtures("kernel_casts")
 
 
 def by_surface(truth: Truth, row: int, col: int, surfaces: int) -> tuple[Floats, Floats]:
