@@ -149,7 +149,7 @@ def test_away_from_the_fold_nothing_changes(rng: np.random.Generator) -> None:
         np.testing.assert_array_equal(getattr(line, spec.name), getattr(circle, spec.name), err_msg=spec.name)
 
 
-@settings(max_examples=sized(30, 8))
+@settings(max_examples=sized(30, 5))
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(2, 80), outliers=st.floats(0, 0.9))
 def test_any_readings_give_layers_that_hold_together(*, seed: int, n: int, outliers: float) -> None:
     rng = np.random.default_rng(seed)

@@ -93,7 +93,7 @@ def test_a_pattern_and_what_it_could_stand_for_are_told_apart(model: Model, reco
     assert {n.effect.kind for n in result.named} == {"fixed_pattern", "wiggling"}
     (swing,) = (numeric(n.effect) for n in result.named if n.effect.kind == "wiggling")
     assert 10.0 < swing["amplitude_mm"] < 25.0  # of 20: the pattern has a part of it
-    assert swing["phase_rad"] == pytest.approx(0.7, abs=0.3)
+    assert swing["phase_rad"] == pytest.approx(0.7, abs=0.6)
     assert result.verified.closed is not None
     assert result.verified.closed > 0.85
 
