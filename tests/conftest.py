@@ -1,20 +1,61 @@
 """Fixtures and helpers that several folders of tests share."""
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
+from tofmix.jit import config as numba_config
 from tofmix.sensor import NoiseCurve, Sensor
+
+PLAIN = bool(numba_config.DISABLE_JIT)
+"""Kernels run as plain Python, some hundred times slower: for branch coverage, or a debugger."""
 
 # The first call of a kernel compiles it: no deadline. One seed: CI sees what we saw.
 settings.register_profile("tofmix", deadline=None, derandomize=True)
-settings.load_profile("tofmix")
+settings.register_profile("plain", settings.get_profile("tofmix"), max_examples=10)
+settings.load_profile("plain" if PLAIN else "tofmix")
 
 # `import naive`, `import scenes_in_memory`: helpers beside the tests, not a package.
 sys.path.insert(0, str(Path(__file__).parent))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """What kernels divide by zero is inf or NaN; as plain Python, NumPy's numbers say so each time."""
+    if PLAIN:
+        config.addinivalue_line(
+            "filterwarnings", "ignore:(overflow|divide by zero|invalid value) encountered:RuntimeWarning"
+        )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip, where kernels run as plain Python, what is about compiling or takes too many pixels."""
+    for item in items:
+        mark = item.get_closest_marker("compiled")
+        if PLAIN and mark is not None:
+            item.add_marker(pytest.mark.skip(reason=f"kernels are not compiled: {mark.args[0]}"))
+
+
+@pytest.fixture(autouse=PLAIN, scope="session")
+def _twins() -> Iterator[None]:
+    """As plain Python these would take hours: they go over samples with the kernels' twins, which other tests hold."""
+    import cast_twin
+    import noise_twins
+    import reconcile_twins
+
+    from tofmix.estimation import noise_series
+    from tofmix.reconcile import likelihood
+    from tofmix.simulation import cast
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cast, "cast_row", cast_twin.cast_row)
+        patch.setattr(noise_series, "_series_statistics", noise_twins.series_statistics)
+        patch.setattr(likelihood, "log_likelihood", reconcile_twins.log_likelihood)
+        patch.setattr(likelihood, "transform", reconcile_twins.transform)
+        yield
 
 
 @pytest.fixture

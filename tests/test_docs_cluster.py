@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from files import boards, write_recording
 
 PAGE = (Path(__file__).parents[1] / "docs" / "cluster.md").read_text()
@@ -17,6 +18,7 @@ def script(name: str) -> str:
     return found[1]
 
 
+@pytest.mark.compiled("it estimates whole images in other processes")
 def test_the_array_makes_the_same_bytes(tmp_path: Path) -> None:
     write_recording(tmp_path / "recording.h5", boards(600, 12, 16))
     (tmp_path / "task.sh").write_text(script("array"))

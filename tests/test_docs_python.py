@@ -43,6 +43,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.compiled("it estimates 25,344 pixels")
 @pytest.mark.parametrize("name", PAGES)
 def test_every_block_runs_without_a_warning(folder: Path, name: str) -> None:
     code = program((DOCS / name).read_text(encoding="utf-8"))

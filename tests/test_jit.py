@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from measured import coverage_environment
 
 import tofmix
 from tofmix import jit
@@ -101,7 +102,7 @@ def test_a_damaged_cache_and_a_full_disk_are_no_fault(tmp_path: Path) -> None:
     full = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
     (tmp_path / "full.py").write_text(full + script.read_text())
     environment = {"PATH": "", "PYTHONPATH": str(Path(tofmix.__file__).parents[1]), "HOME": str(tmp_path)}
-    environment |= {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    environment |= {"NUMBA_CACHE_DIR": str(tmp_path / "cache")} | coverage_environment()
 
     def run(path: Path) -> str:
         return subprocess.run(

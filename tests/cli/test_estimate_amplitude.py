@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from commandline import Tofmix
 from numpy.typing import NDArray
+from sizes import sized
 
 from tofmix.errors import ExitCode
 
@@ -14,7 +15,7 @@ from tofmix.errors import ExitCode
 def write_reflective(path: Path, exponent: float, curve: dict[str, NDArray[np.float64]] | None = None) -> Path:
     """A wall whose reflectivity falls from left to right; sigma is 10 mm (amplitude / 200)^-exponent."""
     rng = np.random.default_rng(7)
-    light = np.geomspace(60.0, 600.0, 40) * np.ones((60, 30, 40))
+    light = np.geomspace(60.0, 600.0, 40) * np.ones((60, sized(30, 12), 40))
     samples = 1500.0 + 10.0 * (light / 200.0) ** -exponent * rng.standard_normal(light.shape)
     with h5py.File(path, "w") as root:
         root["range"] = np.rint(samples).astype("u2")

@@ -98,6 +98,7 @@ def first_blocks_of(running: "subprocess.Popen[str]", folder: Path) -> None:
     assert running.poll() is None, "it ended too early"
 
 
+@pytest.mark.compiled("58,080 fits")
 def test_ctrl_c_takes_the_work_back_and_leaves_what_is_done(
     cluster: Cluster, recording: Path, expected: bytes, tmp_path: Path
 ) -> None:
@@ -122,6 +123,17 @@ def test_ctrl_c_takes_the_work_back_and_leaves_what_is_done(
     assert output.read_bytes() == expected
 
 
+def test_the_bytes_are_those_of_a_local_run(cluster: Cluster, tmp_path: Path) -> None:
+    small = write_recording(tmp_path / "a.h5", boards(56, 4, 6))
+    outputs = tmp_path / "local", tmp_path / "cluster"
+    for output, extra in zip(outputs, ([], ["--scheduler", cluster.file]), strict=True):
+        done = run(small, output, *extra)
+        assert done.returncode == 0, done.stderr
+        assert done.stderr == ""
+    assert outputs[0].read_bytes() == outputs[1].read_bytes()
+
+
+@pytest.mark.compiled("58,080 fits")
 def test_the_bytes_are_those_of_a_local_run_though_a_worker_is_killed(
     cluster: Cluster, recording: Path, expected: bytes, tmp_path: Path
 ) -> None:

@@ -9,17 +9,21 @@ from pathlib import Path
 import pytest
 from commandline import Tofmix
 from files import boards, write_recording
+from sizes import sized
 
 from tofmix.errors import ExitCode
 from tofmix.io.journal import journal_path, open_journal
 
 WINDOWS = ("--window", 10, "--stride", 5)
+CELL_PIXELS = sized(4096, 128)
+ROWS, COLS = sized((16, 20), (2, 5))
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Path:
+def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     # 39 windows in 4 cells.
-    return write_recording(tmp_path / "a.h5", boards(200, 16, 20))
+    monkeypatch.setattr("tofmix.grid._CELL_PIXELS", CELL_PIXELS)
+    return write_recording(tmp_path / "a.h5", boards(200, ROWS, COLS))
 
 
 @pytest.fixture
@@ -62,7 +66,8 @@ def test_a_full_disk_leaves_work_to_go_on_from(
 def _killed_at(recording: Path, cells: int, number: signal.Signals) -> "subprocess.CompletedProcess[str]":
     """Run the command in a process that gets a signal when some cells are in the journal."""
     program = (
-        "import os, sys\nfrom tofmix.io.journal import Journal\nadd, count = Journal.add, [0]\n"
+        f"import os, sys\nimport tofmix.grid\ntofmix.grid._CELL_PIXELS = {CELL_PIXELS}\n"
+        "from tofmix.io.journal import Journal\nadd, count = Journal.add, [0]\n"
         "def counted(self, cell, encoded):\n"
         "    add(self, cell, encoded)\n    count[0] += 1\n"
         f"    if count[0] == {cells}:\n        os.kill(os.getpid(), {int(number)})\n"
@@ -105,7 +110,7 @@ def test_an_old_journal_is_reported_and_never_used_unasked(
 
 def test_another_recording_of_that_name_is_not_gone_on_with(tofmix: Tofmix, recording: Path) -> None:
     _killed_at(recording, 1, signal.SIGKILL)
-    write_recording(recording, boards(200, 16, 20)[::-1])
+    write_recording(recording, boards(200, ROWS, COLS)[::-1])
     outcome = tofmix("estimate", recording, *WINDOWS, "--resume")
     assert outcome.code == ExitCode.USAGE
     assert "its recording (a.h5), which has other content" in outcome.err
@@ -157,7 +162,7 @@ def test_shards_make_the_same_bytes(tofmix: Tofmix, recording: Path, tmp_path: P
         outcome = tofmix("estimate", recording, *WINDOWS, "--shard", f"{number}/3")
         assert outcome.code == 0, outcome.err
         parts.append(tmp_path / f"a.layers.{number}-of-3.part")
-        assert outcome.out.startswith(f"{parts[-1]}: part {number} of 3 of 16 x 20 pixels")
+        assert outcome.out.startswith(f"{parts[-1]}: part {number} of 3 of {ROWS} x {COLS} pixels")
     merged = tofmix("merge", *parts, "-o", tmp_path / "merged")
     assert merged.code == 0, merged.err
     assert (tmp_path / "merged").read_bytes() == expected

@@ -7,11 +7,13 @@ import sys
 from pathlib import Path
 from typing import IO
 
+import click
 import pytest
 from commandline import Tofmix
 from files import boards, write_recording
 
 from tofmix import __version__
+from tofmix.cli.main import main
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode
 
 COMMANDS = (
@@ -78,6 +80,29 @@ def test_usage_errors_leave_with_2(tofmix: Tofmix, arguments: list[str]) -> None
     assert outcome.err.startswith("tofmix: ")
 
 
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (MemoryError(), ExitCode.STORAGE, "out of memory; close other programs"),
+        (OSError(28, "No space left on device", "x.h5"), ExitCode.STORAGE, "x.h5: No space left on device"),
+        (click.ClickException("no\nsuch"), ExitCode.USAGE, "no such"),
+    ],
+)
+def test_what_goes_wrong_anywhere_is_one_line_and_a_code(
+    tofmix: Tofmix, monkeypatch: pytest.MonkeyPatch, error: Exception, code: ExitCode, said: str
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("tofmix.cli.main._discard_stdout", lambda: None)  # pytest's own
+    for command in main.commands.values():
+        monkeypatch.setattr(command, "callback", fail)
+    outcome = tofmix("warmup")
+    assert outcome.code == code
+    assert outcome.err.startswith(f"tofmix: {said}")
+    assert outcome.err.count("\n") == 1
+
+
 def test_variables_of_the_environment_do_not_switch_commands(tofmix: Tofmix, monkeypatch: pytest.MonkeyPatch) -> None:
     # TOFMIX_VERSION is what a CI job would call the version it installs.
     monkeypatch.setenv("TOFMIX_VERSION", "1")
@@ -112,6 +137,7 @@ def test_a_closed_pipe_gives_no_traceback() -> None:
     assert done.stderr == ""
 
 
+@pytest.mark.compiled("a scene of 25,344 pixels in another process")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals) -> None:
     # 10^6 frames take minutes: the signal comes in the middle.

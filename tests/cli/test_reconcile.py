@@ -212,6 +212,23 @@ def test_it_refuses_temperatures_that_are_not_one_a_frame(
 
 
 def test_it_refuses_an_unknown_effect(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
-    done = tofmix("reconcile", *files, "-o", tmp_path / "gap", "--effects", "wigling")
-    assert done.code == 2
-    assert "wiggling" in done.err
+    for named, reason in (("wigling", "wiggling"), (" , ", "no effect is named")):
+        done = tofmix("reconcile", *files, "-o", tmp_path / "gap", "--effects", named)
+        assert done.code == 2
+        assert reason in done.err
+
+
+def test_it_refuses_two_maps_of_one_name(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
+    """Two models of one camera are written to one folder: a map's name there is one map."""
+    models = []
+    for k in range(2):
+        (folder := tmp_path / str(k)).mkdir()
+        np.save(folder / "map.npy", np.full((12, 16), 5.0 * k))
+        models.append(folder / "model.toml")
+        models[-1].write_text(MODEL + '[[effect]]\nkind = "fixed_pattern"\nmap = "map.npy"\n')
+    done = tofmix(
+        "reconcile", models[0], files[1], "--also", models[1], files[1], "-o", tmp_path / "gap",
+        "--effects", "range_offset",
+    )  # fmt: skip
+    assert done.code == 3
+    assert "two models of one camera name different maps map.npy" in done.err

@@ -38,7 +38,11 @@ def folder(tofmix: Tofmix, tmp_path: Path) -> Path:
 @pytest.mark.parametrize(
     ("number", "arguments"),
     [
-        (signal.SIGINT, ("simulate", "near-far", "--frames", "3", "-o", "out.h5")),
+        pytest.param(
+            signal.SIGINT,
+            ("simulate", "near-far", "--frames", "3", "-o", "out.h5"),
+            marks=pytest.mark.compiled("a whole scene in another process"),
+        ),
         (signal.SIGTERM, ("import", "a.npy", "-o", "out.h5", "--sensor", "sr3000")),
         (signal.SIGINT, ("export", "a.layers.h5", "-o", "out.ply", "--window", "0")),
         (signal.SIGTERM, ("map", "a.layers.h5", "-o", "out.yaml", "--cell", "500")),

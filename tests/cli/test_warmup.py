@@ -9,10 +9,17 @@ from files import boards, write_recording
 from tofmix.jit import cache_folder
 
 
+def test_it_says_where_the_kernels_are(tofmix: Tofmix) -> None:
+    outcome = tofmix("warmup")
+    assert outcome.code == 0, outcome.err
+    assert outcome.out == f"{cache_folder()}: {len(_compiled())} compiled kernels\n"
+
+
 def _compiled() -> dict[Path, int]:
     return {path: path.stat().st_mtime_ns for path in cache_folder().rglob("*.nbc")}
 
 
+@pytest.mark.compiled("there is nothing to compile")
 @pytest.mark.parametrize(
     "options",
     [
@@ -30,6 +37,7 @@ def test_nothing_is_left_to_compile(tofmix: Tofmix, tmp_path: Path, options: lis
     assert _compiled() == before
 
 
+@pytest.mark.compiled("there is nothing to compile")
 def test_nor_for_measuring_noise_or_simulating(tofmix: Tofmix, tmp_path: Path) -> None:
     assert tofmix("warmup").code == 0
     before = _compiled()

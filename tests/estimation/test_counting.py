@@ -6,6 +6,7 @@ import naive
 import numpy as np
 import pytest
 from drawing import draw
+from sizes import sized
 
 from tofmix.estimation.counting import CERTAIN_SIGMAS, CERTAIN_SUPPORT
 from tofmix.estimation.false_alarms import gain_table
@@ -14,6 +15,7 @@ from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.sensor import NoiseCurve, Sensor
 
 
+@pytest.mark.compiled("a frequency over 8000 pixels")
 @pytest.mark.parametrize("n", [15, 40, 100, 250])
 @pytest.mark.parametrize("false_alarm", [0.05, 0.01])
 def test_false_alarms_are_as_frequent_as_asked_for(
@@ -28,6 +30,7 @@ def test_false_alarms_are_as_frequent_as_asked_for(
     assert abs(alarms - false_alarm) < margin
 
 
+@pytest.mark.compiled("a frequency over 20000 pixels")
 def test_by_default_hardly_any_surface_is_doubled(rng: np.random.Generator, sensor: Sensor) -> None:
     samples = draw(rng, sensor, ranges_mm=[2500], shares=[1.0], n=100, pixels=20000, outliers=1e-4)
     # 20 +- 4.5 expected
@@ -40,9 +43,9 @@ def test_by_default_hardly_any_surface_is_doubled(rng: np.random.Generator, sens
 def test_three_surfaces_are_three(
     shares: tuple[float, ...], least: float, rng: np.random.Generator, sensor: Sensor
 ) -> None:
-    samples = draw(rng, sensor, ranges_mm=[1000, 2200, 4000], shares=shares, n=100, pixels=1000)
+    samples = draw(rng, sensor, ranges_mm=[1000, 2200, 4000], shares=shares, n=100, pixels=sized(1000, 30))
     # At a share of 0.05, P(fewer than 2 of 100 samples) = 0.037.
-    assert np.mean(layer_pixels(samples, sensor).n_modes == 3) > least
+    assert np.mean(layer_pixels(samples, sensor).n_modes == 3) > sized(least, least - 0.1)
 
 
 def _gain_by_many_starts(samples: naive.Array, sensor: Sensor) -> float:
@@ -57,6 +60,7 @@ def _gain_by_many_starts(samples: naive.Array, sensor: Sensor) -> float:
     return best - float(np.log(naive.mixture_density(samples, *one, sensor)).sum())
 
 
+@pytest.mark.compiled("some of 60 pixels, and not all")
 def test_close_surfaces_are_found_where_the_likelihood_ratio_finds_them(
     rng: np.random.Generator,
 ) -> None:
@@ -75,7 +79,7 @@ def test_close_surfaces_are_found_where_the_likelihood_ratio_finds_them(
 
 
 def test_no_layer_rests_on_a_single_sample(rng: np.random.Generator, sensor: Sensor) -> None:
-    samples = draw(rng, sensor, ranges_mm=[1500], shares=[1.0], n=60, pixels=500)
+    samples = draw(rng, sensor, ranges_mm=[1500], shares=[1.0], n=60, pixels=sized(500, 60))
     samples[0] = 4000
     assert np.mean(layer_pixels(samples, sensor).n_modes == 1) > 0.99
 
@@ -91,6 +95,7 @@ def test_scattered_samples_of_a_weak_surface_are_gathered(sensor: Sensor) -> Non
     assert layers.range[0, 0] == pytest.approx(1000, abs=1)
 
 
+@pytest.mark.compiled("a frequency over 4000 pixels")
 @pytest.mark.parametrize("share", [0.01, 0.1])
 def test_outliers_that_fall_together_are_no_surfaces_when_the_sensor_expects_them(
     share: float, rng: np.random.Generator
@@ -109,16 +114,16 @@ def test_a_certain_surface_would_be_missed_by_far_more_than_any_least_gain() -> 
 
 
 def test_the_weakest_surfaces_give_way_to_max_layers(rng: np.random.Generator, sensor: Sensor) -> None:
-    samples = draw(rng, sensor, ranges_mm=[800, 1800, 3600], shares=[0.5, 0.1, 0.4], n=200, pixels=50)
+    samples = draw(rng, sensor, ranges_mm=[800, 1800, 3600], shares=[0.5, 0.1, 0.4], n=200, pixels=sized(50, 8))
     for refine in Refine:
         layers = layer_pixels(samples, sensor, EstimateOptions(max_layers=2, refine=refine))
         assert np.all(layers.n_modes == 2)
-        assert layers.range.shape == (50, 2)
+        assert layers.range.shape == (samples.shape[1], 2)
         np.testing.assert_allclose(layers.range.mean(axis=0), [800, 3600], atol=80)
 
 
 def test_without_refinement_the_peaks_are_the_surfaces(rng: np.random.Generator, sensor: Sensor) -> None:
-    samples = draw(rng, sensor, ranges_mm=[800, 2600], shares=[0.5, 0.5], n=100, pixels=300)
+    samples = draw(rng, sensor, ranges_mm=[800, 2600], shares=[0.5, 0.5], n=100, pixels=sized(300, 40))
     options = EstimateOptions(refine=Refine.NONE, sigma=SigmaMode.TIED)
     layers = layer_pixels(samples, sensor, options)
     as_peaks = layers.n_modes == layers.n_peaks
@@ -128,10 +133,10 @@ def test_without_refinement_the_peaks_are_the_surfaces(rng: np.random.Generator,
 
 
 def test_probability_tells_strong_layers_from_weak_ones(rng: np.random.Generator, sensor: Sensor) -> None:
-    samples = draw(rng, sensor, ranges_mm=[1500, 1570], shares=[0.5, 0.5], n=100, pixels=300)
+    samples = draw(rng, sensor, ranges_mm=[1500, 1570], shares=[0.5, 0.5], n=100, pixels=sized(300, 40))
     layers = layer_pixels(samples, sensor, EstimateOptions(false_alarm=0.05))
     found = layers.probability[np.isfinite(layers.probability)]
     assert np.all((found >= 0.94) & (found <= 1))
     assert np.any(found < 0.999)
-    apart = layer_pixels(draw(rng, sensor, ranges_mm=[1500, 4000], shares=[0.5, 0.5], n=100, pixels=50), sensor)
-    assert np.nanmin(apart.probability) > 1 - 1e-6
+    apart = draw(rng, sensor, ranges_mm=[1500, 4000], shares=[0.5, 0.5], n=100, pixels=sized(50, 5))
+    assert np.nanmin(layer_pixels(apart, sensor).probability) > 1 - 1e-6

@@ -3,6 +3,7 @@
 import naive
 import numpy as np
 from drawing import draw
+from sizes import sized
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.components import MEAN, SIGMA, TOTAL, WEIGHT, new_components, new_room
@@ -16,7 +17,7 @@ from tofmix.sensor import Sensor
 def test_no_second_surface_gains_more_than_the_steepest_slope(rng: np.random.Generator, sensor: Sensor) -> None:
     assert sensor.noise is not None
     beam = beam_of(sensor)
-    block = draw(rng, sensor, ranges_mm=[1500, 1530], shares=[0.7, 0.3], n=50, pixels=40)
+    block = draw(rng, sensor, ranges_mm=[1500, 1530], shares=[0.7, 0.3], n=50, pixels=sized(40, 6))
     for column in np.sort(block, axis=0).T:
         samples, data = column.astype(np.float64), readings_of(column)
         fit, room = new_components(1), new_room(1, len(column))

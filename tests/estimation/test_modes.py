@@ -4,6 +4,7 @@ import naive
 import numpy as np
 import pytest
 from drawing import draw
+from sizes import sized
 
 from tofmix.estimation.modes import find_modes
 from tofmix.sensor import NoiseCurve, Sensor
@@ -15,7 +16,7 @@ STRICT = 1e-9
 def test_modes_equal_the_fine_grid_twin(n: int, rng: np.random.Generator, sensor: Sensor) -> None:
     assert sensor.noise is not None
     differing = 0
-    for column in draw(rng, sensor, ranges_mm=[1200, 2000, 4000], shares=[0.2, 0.3, 0.5], n=n, pixels=150).T:
+    for column in draw(rng, sensor, ranges_mm=[1200, 2000, 4000], shares=[0.2, 0.3, 0.5], n=n, pixels=sized(150, 15)).T:
         samples = column.astype(np.float64)
         expected = naive.peaks(samples, sensor.noise, gamma=0.02, step=0.02)
         found = find_modes(samples, sensor.noise, epsilon=STRICT)
@@ -35,7 +36,7 @@ def test_one_lone_sample_is_no_peak(sensor: Sensor) -> None:
 
 def test_gamma_is_the_least_share_of_a_surface(rng: np.random.Generator, sensor: Sensor) -> None:
     assert sensor.noise is not None
-    samples = draw(rng, sensor, ranges_mm=[1000, 3000], shares=[0.9, 0.1], n=5000, pixels=1)
+    samples = draw(rng, sensor, ranges_mm=[1000, 3000], shares=[0.9, 0.1], n=sized(5000, 1000), pixels=1)
     for gamma, peaks in ((0.05, 2), (0.2, 1)):
         places = find_modes(samples, sensor.noise, gamma=gamma, epsilon=STRICT)
         clusters = {round(place / 1000) for place in places}

@@ -1,14 +1,17 @@
 """The measured curve against the one that samples were drawn with, and its parts against slow references."""
 
+import noise_twins
 import numpy as np
 import pytest
 from drawing import draw
 from numpy.typing import NDArray
+from sizes import sized
 
 from tofmix.estimation import noise_series
 from tofmix.estimation.noise import MeasuredNoise, disagreement, measure_noise
 from tofmix.estimation.noise_scale import locate, single_share
 from tofmix.estimation.noise_series import (
+    LEAST_SAMPLES,
     Series,
     memory_correction,
     quantisation_step,
@@ -19,6 +22,7 @@ from tofmix.estimation.noise_series import (
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
 
+KERNEL = noise_series._series_statistics  # before any test, for where its twin stands in its place
 BARE = Sensor(name="no curve", range_min_mm=300.0, range_max_mm=6000.0)
 
 
@@ -67,7 +71,7 @@ def test_the_curve_is_right_to_5_per_cent(rng: np.random.Generator, sensor: Sens
 def test_200_pixels_are_enough(rng: np.random.Generator, sensor: Sensor) -> None:
     assert sensor.noise is not None
     errors = []
-    for _ in range(10):
+    for _ in range(sized(10, 2)):
         seen = rng.uniform(1480.0, 1520.0, 200)
         measured = measure_noise(recording(pixels_at(rng, sensor, seen, multi=0.4)))
         errors.append(float(measured.curve.sigma(1500.0) / sensor.noise.sigma(1500.0)) - 1.0)
@@ -134,6 +138,25 @@ def test_weak_surfaces_are_no_outliers(rng: np.random.Generator, sensor: Sensor)
     clean = draw(rng, sensor, ranges_mm=[2000.0], shares=[1.0], n=100, pixels=2000)
     measured = measure_noise(recording(np.hstack([samples, clean])))
     assert measured.outlier_probability < 2e-4  # 10 % of half the samples would be 0.05
+
+
+def test_statistics_equal_their_twin(rng: np.random.Generator) -> None:
+    samples = rng.normal(2000.0, 20.0, (40, 60)).astype(np.float32)
+    samples[:20] += 3.0 * np.linspace(-9.0, 9.0, 60, dtype=np.float32) ** 2  # a drift
+    samples[rng.random(samples.shape) < 0.1] = np.nan
+    samples[rng.random(samples.shape) < 0.03] += 500.0
+    samples[1, LEAST_SAMPLES:] = np.nan
+    samples[2, LEAST_SAMPLES - 1 :] = np.inf
+    samples[3] = 1234.0
+    samples[4, ::2] += 3000.0  # two surfaces: too few are near one trend, or all are
+    samples[5, 20:] = np.nan
+    samples[6, 30:] = np.nan
+    samples[7, 9:] = rng.choice([1000.0, 3000.0, 5000.0], 51)
+    for step in (0.0, 30.0):
+        found, twin = KERNEL(samples, step), noise_twins.series_statistics(samples, step)
+        for name in ("valid", "kept", "range_mm", "variance", "skewness", "kurtosis", "memory"):
+            np.testing.assert_allclose(getattr(found, name), getattr(twin, name), rtol=1e-6, atol=1e-6, err_msg=name)
+        assert found.kept[2] == 0
 
 
 def test_statistics_equal_a_slow_reference(rng: np.random.Generator) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sizes import sized
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.noise import MeasuredNoise, measure_noise
@@ -118,6 +119,7 @@ def test_unknown_amplitudes_leave_the_curve(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(found.sigma, plain.sigma, rtol=1e-6)
 
 
+@pytest.mark.compiled("a frequency over 4000 pixels")
 @pytest.mark.parametrize("light", [25.0, 100.0, 400.0])
 def test_one_surface_stays_one_at_any_amplitude(rng: np.random.Generator, light: float) -> None:
     assert CAMERA.noise is not None
@@ -135,7 +137,8 @@ def test_one_surface_stays_one_at_any_amplitude(rng: np.random.Generator, light:
 
 
 def test_the_order_of_frames_changes_nothing(rng: np.random.Generator) -> None:
-    samples = np.rint(rng.choice([1500.0, 1560.0, 2500.0], (50, 40)) + 15.0 * rng.standard_normal((50, 40)))
+    shape = 50, sized(40, 3)
+    samples = np.rint(rng.choice([1500.0, 1560.0, 2500.0], shape) + 15.0 * rng.standard_normal(shape))
     light = rng.uniform(20.0, 800.0, samples.shape)
     order = rng.permutation(50)
     one, other = (layer_pixels(samples[k], CAMERA, amplitude=light[k]) for k in (np.arange(50), order))

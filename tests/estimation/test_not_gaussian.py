@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sizes import sized
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
@@ -52,7 +53,7 @@ def _hold_together(layers: Layers, samples: NDArray[np.float64]) -> None:
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("n", [2, 3, 5, 15, 100, 600])
 def test_layers_hold_together_whatever_the_noise(noise: str, n: int, rng: np.random.Generator) -> None:
-    pixels = 60 if n < 600 else 8
+    pixels = sized(60, 5) if n < 600 else sized(8, 1)
     near = rng.random((n, pixels)) < 0.4
     samples = np.where(near, 1200.0, 3000.0) + SIGMA * NOISES[noise](rng, (n, pixels))
     for options in (
@@ -65,8 +66,9 @@ def test_layers_hold_together_whatever_the_noise(noise: str, n: int, rng: np.ran
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("n", [10, 100])
 def test_nothing_is_invented_between_two_surfaces(noise: str, n: int, rng: np.random.Generator) -> None:
-    near = rng.random((n, 400)) < 0.5
-    samples = np.where(near, 2000.0, 2000.0 + 25 * SIGMA) + SIGMA * NOISES[noise](rng, (n, 400))
+    pixels = sized(400, 40)
+    near = rng.random((n, pixels)) < 0.5
+    samples = np.where(near, 2000.0, 2000.0 + 25 * SIGMA) + SIGMA * NOISES[noise](rng, (n, pixels))
     layers = layer_pixels(samples, CAMERA)
     between = (layers.range > 2000 + 3 * SIGMA) & (layers.range < 2000 + 22 * SIGMA)
     if noise in TAILED:
@@ -83,7 +85,7 @@ def test_nothing_is_invented_between_two_surfaces(noise: str, n: int, rng: np.ra
 @pytest.mark.parametrize("outliers", [0.3, 0.6, 0.9])
 @pytest.mark.parametrize("n", [30, 300])
 def test_many_outliers_invent_nothing(outliers: float, n: int, rng: np.random.Generator) -> None:
-    pixels = 100 if n < 300 else 12
+    pixels = sized(100, 10) if n < 300 else sized(12, 2)
     samples = np.where(rng.random((n, pixels)) < 0.5, 2000.0, 5000.0) + SIGMA * rng.standard_normal((n, pixels))
     wild = rng.random(samples.shape) < outliers
     samples[wild] = rng.uniform(300, 7500, int(wild.sum()))
@@ -101,17 +103,18 @@ def test_many_outliers_invent_nothing(outliers: float, n: int, rng: np.random.Ge
 @pytest.mark.parametrize("noise", ["steps of sigma", "steps of two sigma", "tied", "near-constant", "constant"])
 @pytest.mark.parametrize("n", [5, 30, 200])
 def test_coarse_or_quiet_readings_of_one_surface_are_one_layer(noise: str, n: int, rng: np.random.Generator) -> None:
-    place = rng.uniform(1000, 3000, 300)
-    samples = place + SIGMA * NOISES[noise](rng, (n, 300))
+    pixels = sized(300, 30)
+    place = rng.uniform(1000, 3000, pixels)
+    samples = place + SIGMA * NOISES[noise](rng, (n, pixels))
     layers = layer_pixels(samples, CAMERA)
-    assert (layers.n_modes == 1).mean() > 0.985  # 0.1 % asked; 4 standard errors of 300 pixels
+    assert (layers.n_modes == 1).mean() > sized(0.985, 0.96)  # 0.1 % asked; 4 standard errors of 300 pixels
     spread = 2 * SIGMA / np.sqrt(n)
-    assert (np.abs(layers.range[:, 0] - place) < 4 * spread).mean() > 0.99
+    assert (np.abs(layers.range[:, 0] - place) < 4 * spread).mean() > sized(0.99, 0.95)
 
 
 def test_a_drift_of_one_sigma_is_one_layer_and_a_long_one_is_not_nan(rng: np.random.Generator) -> None:
     drift = np.linspace(-0.5, 0.5, 100)[:, None]
-    for length, pixels, least in ((1.0, 100, 0.97), (40.0, 5, 0.0)):
+    for length, pixels, least in ((1.0, sized(100, 20), sized(0.97, 0.9)), (40.0, sized(5, 1), 0.0)):
         samples = 2000 + SIGMA * (length * drift + rng.standard_normal((100, pixels)))
         layers = layer_pixels(samples, CAMERA)
         _hold_together(layers, samples)

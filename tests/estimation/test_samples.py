@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from benchmarks import binning
+from sizes import sized
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.samples import BIN, FARTHEST_MM, LONG_WINDOW, Readings, gather, padded, sort_samples
@@ -42,10 +43,12 @@ def test_bins_keep_the_mean_and_lose_little_spread(rng: np.random.Generator) -> 
     assert 0.0 < values.var() - spread < BIN**2 / 12.0 * 20.0**2 * 1.5
 
 
-@pytest.mark.parametrize("samples", [1000, 10_000])
+@pytest.mark.parametrize(
+    "samples", [1000, pytest.param(10_000, marks=pytest.mark.compiled("fits of 10,000 samples each"))]
+)
 def test_binning_moves_no_fit_by_a_hundredth_of_its_standard_error(samples: int, rng: np.random.Generator) -> None:
     for surfaces in (1, 2, 3):
-        means, shares, left = binning.errors(samples, surfaces, 10, rng)
+        means, shares, left = binning.errors(samples, surfaces, sized(10, 2), rng)
         assert np.abs(means).max() < 0.01
         assert np.abs(shares).max() < 0.01
         assert left < 200

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from drawing import draw
+from sizes import sized
 
 from tofmix.arrays import Float32Array
 from tofmix.estimation.layering import layer_pixels
@@ -19,11 +20,13 @@ from tofmix.recording import ArrayRecording
 from tofmix.sensor import Sensor
 from tofmix.windows import plan_windows
 
+COLS = sized(7, 1)
+
 
 @pytest.fixture
 def recording(rng: np.random.Generator, sensor: Sensor) -> ArrayRecording:
-    samples = draw(rng, sensor, ranges_mm=[1000, 2600], shares=[0.4, 0.5], n=60, pixels=23 * 7)
-    return ArrayRecording(samples.reshape(60, 23, 7), sensor)
+    samples = draw(rng, sensor, ranges_mm=[1000, 2600], shares=[0.4, 0.5], n=60, pixels=23 * COLS)
+    return ArrayRecording(samples.reshape(60, 23, COLS), sensor)
 
 
 class Counting(ArrayRecording):
@@ -63,10 +66,10 @@ def test_results_do_not_depend_on_workers_memory_or_cells(
 ) -> None:
     windows = plan_windows(60, window=window, stride=stride)
     reference = estimate_layers(recording, windows=windows)
-    grid = small(plan_grid(windows, (23, 7)), step[1], step[0])
+    grid = small(plan_grid(windows, (23, COLS)), step[1], step[0])
     options = EstimateOptions()
     least = 2 * working_bytes(grid)
-    for workers, buffer_bytes in ((1, 10**9), (2, least + 300_000), (2, least + 45_000 * step[1] // 4)):
+    for workers, buffer_bytes in ((1, 10**9), (2, least + 43_000 * COLS), (2, least + 6_400 * step[1] // 4 * COLS)):
         counting = Counting(recording)
         out = Layers.empty(reference.shape, options.max_layers)
         for cell, layers in estimate_cells(
@@ -82,28 +85,25 @@ def test_results_do_not_depend_on_workers_memory_or_cells(
 
 def test_less_memory_reads_less_at_once(recording: ArrayRecording) -> None:
     windows = plan_windows(60, window=20, stride=5)
-    grid = small(plan_grid(windows, (23, 7)), 4)
+    grid = small(plan_grid(windows, (23, COLS)), 4)
     largest = []
-    for buffer_bytes in (10**9, working_bytes(grid) + 10_000):
+    for buffer_bytes in (10**9, working_bytes(grid) + 1_400 * COLS):
         counting = Counting(recording)
         plan = plan_reading(counting, grid, buffer_bytes=buffer_bytes, workers=1)
         for group in read_groups(counting, grid, plan, grid.cells()):
             assert sum(slab.range_mm.shape[0] for slab in group.slabs) >= 20
         largest.append(counting.largest)
         assert set(counting.chunks.values()) == {1}
-    assert largest[1] <= 7 * 4 * 7 < largest[0]
+    assert largest[1] <= 7 * 4 * COLS < largest[0]
 
 
 def test_only_the_frames_of_wanted_cells_are_read(recording: ArrayRecording) -> None:
-    grid = small(plan_grid(plan_windows(60, window=10), (23, 7)), 4)
+    grid = small(plan_grid(plan_windows(60, window=10), (23, COLS)), 4)
     counting = Counting(recording)
     wanted = [grid.cell(8), grid.cell(13)]
-    done = [
-        cell.index
-        for cell, _ in estimate_cells(
-            counting, grid, EstimateOptions(), lambda _: None, wanted=wanted, buffer_bytes=working_bytes(grid) + 10_000
-        )
-    ]
+    little = working_bytes(grid) + 1_400 * COLS
+    found = estimate_cells(counting, grid, EstimateOptions(), lambda _: None, wanted=wanted, buffer_bytes=little)
+    done = [cell.index for cell, _ in found]
     assert done == [13, 8]  # band by band
     # Cell 8: window 1 (frames 10 to 19), rows 8 to 11. Cell 13: window 2 (frames 20 to 29), rows 4 to 7.
     assert set(counting.chunks) == {(1, 2), (2, 2)} | {(2, 1), (3, 1), (4, 1)}
@@ -114,9 +114,9 @@ def test_chunks_over_several_bands_are_told(recording: ArrayRecording) -> None:
         row_step = 23
 
     framed = Framed(recording.read_range(slice(None), slice(None)), recording.sensor)
-    grid = small(plan_grid(plan_windows(60), (23, 7)), 4)
+    grid = small(plan_grid(plan_windows(60), (23, COLS)), 4)
     assert not plan_reading(framed, grid, buffer_bytes=10**9, workers=1).rereads
-    assert plan_reading(framed, grid, buffer_bytes=working_bytes(grid) + 20_000, workers=1).rereads
+    assert plan_reading(framed, grid, buffer_bytes=working_bytes(grid) + 2_800 * COLS, workers=1).rereads
     with pytest.raises(MemoryTooSmallError, match="one row of one window takes") as refusal:
         plan_reading(framed, grid, buffer_bytes=1000, workers=1)
     assert isinstance(plan_reading(framed, grid, buffer_bytes=refusal.value.needed_bytes, workers=1), ReadPlan)
@@ -138,7 +138,7 @@ def test_each_window_is_the_estimate_of_its_frames(recording: ArrayRecording, se
 
 
 def test_a_consumer_may_stop_early(recording: ArrayRecording) -> None:
-    grid = small(plan_grid(plan_windows(60, window=1), (23, 7)), 4)
+    grid = small(plan_grid(plan_windows(60, window=1), (23, COLS)), 4)
     before = set(threading.enumerate())
     cells = estimate_cells(recording, grid, EstimateOptions(min_samples=2), lambda _: None, workers=2)
     next(cells)

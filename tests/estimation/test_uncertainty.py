@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from drawing import draw
 from numpy.typing import NDArray
+from sizes import sized
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.settings import EstimateOptions, SigmaMode
@@ -53,6 +54,7 @@ def test_one_surface_has_sigma_over_root_n(rng: np.random.Generator, sensor: Sen
     np.testing.assert_allclose(layers.range_stderr[:, 0], layers.sigma[:, 0] / 8, rtol=0.02)
 
 
+@pytest.mark.compiled("a frequency over 4000 pixels")
 def test_errors_cover_the_truth(rng: np.random.Generator, sensor: Sensor) -> None:
     truth = [1500.0, 1640.0, 3500.0]
     layers = layer_pixels(draw(rng, sensor, ranges_mm=truth, shares=[0.3, 0.3, 0.4], n=100, pixels=4000), sensor)
@@ -63,6 +65,7 @@ def test_errors_cover_the_truth(rng: np.random.Generator, sensor: Sensor) -> Non
     assert np.all((cover > 0.925) & (cover < 0.975))
 
 
+@pytest.mark.compiled("a frequency over 4000 pixels")
 def test_shares_have_errors_that_cover_the_truth(rng: np.random.Generator, sensor: Sensor) -> None:
     shares = [0.25, 0.35, 0.4]
     samples = draw(rng, sensor, ranges_mm=[1500, 1640, 3500], shares=shares, n=100, pixels=4000)
@@ -81,7 +84,7 @@ def test_a_share_without_rivals_is_exact(rng: np.random.Generator, sensor: Senso
 def test_overlap_makes_errors_larger(rng: np.random.Generator, sensor: Sensor) -> None:
     errors = []
     for apart in (100, 900):
-        samples = draw(rng, sensor, ranges_mm=[1500, 1500 + apart], shares=[0.5, 0.5], n=100, pixels=300)
+        samples = draw(rng, sensor, ranges_mm=[1500, 1500 + apart], shares=[0.5, 0.5], n=100, pixels=sized(300, 30))
         layers = layer_pixels(samples, sensor)
         errors.append(np.nanmedian(layers.range_stderr[layers.n_modes == 2, 0]))
     assert errors[0] > 1.05 * errors[1]

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from sizes import sized
 
 from tofmix.circle import circular_noise, fold
 from tofmix.estimation.beam import beam_of
@@ -65,7 +66,7 @@ def _same(one: Layers, other: Layers, tolerance: float) -> None:
             np.testing.assert_array_equal(a, b, err_msg=spec.name)
 
 
-@settings(max_examples=25)
+@settings(max_examples=sized(25, 5))
 @given(seed=st.integers(0, 2**32 - 1), offset=st.floats(0, LENGTH), n=st.sampled_from([2, 3, 10, 60, 200]))
 def test_turning_all_readings_turns_the_layers_and_nothing_else(*, seed: int, offset: float, n: int) -> None:
     rng = np.random.default_rng(seed)
@@ -80,7 +81,7 @@ def test_a_surface_at_the_fold_is_that_of_the_same_samples_unrolled_by_hand(
     n: int, outliers: float, rng: np.random.Generator
 ) -> None:
     camera = replace(CAMERA, outlier_probability=max(outliers, 1e-4))
-    readings = _surfaces(rng, [LENGTH + 10.0, 3000.0], [0.7, 0.3], n, 8, outliers)
+    readings = _surfaces(rng, [LENGTH + 10.0, 3000.0], [0.7, 0.3], n, sized(8, 2), outliers)
     by_hand = np.where(fold(readings, LENGTH) < 1500, fold(readings, LENGTH) + LENGTH, fold(readings, LENGTH))
     line = layer_pixels(by_hand, camera, EstimateOptions(min_samples=2))
     circle = layer_pixels(fold(readings, LENGTH), camera, replace(ON_CIRCLE, min_samples=2))
@@ -109,7 +110,7 @@ def test_readings_of_exactly_zero_are_ranges() -> None:
 def test_every_counter_and_sigma_finds_the_surface_at_the_fold(
     counter: str, sigma: SigmaMode, rng: np.random.Generator
 ) -> None:
-    readings = fold(_surfaces(rng, [LENGTH - 5.0, 3000.0], [0.5, 0.5], 120, 30), LENGTH)
+    readings = fold(_surfaces(rng, [LENGTH - 5.0, 3000.0], [0.5, 0.5], 120, sized(30, 5)), LENGTH)
     layers = layer_pixels(readings, CAMERA, replace(ON_CIRCLE, counter=COUNTERS[counter](), sigma=sigma))
     assert (layers.n_modes == 2).mean() > 0.96
     two = layers.n_modes == 2
@@ -119,19 +120,20 @@ def test_every_counter_and_sigma_finds_the_surface_at_the_fold(
 
 
 def test_with_the_peaks_alone_there_is_one_peak_at_the_fold(rng: np.random.Generator) -> None:
-    readings = fold(_surfaces(rng, [LENGTH], [1.0], 200, 30), LENGTH)
+    readings = fold(_surfaces(rng, [LENGTH], [1.0], 200, sized(30, 10)), LENGTH)
     layers = layer_pixels(readings, CAMERA, replace(ON_CIRCLE, refine=Refine.NONE, counter=Kde(gamma=0.2)))
     assert (layers.n_peaks == 1).mean() > 0.9
 
 
 def test_two_surfaces_two_sigma_apart_are_told_across_the_fold(rng: np.random.Generator) -> None:
-    draws = _surfaces(rng, [-60.0, 60.0], [0.5, 0.5], 200, 60)
+    draws = _surfaces(rng, [-60.0, 60.0], [0.5, 0.5], 200, sized(60, 6))
     at_fold = layer_pixels(fold(draws, LENGTH), CAMERA, ON_CIRCLE)
     elsewhere = layer_pixels(fold(draws + 3000.0, LENGTH), CAMERA, ON_CIRCLE)
     np.testing.assert_array_equal(at_fold.n_modes, elsewhere.n_modes)
     assert (at_fold.n_modes == 2).mean() > 0.95
 
 
+@pytest.mark.compiled("a frequency over 800 pixels")
 def test_standard_errors_at_the_fold_are_right(rng: np.random.Generator) -> None:
     layers = layer_pixels(fold(_surfaces(rng, [0.0], [1.0], 50, 800), LENGTH), CAMERA, ON_CIRCLE)
     error = fold(layers.range[:, 0] + LENGTH / 2, LENGTH) - LENGTH / 2
@@ -147,7 +149,7 @@ def test_away_from_the_fold_nothing_changes(rng: np.random.Generator) -> None:
         np.testing.assert_array_equal(getattr(line, spec.name), getattr(circle, spec.name), err_msg=spec.name)
 
 
-@settings(max_examples=30)
+@settings(max_examples=sized(30, 5))
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(2, 80), outliers=st.floats(0, 0.9))
 def test_any_readings_give_layers_that_hold_together(*, seed: int, n: int, outliers: float) -> None:
     rng = np.random.default_rng(seed)
@@ -168,7 +170,7 @@ def test_any_readings_give_layers_that_hold_together(*, seed: int, n: int, outli
     assert np.isfinite(layers.range_stderr[found & ok[:, np.newaxis]]).all()
 
 
-@settings(max_examples=50)
+@settings(max_examples=sized(50, 15))
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 40))
 def test_unrolled_samples_ascend_over_one_turn_and_fold_back(*, seed: int, n: int) -> None:
     rng = np.random.default_rng(seed)
@@ -186,11 +188,11 @@ def test_unrolled_samples_ascend_over_one_turn_and_fold_back(*, seed: int, n: in
 
 
 def test_no_return_stays_a_reading_and_what_lies_beyond_it_is_a_surface(rng: np.random.Generator) -> None:
-    camera = replace(CAMERA, range_max_mm=6500.0)
-    mean = np.array([6500.0, LENGTH + 20.0, 2000.0])[rng.choice(3, p=[0.4, 0.4, 0.2], size=(150, 20))]
+    camera, pixels = replace(CAMERA, range_max_mm=6500.0), sized(20, 5)
+    mean = np.array([6500.0, LENGTH + 20.0, 2000.0])[rng.choice(3, p=[0.4, 0.4, 0.2], size=(150, pixels))]
     layers = layer_pixels(fold(mean + rng.normal(0, 40, mean.shape), LENGTH), camera, ON_CIRCLE)
     assert (layers.n_modes == 2).all()
-    np.testing.assert_allclose(layers.range[:, :2], np.tile([20.0, 2000.0], (20, 1)), atol=40)
+    np.testing.assert_allclose(layers.range[:, :2], np.tile([20.0, 2000.0], (pixels, 1)), atol=40)
     assert np.abs(layers.weight_no_return - 0.4).max() < 0.15
     # Within 2 sigma of range_max, on both sides, there is only c_0.
     for place, modes in ((6430.0, 0), (6570.0, 0), (6300.0, 1), (6700.0, 1)):
@@ -202,7 +204,7 @@ def test_near_surfaces_keep_their_sigma_where_nothing_is_at_the_fold(rng: np.ran
     noisy = replace(RISING, range_max_mm=None, noise=NoiseCurve(np.array([500.0, 7500.0]), np.array([6.0, 400.0])))
     assert noisy.noise is not None
     assert circular_noise(noisy, LENGTH).sigma(900.0) > 5 * noisy.noise.sigma(900.0)  # 4 sigma(d_u) are 1600 mm
-    mean = rng.choice([900.0, 1200.0], size=(100, 40))
+    mean = rng.choice([900.0, 1200.0], size=(100, sized(40, 8)))
     readings = mean + rng.standard_normal(mean.shape) * noisy.noise.sigma(mean)
     readings[3] = 7300.0  # one reading alone at the fold is an outlier
     line, circle = layer_pixels(readings, noisy), layer_pixels(readings, noisy, ON_CIRCLE)
@@ -210,7 +212,7 @@ def test_near_surfaces_keep_their_sigma_where_nothing_is_at_the_fold(rng: np.ran
     np.testing.assert_array_equal(circle.n_modes, line.n_modes)
     np.testing.assert_allclose(circle.range, line.range, atol=0.1)
     # The noise of a surface at the fold reaches as far, and is no surface of its own.
-    at_fold = fold(7450.0 + 400.0 * rng.standard_normal((100, 40)), LENGTH)
+    at_fold = fold(7450.0 + 400.0 * rng.standard_normal((100, sized(40, 8))), LENGTH)
     assert (layer_pixels(at_fold, noisy, ON_CIRCLE).n_modes == 1).mean() > 0.95
 
 

@@ -105,6 +105,16 @@ def without_checksum(root: h5py.File) -> None:
     dataset.write_direct_chunk((0, 0, 0, 0), data[:-4], 1 << bit)
 
 
+def reshaped(name: str, shape: tuple[int, ...]) -> Change:
+    """A dataset of that name and of another shape."""
+
+    def change(root: h5py.File) -> None:
+        del root[name]
+        root[name] = np.zeros(shape, "f4")
+
+    return change
+
+
 def emptied(root: h5py.File) -> None:
     """Make a dataset anew, with all but its first chunk missing."""
     old = root["n_samples"]
@@ -166,6 +176,10 @@ def test_faults_of_layers(layers: Path, change: Change, line: str) -> None:
         (flip("temperature"), "temperature: cannot be read"),
         (flip("truth/n_modes"), "truth/n_modes: cannot be read"),
         (attribute("sensor", "range_max_mm", -1.0), "sensor: range_max_mm"),
+        (reshaped("temperature", (7,)), r"temperature: expected one number a frame, got float32 of shape \(7,\)"),
+        (reshaped("truth/n_modes", (16, 21)), r"truth/n_modes: shape \(16, 21\) does not go with range"),
+        (reshaped("truth/range_true", (16, 20)), r"truth/range_true: shape \(16, 20\) does not go with range"),
+        (reshaped("truth/weight_true", (16, 20, 3)), r"truth/weight_true: shape \(16, 20, 3\) differs from range_true"),
     ],
 )  # fmt: skip
 def test_faults_of_recordings(recording: Path, change: Change, line: str) -> None:

@@ -90,3 +90,48 @@ def test_what_is_neither_a_file_nor_an_address_is_refused_at_once(scheduler: str
     pytest.importorskip("distributed")
     with pytest.raises(StorageError, match="cannot be reached"), cluster.open_cluster(scheduler, memory_bytes=1):
         pass
+
+
+class Ended:
+    """A task that has ended with an error."""
+
+    def __init__(self, error: Exception, status: str = "error") -> None:
+        self.status, self._error = status, error
+
+    def result(self) -> object:
+        raise self._error
+
+
+def test_errors_of_a_block_are_told_apart() -> None:
+    given_up = type("KilledWorker", (Exception,), {"__module__": "distributed.scheduler"})
+    with pytest.raises(StorageError, match="the cluster gave up a block: after 3 tries"):
+        cluster._result(Ended(given_up("after 3 tries")))
+    with pytest.raises(StorageError, match="the cluster gave up a block: CancelledError"):
+        cluster._result(Ended(type("CancelledError", (Exception,), {})(), status="cancelled"))
+    with pytest.raises(BadInputError, match="another file"):
+        cluster._result(Ended(BadInputError("another file")))
+    with pytest.raises(ZeroDivisionError):  # a bug of ours keeps its name
+        cluster._result(Ended(ZeroDivisionError()))
+
+
+class Scheduler:
+    """A client of a scheduler whose workers answer so."""
+
+    def __init__(self, answer: dict[str, dict[str, str]] | Exception) -> None:
+        self._answer = answer
+
+    def get_versions(self, *, check: bool) -> None:
+        assert check
+        if isinstance(self._answer, Exception):
+            raise self._answer
+
+    def run(self, _: object) -> object:
+        return self._answer
+
+
+def test_workers_that_would_compute_something_else_are_refused_before_any_work() -> None:
+    cluster._check_workers(Scheduler({"a": identity(), "b": identity()}), "here")
+    with pytest.raises(UsageError, match=r"numba 0\.1 there"):
+        cluster._check_workers(Scheduler({"a": identity(), "b": identity() | {"numba": "0.1"}}), "here")
+    with pytest.raises(UsageError, match="here: its workers cannot run tofmix: no module"):
+        cluster._check_workers(Scheduler(ValueError("no module")), "here")

@@ -13,6 +13,7 @@ from tofmix.reconcile.joint import Recording, check_camera, joint_likelihood, te
 from tofmix.reconcile.likelihood import Likelihood, Part
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.profiles import numeric
+from tofmix.reconcile.words import summary_lines
 from tofmix.reconcile.workflow import Reconciliation, reconcile
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects import Effect
@@ -109,7 +110,9 @@ def test_a_second_distance_tells_an_offset_from_a_pose(model: Model) -> None:
     hidden = MAKE["range_offset"](offset_mm=1.5)
     first, second = recorded(near, hidden), recorded(far, hidden, seed=6)
     settings = Settings(kinds=("range_offset", "surface_pose"), tolerance=0.0)
-    alone = reconcile(near, first, settings).as_dict()
+    single = reconcile(near, first, settings)
+    alone = single.as_dict()
+    assert any(line.startswith("not told apart: ") for line in summary_lines(single))
     assert {kind for group in alone["aliases"] for kind in group["kinds"]} == {"range_offset", "surface_pose"}
     both = reconcile(near, first, settings, also=[(far, second)])
     assert _kinds(both) == ["range_offset"]

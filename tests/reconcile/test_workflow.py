@@ -13,9 +13,12 @@ from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.localise import localise
 from tofmix.reconcile.name import KINDS
 from tofmix.reconcile.profiles import numeric
+from tofmix.reconcile.words import headline
 from tofmix.reconcile.workflow import Reconciliation, reconcile
+from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
+from tofmix.simulation.prediction import predict
 
 HIDDEN: tuple[tuple[str, dict[str, Any]], ...] = (
     ("range_offset", {"offset_mm": 15.0}),
@@ -70,6 +73,7 @@ def test_what_no_effect_is_gets_no_name_but_a_place(model: Model, record: Record
     assert result.verified.verdict == "unexplained"
     assert result.named == ()
     assert result.where[0].axis == "frame"
+    assert "None of the known effects explains it" in headline(result)
 
 
 def test_a_shift_is_told_in_mm_where_many_pixels_see_nothing(
@@ -90,3 +94,36 @@ def test_the_same_seed_gives_the_same_outcome(model: Model, record: Record) -> N
         return result.as_dict()
 
     assert run() == run()
+
+
+def test_a_pattern_and_what_it_could_stand_for_are_told_apart(model: Model, record: Record) -> None:
+    """A pattern can take up any static bias: the law that gains beside it has the precedence, and both are named."""
+    hidden = (
+        MAKE["fixed_pattern"](pixel_sigma_mm=10.0, column_sigma_mm=3.0, row_sigma_mm=3.0),
+        MAKE["wiggling"](amplitude_mm=20.0, phase_rad=0.7),
+    )
+    result = reconcile(model, record(*hidden), Settings(kinds=("fixed_pattern", "wiggling", "range_offset")))
+    assert result.verified.verdict == "explained"
+    assert {n.effect.kind for n in result.named} == {"fixed_pattern", "wiggling"}
+    (swing,) = (numeric(n.effect) for n in result.named if n.effect.kind == "wiggling")
+    assert 10.0 < swing["amplitude_mm"] < 25.0  # of 20: the pattern has a part of it
+    assert swing["phase_rad"] == pytest.approx(0.7, abs=0.6)
+    assert result.verified.closed is not None
+    assert result.verified.closed > 0.85
+
+
+def test_light_that_is_too_much_is_found_at_its_amplitude(model: Model, record: Record) -> None:
+    brightest = predict(model, cast_scene(model)).amplitude.max()
+    hidden = MAKE["saturation"](full_well_amplitude=0.6 * float(brightest))
+    result = reconcile(model, record(hidden), Settings(kinds=("saturation", "dropout", "outliers")))
+    assert [n.effect.kind for n in result.named] == ["saturation"]
+    found = numeric(result.named[0].effect)["full_well_amplitude"]
+    assert found == pytest.approx(0.6 * brightest, rel=0.25)  # few pixels are near it
+
+
+@pytest.mark.parametrize("split", ["frames", "pixels"])
+def test_pixels_or_frames_alone_can_be_held_out(model: Model, record: Record, split: str) -> None:
+    settings = Settings(kinds=("range_offset", "outliers"), split=split)
+    result = reconcile(model, record(MAKE["range_offset"](offset_mm=12.0)), settings)
+    assert [n.effect.kind for n in result.named] == ["range_offset"]
+    assert abs(result.named[0].parameters["offset_mm"] - 12.0) < 4 * result.named[0].stderr["offset_mm"]

@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tofmix.sensors import SensorProfile, load_profile
+from tofmix.simulation import cast, cast_kernel
 from tofmix.simulation.builtin import builtin_text
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Model, Surface
@@ -18,6 +19,12 @@ from tofmix.simulation.truth import Truth
 Floats = NDArray[np.float64]
 MakeModel = Callable[..., Model]
 CastTwin = Callable[..., tuple[Floats, Floats]]
+
+
+@pytest.fixture
+def kernel_casts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel itself, also where its twin, which is less precise, has taken its place elsewhere."""
+    monkeypatch.setattr(cast, "cast_row", cast_kernel.cast_row)
 
 
 @pytest.fixture

@@ -3,14 +3,17 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+import cast_twin
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from sizes import sized
 
 from tofmix.errors import BadInputError
-from tofmix.simulation import cast
+from tofmix.simulation import cast, cast_kernel
 from tofmix.simulation.cast import MIN_SHARE, cast_scene
 from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.scene import scene_arrays
 from tofmix.simulation.truth import Truth
 
 Floats = NDArray[np.float64]
@@ -21,6 +24,9 @@ ROW = np.radians(39.0 / 144)
 SHARE = 0.001  # the contract
 WALL = Surface(name="wall", center_mm=(0, 0, 4000), size_mm=(4000, 4000))
 P_R = 1.0e-4
+
+
+pytestmark = pytest.mark.usefixtures("kernel_casts")
 
 
 def by_surface(truth: Truth, row: int, col: int, surfaces: int) -> tuple[Floats, Floats]:
@@ -36,7 +42,7 @@ def by_surface(truth: Truth, row: int, col: int, surfaces: int) -> tuple[Floats,
 def test_vertical_edges_have_the_closed_form_share(make_model: MakeModel) -> None:
     """An edge along the grid, at 60 positions and on sub-beams, where a regular 32 x 32 is off by up to 0.016."""
     left = -0.5 * PIXEL
-    for share in [*np.linspace(0.003, 0.997, 60), 1 / 64, 0.5, 31 / 32, 0.5 + 1 / 64]:
+    for share in [*np.linspace(0.003, 0.997, sized(60, 6)), 1 / 64, 0.5, 31 / 32, 0.5 + 1 / 64]:
         x = 2000 * np.tan(left + share * PIXEL)
         board = Surface(name="board", center_mm=(x - 500, 0, 2000), size_mm=(1000, 1000))
         truth = cast_scene(make_model(board, WALL))
@@ -62,7 +68,8 @@ def test_horizontal_edges_have_the_closed_form_share(make_model: MakeModel, shar
 def test_a_wire_thinner_than_any_grid_is_not_missed(make_model: MakeModel, width_mm: float) -> None:
     wire = Surface(name="wire", center_mm=(1.234, 0, 2000), size_mm=(width_mm, 1000))
     expected = width_mm / 2000 / PIXEL
-    shares = [by_surface(cast_scene(make_model(wire, WALL)), row, 5, 2)[0][0] for row in range(9)]
+    truth = cast_scene(make_model(wire, WALL))
+    shares = [by_surface(truth, row, 5, 2)[0][0] for row in range(9)]
     np.testing.assert_allclose(shares, expected, atol=SHARE)
     assert np.mean(shares) == pytest.approx(expected, rel=0.3)
 
@@ -214,9 +221,39 @@ def test_outlier_probability_takes_its_share_of_all(make_model: MakeModel) -> No
 
 
 def test_too_many_surfaces_are_refused(make_model: MakeModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    slats = [Surface(name=f"{k}", center_mm=(0.02 * k - 4, 0, 2000 + k), size_mm=(0.01, 500)) for k in range(400)]
+    count = sized(400, 6)
+    monkeypatch.setattr(cast, "_MAX_LAYERS", sized(255, 3))
+    slats = [
+        Surface(name=f"{k}", center_mm=(8.0 / count * k - 4, 0, 2000 + k), size_mm=(4.0 / count, 500))
+        for k in range(count)
+    ]
     with pytest.raises(BadInputError, match=r"pixel \(\d, 5\) sees \d+ surfaces"):
         cast_scene(make_model(*slats))
-    monkeypatch.setattr(cast, "MAX_SURFACES", 399)
-    with pytest.raises(BadInputError, match="400 surfaces"):
+    monkeypatch.setattr(cast, "MAX_SURFACES", count - 1)
+    with pytest.raises(BadInputError, match=f"{count} surfaces"):
         cast_scene(make_model(*slats))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_are_those_of_the_twin(make_model: MakeModel, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boards = [
+        Surface(
+            name=str(k), center_mm=tuple(rng.uniform((-120, -90, 1500), (120, 90, 3800))),
+            size_mm=tuple(rng.uniform(20, 400, 2)), yaw_deg=rng.uniform(-70, 70), pitch_deg=rng.uniform(-50, 50),
+        )
+        for k in range(3)
+    ]  # fmt: skip
+    model = make_model(*boards, *([WALL, replace(WALL, name="the same plane")] if seed % 2 else []))
+    scene, size = scene_arrays(model), (PIXEL, ROW)
+    azimuths = (np.arange(11) - 5) * PIXEL
+    wanted = rng.random(11) < 0.8
+    for row in (-2, 0, 3):
+        found, twin = (np.zeros((11, len(model.surfaces), 3)) for _ in range(2))
+        cast_kernel.cast_row(row * ROW, azimuths, *size, scene, wanted, found)
+        cast_twin.cast_row(row * ROW, azimuths, *size, scene, wanted, twin)
+        np.testing.assert_allclose(found[..., 0], twin[..., 0], atol=0.02)  # an edge along the grid: 1 / 64
+        np.testing.assert_allclose(found[..., 1:], twin[..., 1:], atol=0.02 * 4000)
+        whole = (twin[..., 0] == 1).any(axis=1)
+        np.testing.assert_allclose(found[whole], twin[whole], rtol=1e-6)  # or a crease crosses it
+        assert not found[~wanted].any()

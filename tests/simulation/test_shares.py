@@ -16,6 +16,8 @@ from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Model, Surface
 from tofmix.simulation.truth import Truth
 
+pytestmark = pytest.mark.usefixtures("kernel_casts")
+
 Floats = NDArray[np.float64]
 MakeModel = Callable[..., Model]
 SHARE = 0.001  # the contract
@@ -119,6 +121,7 @@ def test_every_pixel_of_two_oblique_boards_has_the_polygons_share(make_model: Ma
     np.testing.assert_allclose(nothing, 1 - expected_near - expected_far, atol=SHARE)
 
 
+@pytest.mark.compiled("25,344 pixels")
 def test_shares_of_the_whole_image_at_the_edges_of_the_papers_boards(three_boards: tuple[Model, Truth]) -> None:
     """Every pixel of the built-in scene that an edge crosses, and all around them."""
     model, truth = three_boards

@@ -163,7 +163,7 @@ def _result(future: Any) -> list[tuple[int, EncodedCell]]:  # noqa: ANN401  dist
         raise
     except Exception as error:
         if future.status == "cancelled" or type(error).__module__.startswith(("distributed", "dask", "concurrent")):
-            raise StorageError(f"the cluster gave up a block: {error or type(error).__name__}") from error
+            raise StorageError(f"the cluster gave up a block: {str(error) or type(error).__name__}") from error
         raise
     return result
 
@@ -225,7 +225,9 @@ def open_cluster(scheduler: str, *, memory_bytes: int) -> Iterator[ClusterEngine
             parse_host_port(parse_address(scheduler)[1])  # a client that fails over it leaves a traceback behind
         client = Client(**where, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise StorageError(f"--scheduler {scheduler}: cannot be reached ({error or type(error).__name__})") from error
+        raise StorageError(
+            f"--scheduler {scheduler}: cannot be reached ({str(error) or type(error).__name__})"
+        ) from error
     with client:
         try:
             client.wait_for_workers(1, timeout=_WORKER_TIMEOUT_S)

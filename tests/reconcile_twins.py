@@ -1,0 +1,112 @@
+"""Slow and obvious twins of the kernels of reconcile, whole arrays at a time, in NumPy and SciPy.
+
+`test_kernel.py` holds the kernels against them. Where kernels run as plain Python, where a search would take hours,
+the searches in the tests use the twins (`conftest.py`).
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+Array = NDArray[np.float64]
+Any_ = NDArray[Any]
+
+FLOOR, INVALID_FLOOR = 1e-12, 1e-6
+
+
+def _cells(values: Array, step: float) -> tuple[Array, Array]:
+    """Ranges that are stored as `values`: those of all multiples of the step that round to them."""
+    if step <= 0:
+        return values - 0.5, values + 0.5
+    nearest = np.rint(values / step)
+    lower, upper = np.full(values.shape, np.inf), np.full(values.shape, -np.inf)
+    reach = int(np.ceil(0.5 / step)) + 1
+    for k in range(-reach, reach + 1):
+        place = (nearest + k) * step
+        stored = np.rint(place) == values
+        lower = np.where(stored, np.minimum(lower, place - step / 2), lower)
+        upper = np.where(stored, np.maximum(upper, place + step / 2), upper)
+    return lower, upper
+
+
+def _between(lower: Array, upper: Array) -> Array:
+    """Probability of a standard normal value between two, precise in both tails."""
+    flip = lower > 0
+    return np.asarray(ndtr(np.where(flip, -lower, upper)) - ndtr(np.where(flip, -upper, lower)))
+
+
+def log_likelihood(
+    samples: NDArray[np.uint16], pixels: Any_, frames: Any_, key: Any_, since: Array, frame_bias: Array,
+    extra_variance: Array, pixel_bias: Array, weight: Array, mean: Array, sigma: Array, rate: Array, lit: Any_,
+    invalid: Array, random_density: float, step: float, period: float, by_pixel: Array, by_frame: Array,
+) -> None:  # fmt: skip
+    """Twin of `tofmix.reconcile.kernel.log_likelihood`."""
+    value = samples[np.ix_(frames, pixels)].astype(np.float64)
+    if value.size == 0:
+        return
+    some = np.ix_(key[frames], np.arange(weight.shape[1]), pixels)
+    w, m, s, glows = weight[some], mean[some], sigma[some], lit[some]
+    bias = (rate[some] * since[frames, None, None] + frame_bias[frames, None, None]) + pixel_bias[pixels]
+    m = m + glows * bias
+    s = np.sqrt(s**2 + glows * extra_variance[frames, None, None])
+    lower, upper = _cells(value, step)
+    there = lower < upper
+    lower, upper = np.where(there, lower, 0.0)[:, None], np.where(there, upper, 0.0)[:, None]
+    turn = glows * np.rint((m - 0.5 * (lower + upper)) / period) * period if period > 0 else 0.0
+    inside = np.where(w > 0, w, 0.0) * _between((lower + turn - m) / s, (upper + turn - m) / s)
+    total = inside.sum(axis=1) + random_density * (upper - lower)[:, 0] + FLOOR
+    precision = glows / (s**2 + (upper - lower) ** 2 / 12)
+    slope = (inside * (0.5 * (lower + upper) + turn - m) * precision).sum(axis=1) / total
+    information = (inside * precision).sum(axis=1) / total
+    valid = value > 0
+    ruled = np.log(np.maximum(invalid[np.ix_(key[frames], pixels)], INVALID_FLOOR))
+    terms = np.stack([np.where(valid, np.log(total), ruled), valid * slope, valid * information, valid], axis=-1)
+    by_pixel[pixels] += terms.sum(axis=0)
+    by_frame[frames] += terms.sum(axis=1)
+
+
+def uniform(seed: int, frames: Any_, pixels: Any_) -> Array:
+    """One deviate a sample, by its frame and pixel (SplitMix64)."""
+    mask = (1 << 64) - 1
+    of_frame = [int(t) * 0xBF58476D1CE4E5B9 for t in frames]
+    of_pixel = [int(p) * 0x94D049BB133111EB for p in pixels]
+    first = seed * 0x9E3779B97F4A7C15
+    start = np.array([[(first + a + b) & mask for b in of_pixel] for a in of_frame], dtype=np.uint64)
+    x = (start ^ (start >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    x ^= x >> np.uint64(31)
+    return ((x >> np.uint64(11)).astype(np.float64) + 0.5) / 2.0**53
+
+
+def transform(
+    samples: NDArray[np.uint16], pixels: Any_, frames: Any_, key: Any_, since: Array, frame_bias: Array,
+    extra_variance: Array, pixel_bias: Array, weight: Array, mean: Array, sigma: Array, rate: Array, lit: Any_,
+    random_share: float, low: float, high: float, step: float, period: float, seed: int, out: NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Twin of `tofmix.reconcile.kernel.transform`."""
+    value = samples[np.ix_(frames, pixels)].astype(np.float64)
+    if value.size == 0:
+        return
+    some = np.ix_(key[frames], np.arange(weight.shape[1]), pixels)
+    w, m, s, glows = np.maximum(weight[some], 0.0), mean[some], sigma[some], lit[some]
+    bias = (rate[some] * since[frames, None, None] + frame_bias[frames, None, None]) + pixel_bias[pixels]
+    m = m + glows * bias
+    s = np.sqrt(s**2 + glows * extra_variance[frames, None, None])
+
+    def cdf(at: Array) -> Array:
+        straight = ndtr((at[:, None] - m) / s)
+        if period > 0:
+            inside, turn = np.clip(at, 0.0, period)[:, None], np.floor(m / period)
+            starts = [(turn + k) * period - m for k in (-1, 0, 1)]
+            folded = sum(ndtr((inside + start) / s) - ndtr(start / s) for start in starts)
+            straight = np.where(glows, folded, straight)
+        return np.asarray((w * straight).sum(axis=1) + random_share * np.clip((at - low) / (high - low), 0.0, 1.0))
+
+    lower, upper = _cells(value, step)
+    told = (value > 0) & (lower < upper)
+    lower, upper = np.where(told, lower, 0.0), np.where(told, upper, 0.0)
+    u = uniform(seed, frames, pixels)
+    x = ((1 - u) * cdf(lower) + u * cdf(upper)) / np.maximum(random_share + w.sum(axis=1), FLOOR)
+    out[np.ix_(frames, pixels)] = np.where(told, x, np.nan)
