@@ -13,9 +13,9 @@ from tofmix.reconcile.fits import Fitted, fit
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.profiles import numeric
-from tofmix.reconcile.refit import latent_states
+from tofmix.reconcile.refit import latent_states, settle
 from tofmix.reconcile.searches import problems
-from tofmix.reconcile.standard_errors import polish, standard_errors
+from tofmix.reconcile.standard_errors import standard_errors
 from tofmix.reconcile.workflow import reconcile
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.registry import load_profile
@@ -61,6 +61,10 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
     "range_offset and pixels alone": (
         MAKE["range_offset"](offset_mm=8.0),
         MAKE["fixed_pattern"](pixel_sigma_mm=6.0, column_sigma_mm=0.0, row_sigma_mm=0.0),
+    ),
+    "wiggling and columns": (
+        MAKE["wiggling"](amplitude_mm=20.0, phase_rad=0.7),
+        MAKE["fixed_pattern"](pixel_sigma_mm=2.0, column_sigma_mm=4.0, row_sigma_mm=1.0),
     ),
 }  # fmt: skip
 """Effects that are hidden together."""
@@ -153,10 +157,7 @@ def _fit(likelihood: Likelihood, effects: tuple[Effect, ...]) -> Numbers:
         state = replace(state, effects=(*state.effects, fitted.effect))
         fits[number] = fitted
     likelihood.scene.anchor(state.effects)
-    for _ in range(2):
-        found = polish(Numbers(likelihood=likelihood, state=state, fits=fits, part=part))
-        state, fits = latent_states(likelihood, found.state, part[0]), dict(found.fits)
-    return Numbers(likelihood=likelihood, state=state, fits=fits, part=part)
+    return settle(Numbers(likelihood=likelihood, state=state, fits=fits, part=part))
 
 
 def _one(likelihood: Likelihood, effect: Effect, state: State, part: Part) -> Fitted:

@@ -23,13 +23,13 @@ def model() -> Model:
 
 @pytest.fixture(scope="session")
 def record(model: Model) -> Record:
-    """Simulate the model with effects that it does not say it has."""
+    """Simulate the model, or another one, with effects that it does not say it has."""
 
-    def make(*effects: Effect, seed: int = 5) -> Evidence:
-        real = replace(model, effects=effects)
+    def make(*effects: Effect, seed: int = 5, of: Model = model) -> Evidence:
+        real = replace(of, effects=effects)
         (block,) = render_blocks(real, cast_scene(real), n_frames=FRAMES, seed=seed, block_frames=FRAMES)
         range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
-        return make_evidence(model, range_mm, time_s=block.time_s)
+        return make_evidence(of, range_mm, time_s=block.time_s)
 
     return make
 

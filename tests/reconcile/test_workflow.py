@@ -37,6 +37,7 @@ def test_a_hidden_effect_is_named(model: Model, record: Record, kind: str, param
     result = reconcile(model, record(MAKE[kind](**parameters)), Settings(kinds=_few(kind)))
     assert result.verified.verdict == "explained"
     assert [n.effect.kind for n in result.named] == [kind]
+    assert ("between samples 1" in headline(result)) == (kind == "temporal_correlation")
     found, errors = numeric(result.named[0].effect), result.named[0].stderr
     for name, value in parameters.items():
         if isinstance(value, float) and name != "burst_frames":

@@ -29,7 +29,6 @@ from tofmix.simulation.effects.fixed_pattern import FixedPattern
 CRUMB = 0.01
 """Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
 
-_RIVALS = 1  # of an effect that are tried in its place
 _FAIR = 0.5  # share of the best candidate's score from which another may begin a way
 
 _COVERED = 0.999  # share of the beam that surfaces fill
@@ -149,7 +148,7 @@ def _followed(search: _Search) -> Added:
         panel = compare(likelihood, near, _covered(likelihood, search.state, held), seed=settings.seed)
         if not disagreements(panel, settings.alpha) or len(search.chosen) >= settings.max_effects:
             break
-        names = sorted((c.kind, getattr(c.effect, "surface", "")) for c in search.chosen)
+        names = sorted(_name(c) for c in search.chosen)
         if names in stood or not _round(search):  # what was added before was dropped again
             break
         stood.append(names)
@@ -222,7 +221,7 @@ def _take(search: _Search, best: Candidate, found: Sequence[Candidate]) -> None:
 
 
 def _exchange(search: _Search, part: Part) -> None:
-    """Put a rival in the place of an earlier effect where it does better beside what has come since.
+    """Put the closest rival in the place of an earlier effect where it does better beside what has come since.
 
     A rival is worth the trial if it was no further behind than what the later effects have gained.
     """
@@ -230,22 +229,22 @@ def _exchange(search: _Search, part: Part) -> None:
     test = likelihood.evidence.part(fit=False, split=search.settings.split)
     for k, old in enumerate(search.chosen[:-1]):
         later = sum(c.gain for c in search.chosen[k + 1 :])
-        names = {(c.kind, getattr(c.effect, "surface", "")) for c in search.chosen}
+        names = [_name(c) for c in search.chosen]
+        usable = (c for c in search.rivals[k] if c.fitted is not None and _name(c) not in names)
+        rival = next(usable, None)
+        if rival is None or old.score - rival.score >= later:
+            continue
         worth = likelihood.value(search.state, test) - PRICE_NATS * old.parameters
-        near = [
-            c for c in search.rivals[k]
-            if c.fitted is not None and old.score - c.score < later
-            and (c.kind, getattr(c.effect, "surface", "")) not in names
-        ]  # fmt: skip
-        for rival in near[:_RIVALS]:
-            effects = list(search.state.effects)
-            effects[k] = rival.effect
-            trial = [*search.chosen[:k], rival, *search.chosen[k + 1 :]]
-            state, trial = refit(likelihood, replace(search.state, effects=tuple(effects)), trial, part)
-            found = likelihood.value(state, test) - PRICE_NATS * rival.parameters
-            if found > worth + PRICE_NATS:
-                search.state, search.chosen, worth = state, trial, found
+        effects = (*search.state.effects[:k], rival.effect, *search.state.effects[k + 1 :])
+        trial = [*search.chosen[:k], rival, *search.chosen[k + 1 :]]
+        state, trial = refit(likelihood, replace(search.state, effects=effects), trial, part)
+        if likelihood.value(state, test) - PRICE_NATS * rival.parameters > worth + PRICE_NATS:
+            search.state, search.chosen = state, trial
         likelihood.scene.anchor(search.state.effects)
+
+
+def _name(candidate: Candidate) -> tuple[str, str]:
+    return candidate.kind, getattr(candidate.effect, "surface", "")
 
 
 def _best(trial: Trial, found: Sequence[Candidate]) -> Candidate | None:

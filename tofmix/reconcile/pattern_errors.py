@@ -5,14 +5,14 @@ over the root of their number. That spread is known from few columns and rows: e
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_solve
 
 from tofmix.arrays import FloatArray
 from tofmix.reconcile.curvature import SOFT, Numbers, Parabola, inverse
-from tofmix.reconcile.pixel_pattern import PatternLines
+from tofmix.reconcile.pixel_pattern import PatternLines, marginal_pattern, pixel_biases
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
@@ -39,6 +39,17 @@ class Averaged:
 def pattern_of(effects: tuple[Effect, ...]) -> FixedPattern | None:
     """The fixed pattern among effects."""
     return next((e for e in effects if isinstance(e, FixedPattern)), None)
+
+
+def integrated(numbers: Numbers, pattern: FixedPattern) -> float:
+    """What fits maximise, the pattern's values integrated out, for its spreads as they are."""
+    likelihood, state = numbers.likelihood, numbers.state
+    bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
+    mixture = likelihood.scene.mixture(state.effects)
+    found = pixel_biases(likelihood, mixture, bare, numbers.part)
+    spreads = (pattern.pixel_sigma_mm, pattern.column_sigma_mm, pattern.row_sigma_mm)
+    gain = marginal_pattern(found, likelihood.evidence.image, spreads)[0]
+    return likelihood.sums(mixture, bare, numbers.part).total + likelihood.heard(state) + gain
 
 
 class UnderPattern:

@@ -11,9 +11,12 @@ from tofmix.reconcile.curvature import Numbers
 from tofmix.reconcile.fits import fit
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.name import Candidate
+from tofmix.reconcile.pattern_errors import pattern_of
 from tofmix.reconcile.standard_errors import polish
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
+
+_MOST_TURNS = 8
 
 
 def refit(
@@ -42,12 +45,25 @@ def refit(
             state = replace(state, effects=(*rest.effects[:k], fitted.effect, *rest.effects[k:]))
     likelihood.scene.anchor(state.effects)
     state = latent_states(likelihood, state, part[0])
-    last = polish(numbers(likelihood, state, chosen, part))
-    likelihood.scene.anchor(last.state.effects)
-    state = latent_states(likelihood, last.state, part[0])
-    for k, candidate in enumerate(chosen):
-        chosen[k] = replace(candidate, effect=state.effects[k], fitted=last.fits.get(k, candidate.fitted))
-    return state, chosen
+    last = settle(numbers(likelihood, state, chosen, part))
+    ends = [replace(c, fitted=last.fits.get(k, c.fitted)) for k, c in enumerate(chosen)]
+    return last.state, [replace(c, effect=e) for c, e in zip(ends, last.state.effects, strict=True)]
+
+
+def settle(numbers: Numbers) -> Numbers:
+    """Move all numbers at once to the top of the log-likelihood; latent states follow.
+
+    Numbers and a fixed pattern's spreads are moved by turns, until the numbers stay.
+    """
+    for _ in range(_MOST_TURNS):
+        last = polish(numbers)
+        if last is numbers:
+            break
+        last.likelihood.scene.anchor(last.state.effects)
+        numbers = replace(last, state=latent_states(last.likelihood, last.state, last.part[0]))
+        if pattern_of(numbers.state.effects) is None:
+            break
+    return numbers
 
 
 def without(state: State, number: int) -> State:

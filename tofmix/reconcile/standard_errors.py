@@ -6,7 +6,7 @@ samples are fewer than they look: the errors are then those of scores summed ove
 """
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -14,13 +14,14 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconcile.curvature import Numbers, Parabola, inverse, parabola
 from tofmix.reconcile.evidence import BLOCK_FRAMES, BLOCK_PIXELS, Evidence
-from tofmix.reconcile.pattern_errors import UnderPattern, pattern_of
+from tofmix.reconcile.pattern_errors import UnderPattern, integrated, pattern_of
 from tofmix.reconcile.profiles import Parameter, numeric, parabola_error, stretch
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
 _MOST_STEPS = 4
 _ENOUGH = 0.01  # nats that are not worth a step
-_FARTHEST = 200.0  # nats that a step under a pattern may gain; beyond, the log-likelihood is no parabola
+_PARTS = (1.0, 0.5, 0.2, 0.05)  # of a step that are tried
+_OFF = 0.1  # from the part that was tried, of it, where another is worth a trial
 
 
 def polish(numbers: Numbers) -> Numbers:
@@ -31,7 +32,6 @@ def polish(numbers: Numbers) -> Numbers:
     """
     pattern = pattern_of(numbers.state.effects)
     for _ in range(_MOST_STEPS if pattern is None else 1):
-        x = numbers.vector
         about = parabola(numbers)
         if about is None:
             break
@@ -39,26 +39,52 @@ def polish(numbers: Numbers) -> Numbers:
         gain = 0.5 * float(about.slope @ move)
         if gain < _ENOUGH:
             break
-        if pattern is not None:
-            return _patterned(numbers, x + move * about.steps, gain)
-        better = _better(numbers, x, move * about.steps)
+        better = _better(_Way(numbers, move * about.steps, pattern), gain)
         if better is None:
             break
         numbers = better
     return numbers
 
 
-def _patterned(numbers: Numbers, wanted: FloatArray, gain: float) -> Numbers:
-    return numbers if gain > _FARTHEST or numbers.at(wanted) is None else numbers.moved(wanted)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Way:
+    """The numbers along a step, and what fits maximise there."""
+
+    numbers: Numbers
+    move: FloatArray
+    pattern: FixedPattern | None
+
+    def at(self, part: float) -> tuple[float, Numbers]:
+        """Its height and the numbers after a part of the step; minus infinity out of bounds."""
+        try:
+            moved = self.numbers.moved(self.numbers.vector + part * self.move)
+        except ValueError:
+            return -math.inf, self.numbers
+        if self.pattern is not None:
+            return integrated(moved, self.pattern), moved
+        found = moved.at(moved.vector)
+        return -math.inf if found is None else found.total, moved
 
 
-def _better(numbers: Numbers, x: FloatArray, move: FloatArray) -> Numbers | None:
-    """A step, or a part of it, that raises the log-likelihood."""
-    top = numbers.at(x)
-    for part in (1.0, 0.5, 0.2, 0.05):
-        found = numbers.at(x + part * move)
-        if top is not None and found is not None and found.total > top.total:
-            return numbers.moved(x + part * move)
+def _better(way: _Way, gain: float) -> Numbers | None:
+    """A step, or a part of it, that raises the log-likelihood; where the part tells of a better one, that.
+
+    Parameters
+    ----------
+    way : _Way
+        The step.
+    gain : float
+        What half the slope along it promises, nats: a parabola of that slope through any point has its top where the
+        next part is.
+    """
+    top, _ = way.at(0.0)
+    for part in _PARTS:
+        height, found = way.at(part)
+        if height > top:
+            bend = 2 * gain * part - (height - top)
+            near = gain * part**2 / bend if bend > 0 else part
+            other, nearer = way.at(near) if abs(near / part - 1) > _OFF else (-math.inf, found)
+            return nearer if other > height else found
     return None
 
 

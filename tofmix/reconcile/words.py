@@ -44,6 +44,9 @@ def where_text(place: Place, result: Reconciliation) -> str:
     axis = _AXES.get(place.axis, place.axis)
     within = f" in recording {place.recording + 1}" if len(result.models) > 1 else ""
     size = f"{place.statistic.replace('_', ' ')} of {place.size:+.3g}{' mm' if place.unit == 'mm' else ''}"
+    if place.statistic == "memory":
+        frames = f"{low:g} to {high:g} frames" if high > low else f"{low:g} frame{'s' if low > 1 else ''}"
+        return f"between samples {frames} apart{within} ({size})"
     if place.axis == "all":
         return f"everywhere{within} ({size})"
     if place.axis == "surface":
