@@ -96,7 +96,7 @@ def deviations(model: Model, effects: tuple[Effect, ...], beside: tuple[Effect, 
     effects : tuple of Effect
         Hidden, and fitted.
     beside : tuple of Effect
-        Hidden, and not fitted.
+        Hidden, and known.
     seed : int
         Of the recording.
 
@@ -109,9 +109,10 @@ def deviations(model: Model, effects: tuple[Effect, ...], beside: tuple[Effect, 
     (block,) = render_blocks(real, cast_scene(real), n_frames=FRAMES, seed=seed, block_frames=FRAMES)
     range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
     evidence = make_evidence(model, range_mm, time_s=block.time_s)
-    known = _named if any(e.kind in LATENT for e in effects) else _fitted
+    latent = any(e.kind in LATENT for e in effects)
+    known = _named(model, evidence, effects) if latent else _fitted(model, evidence, effects, beside)
     out: dict[str, float] = {}
-    for wanted, (effect, errors) in zip(effects, known(model, evidence, effects), strict=False):
+    for wanted, (effect, errors) in zip(effects, known, strict=False):
         out |= _distances(wanted, effect, errors)
     return out
 
@@ -138,18 +139,18 @@ def _named(model: Model, evidence: Evidence, effects: tuple[Effect, ...]) -> lis
     return [(n.effect, n.stderr) for n in result.named]
 
 
-def _fitted(model: Model, evidence: Evidence, effects: tuple[Effect, ...]) -> list[_Known]:
-    numbers = _fit(Likelihood(evidence, Scene(model, evidence.time_s)), effects)
+def _fitted(model: Model, evidence: Evidence, effects: tuple[Effect, ...], beside: tuple[Effect, ...]) -> list[_Known]:
+    numbers = _fit(Likelihood(evidence, Scene(model, evidence.time_s)), effects, beside)
     errors = standard_errors(numbers)
-    return [(effect, errors[k]) for k, effect in enumerate(numbers.state.effects)]
+    return [(effect, errors[k]) for k, effect in enumerate(numbers.state.effects) if k >= len(beside)]
 
 
-def _fit(likelihood: Likelihood, effects: tuple[Effect, ...]) -> Numbers:
+def _fit(likelihood: Likelihood, effects: tuple[Effect, ...], beside: tuple[Effect, ...]) -> Numbers:
     """Fit effects that are known by kind and surface, one given the others, as the search does; then all at once."""
     pixels = likelihood.evidence.shape[1]
     part = np.flatnonzero(likelihood.evidence.fit_frames), np.arange(pixels)
-    state, fits = likelihood.start(), dict[int, Fitted]()
-    for number, effect in enumerate(effects):
+    state, fits = replace(likelihood.start(), effects=beside), dict[int, Fitted]()
+    for number, effect in enumerate(effects, len(beside)):
         if effect.kind == "fixed_pattern":
             state = latent_states(likelihood, replace(state, effects=(*state.effects, effect)), part[0])
             continue

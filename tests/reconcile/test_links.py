@@ -11,7 +11,8 @@ from scipy.optimize import minimize_scalar
 from tofmix.reconcile.bursts import forward
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Likelihood
-from tofmix.reconcile.links import find_stuck, fit_interference, fit_memory
+from tofmix.reconcile.links import find_stuck, fit_interference
+from tofmix.reconcile.memory import fit_memory
 from tofmix.reconcile.mixture import Scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model

@@ -21,7 +21,7 @@ from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.localise import disagreements
-from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, pattern_gain, tolerated
+from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, gain_beside, tolerated
 from tofmix.reconcile.refit import refit, without
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -251,7 +251,7 @@ def _best(trial: Trial, found: Sequence[Candidate]) -> Candidate | None:
     """The best candidate; before a fixed pattern, a structured effect that gains beside it."""
     if not found or found[0].kind != FixedPattern.kind:
         return found[0] if found else None
-    alone = found[0].gain
+    alone = gain_beside(trial, trial.state, trial.mixture, cast("FixedPattern", found[0].effect))
     beside = []
     for other in found[1:]:
         if other.fitted is None or other.gain < PRICE_NATS * other.parameters + 10:
@@ -267,7 +267,7 @@ def _with_pattern(trial: Trial, other: Candidate, pattern: Candidate) -> float:
     mixture = trial.likelihood.scene.mixture(other.state.effects)
     fitted = links.fit_pattern(trial.likelihood, mixture, other.state, trial.fit_part)
     effect = fitted[0] if fitted is not None else cast("FixedPattern", pattern.effect)
-    return other.gain + pattern_gain(trial, other.state, mixture, effect)
+    return gain_beside(trial, other.state, mixture, effect)
 
 
 def _aliases(best: Candidate, found: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:

@@ -12,13 +12,12 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.reconcile.joint import View, views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
-from tofmix.reconcile.links import whitened
+from tofmix.reconcile.memory import memory_of, whitened
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.panel import Curve, discreteness, invalid, neighbours, panel_axes, shapes
 from tofmix.reconcile.panel_lines import lines
 from tofmix.reconcile.panel_time import in_time
 from tofmix.reconcile.telling import telling_of
-from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
 _FAR = np.float32(4.0)  # scores beyond count as this: fourth powers must not hang on one sample
 
@@ -54,13 +53,13 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
         The state's, if it is at hand.
     """
     m = likelihood.scene.mixture(state.effects) if mixture is None else mixture
-    memory = [e.coefficient for e in state.effects if isinstance(e, TemporalCorrelation)]
+    memory = memory_of(state)
     scored = (np.arange(likelihood.evidence.shape[0]), part[1]) if memory else part
     z = likelihood.scores(state, scored, seed, m)
     curves: list[Curve] = []
     pattern = np.full((len(likelihood.evidence.starts), likelihood.evidence.shape[1]), np.nan)
     for view in views(likelihood, m, part):
-        own = z[view.frames] if not memory else whitened(z[view.frames], view.mixture, memory[0])
+        own = z[view.frames] if not memory else whitened(z[view.frames], view.mixture, memory)
         own = np.clip(own[view.part[0]][:, view.part[1]], -_FAR, _FAR)
         gains = telling_of(own, view.evidence, view.mixture, view.part)
         curves += [

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.reconcile import links
 from tofmix.reconcile.likelihood import Likelihood, State
+from tofmix.reconcile.memory import fit_memory, memory_error
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.quantisation import Quantisation
@@ -36,8 +36,8 @@ def latent_errors(likelihood: Likelihood, state: State, effect: Effect, seed: in
         everything = np.arange(frames), np.arange(pixels)
         mixture = likelihood.scene.mixture(state.effects)
         z = likelihood.scores(state, everything, seed, mixture)
-        refitted = links.fit_memory(likelihood, z, mixture, everything) or effect
-        return refitted, {"coefficient": links.memory_error(likelihood, z, mixture, everything)}
+        refitted = fit_memory(likelihood, z, mixture, everything) or effect
+        return refitted, {"coefficient": memory_error(likelihood, z, mixture, everything)}
     if isinstance(effect, Quantisation):
         return effect, {"step_mm": 0.5 * effect.step_mm**2 / likelihood.scene.model.sensor.range_max_mm}
     return effect, {}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
-from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconcile.bursts import forward
 from tofmix.reconcile.joint import View, views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
@@ -21,19 +21,13 @@ from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
-from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
 _MOST_STUCK = 0.05  # more constant pixels than this are no defect but a lattice
 _UNLIKELY_NATS = 25.0  # a constant pixel that the model explains to within this is not stuck
 VALUE_NATS = math.log(65_534.0)  # price of a stuck pixel's value, any whole mm being as good
-_MAIN = 0.95
-_FAR = 5.0  # sigma: random values have no memory
-_LEAST_PAIRS = 1000
 _CHANCE = 2.0  # standard deviations
 _MOST_FRAMES = 0.9  # that bursts may fill
 _NEXT = math.log(2.0)  # from one size of bursts that is tried first to the next
-
-_Pairs = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def find_stuck(likelihood: Likelihood, mixture: Mixture, state: State) -> State | None:
@@ -158,79 +152,3 @@ def pattern_map(
 def with_map(effect: FixedPattern, pattern: FloatArray, image: tuple[int, int]) -> FixedPattern:
     """The effect with a map (pixel,), mm; it keeps the spreads."""
     return replace(effect, map=PixelMap("fixed_pattern.npy", pattern.reshape(image).astype(np.float32)))
-
-
-def whitened(z: Float32Array, mixture: Mixture, coefficient: float) -> Float32Array:
-    """Scores (frame, pixel) given those of the frame before, where a pixel sees one surface.
-
-    Whole mm add a noise that has no memory: the score of a sample of sigma s remembers its forerunner by
-    rho s^2 / (s^2 + 1/12).
-    """
-    rho = np.where(_one_surface(mixture), coefficient * attenuation(mixture), 0.0).astype(np.float32)
-    before = np.vstack([np.full((1, z.shape[1]), np.nan, dtype=np.float32), z[:-1]])
-    known = np.isfinite(before)
-    return np.where(known, (z - rho * np.where(known, before, 0)) / np.sqrt(1 - rho**2), z).astype(np.float32)
-
-
-def attenuation(mixture: Mixture) -> FloatArray:
-    """Share (pixel,) of a score's variance that is the camera's, not that of whole mm."""
-    cell = max(mixture.step, 1.0)
-    sigma = mixture.of_main(mixture.sigma)
-    return np.asarray(sigma**2 / (sigma**2 + cell**2 / 12))
-
-
-def _one_surface(mixture: Mixture) -> FloatArray:
-    total = 1.0 - mixture.invalid[0]
-    return np.asarray(mixture.of_main(mixture.weight) > _MAIN * np.maximum(total, 1e-9))
-
-
-def _pairs(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> _Pairs:
-    """Scores of a part's samples, those a frame before, and their attenuation; slow changes taken out."""
-    found = [_pairs_of(z[view.frames], view.mixture, view.part) for view in views(likelihood, mixture, part)]
-    now, before, near = (np.concatenate(values) for values in zip(*found, strict=True))
-    return now, before, near
-
-
-def _pairs_of(z: Float32Array, mixture: Mixture, part: Part) -> _Pairs:
-    pixels = part[1][_one_surface(mixture)[part[1]]]
-    scores = z[:, pixels]
-    ok = np.isfinite(scores)
-    mean = np.nansum(scores, axis=0) / np.maximum(ok.sum(axis=0), 1)
-    flat = np.where(ok, scores - mean, np.nan)
-    count = np.maximum(np.isfinite(flat).sum(axis=1, keepdims=True), 1)
-    flat = flat - np.nansum(flat, axis=1, keepdims=True) / count
-    wanted = np.zeros(len(z), dtype=bool)
-    wanted[part[0]] = True
-    both = np.flatnonzero(wanted[1:] & wanted[:-1]) + 1
-    now, before = flat[both], flat[both - 1]
-    good = np.isfinite(now) & np.isfinite(before) & (np.abs(now) < _FAR) & (np.abs(before) < _FAR)
-    near = np.broadcast_to(attenuation(mixture)[pixels], now.shape)
-    return now[good].astype(np.float64), before[good].astype(np.float64), near[good]
-
-
-def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> TemporalCorrelation | None:
-    """The correlation of neighbours in time."""
-    now, before, near = _pairs(likelihood, z, mixture, part)
-    if now.size < _LEAST_PAIRS:
-        return None
-    spread = float((now**2).mean() + (before**2).mean()) / 2
-    if spread * float((near**2).sum()) == 0:
-        return None
-    rho = float((near * now * before).sum() / (near**2).sum()) / spread
-    rho += (1 + rho) * len(likelihood.evidence.starts) / len(z)  # Nickell's bias: many pixels, each mean taken out
-    return TemporalCorrelation(coefficient=min(max(rho, -0.98), 0.98))
-
-
-def memory_gain(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
-    """Nats that the last frame's noise is worth for the prediction of the next."""
-    now, before, near = _pairs(likelihood, z, mixture, part)
-    spread = float((now**2).mean())
-    rho = coefficient * near
-    residual = (now - rho * before) ** 2 / (spread * (1 - rho**2))
-    return float(0.5 * (now**2 / spread - residual - np.log(1 - rho**2)).sum())
-
-
-def memory_error(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> float:
-    """Standard error of the coefficient."""
-    _, _, near = _pairs(likelihood, z, mixture, part)
-    return 1.0 / math.sqrt(max(float((near**2).sum()), 1.0))

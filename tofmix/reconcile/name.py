@@ -17,8 +17,9 @@ from tofmix.reconcile.fits import Fitted, fit
 from tofmix.reconcile.joint import View, views
 from tofmix.reconcile.lattice import find_lattice
 from tofmix.reconcile.likelihood import Likelihood, Part, State
+from tofmix.reconcile.memory import fit_memory, memory_gain
 from tofmix.reconcile.mixture import Mixture
-from tofmix.reconcile.pixel_pattern import marginal_pattern, pixel_biases
+from tofmix.reconcile.pixel_pattern import marginal_pattern, pixel_biases, with_pattern
 from tofmix.reconcile.searches import problems
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.excess_noise import ExcessNoise
@@ -193,7 +194,7 @@ def _pattern(trial: Trial) -> Candidate | None:
     if fitted is None:
         return None
     effect, _ = fitted
-    gain = pattern_gain(trial, trial.state, trial.mixture, effect)
+    gain = pattern_gain(trial, effect)
     frames = np.flatnonzero(trial.likelihood.evidence.fit_frames)
     pattern, variance = links.pattern_map(trial.likelihood, trial.mixture, trial.state, effect, frames)
     effect = links.with_map(effect, pattern, trial.likelihood.evidence.image)
@@ -202,18 +203,28 @@ def _pattern(trial: Trial) -> Candidate | None:
     return Candidate(effect=effect, gain=gain, parameters=3, state=state)
 
 
-def pattern_gain(trial: Trial, state: State, mixture: Mixture, effect: FixedPattern) -> float:
+def pattern_gain(trial: Trial, effect: FixedPattern) -> float:
     """Held-out gain of a pattern, all patterns integrated out: the held-out pixels' own were never fitted."""
+    found = pixel_biases(trial.likelihood, trial.mixture, trial.state, trial.test_part)
+    return marginal_pattern(found, trial.likelihood.evidence.image, _spreads(effect))[0]
+
+
+def gain_beside(trial: Trial, state: State, mixture: Mixture, effect: FixedPattern) -> float:
+    """Held-out gain over the trial's state of another one with a pattern, all patterns integrated out."""
     found = pixel_biases(trial.likelihood, mixture, state, trial.test_part)
-    spreads = (effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm)
-    return marginal_pattern(found, trial.likelihood.evidence.image, spreads)[0]
+    bare = trial.likelihood.value(state, trial.test_part, mixture) - trial.base
+    return bare + with_pattern(found, trial.likelihood.evidence.image, _spreads(effect))
+
+
+def _spreads(effect: FixedPattern) -> tuple[float, float, float]:
+    return effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm
 
 
 def _memory(trial: Trial) -> Candidate | None:
-    effect = links.fit_memory(trial.likelihood, trial.scores, trial.mixture, trial.fit_part)
+    effect = fit_memory(trial.likelihood, trial.scores, trial.mixture, trial.fit_part)
     if effect is None:
         return None
-    gain = links.memory_gain(trial.likelihood, trial.scores, trial.mixture, trial.test_part, effect.coefficient)
+    gain = memory_gain(trial.likelihood, trial.scores, trial.mixture, trial.test_part, effect.coefficient)
     state = replace(trial.state, effects=(*trial.state.effects, effect))
     return Candidate(effect=effect, gain=gain, parameters=1, state=state)
 

@@ -18,7 +18,7 @@ from tofmix.reconcile import links
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.name import PRICE_NATS, Candidate
-from tofmix.reconcile.pixel_pattern import marginal_pattern, pixel_biases
+from tofmix.reconcile.pixel_pattern import pixel_biases, with_pattern
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
@@ -149,5 +149,5 @@ def _worth(
         effect = pattern[0]
         spreads = (effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm)
         biases = pixel_biases(likelihood, mixture, state, test)
-        worth += marginal_pattern(biases, likelihood.evidence.image, spreads)[0]
+        worth += with_pattern(biases, likelihood.evidence.image, spreads)
     return worth

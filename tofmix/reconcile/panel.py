@@ -13,6 +13,7 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Part, State
+from tofmix.reconcile.memory import memory_of, one_surface
 from tofmix.reconcile.mixture import Mixture
 
 SHAPES = ("bias", "spread", "skew", "tails")
@@ -162,11 +163,12 @@ def shapes(z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Pa
     count = np.isfinite(z).sum(axis=0)
     sigma = m.of_main(m.sigma)[part[1]]
     unknown = state.pixel_variance[part[1]] / sigma**2  # a map that is measured has errors
+    free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # a memory is taken out where one surface is seen
     for name, power in zip(SHAPES, hermite(z), strict=True):
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
         for axis in axes:
             yield _curve(name, axis, total, count, sigma_of_lit(m, part))
-        enough = count >= _ENOUGH / 10
+        enough = (count >= _ENOUGH / 10) & free
         value = total[enough] / count[enough]
         number = part[1][enough].astype(np.float64)
         own = "pattern" if name == "bias" else f"{name}_pattern"

@@ -7,6 +7,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, IntArray
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Part
+from tofmix.reconcile.memory import one_surface
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.panel import Curve, sigma_of_lit
 
@@ -39,7 +40,9 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
         mean_value = np.bincount(tenth, value * n[some]) / size
         yield Curve(statistic=name, axis="time", lower=start, upper=end, value=mean_value,
                     variance=1.0 / size, unit="s", scale_mm=sigma[: size.size])  # fmt: skip
-    yield from _memory(flat, ok, part[0])
+    alone = one_surface(m)[part[1]]  # of others, a score speaks of which surface was drawn too
+    if alone.any():
+        yield from _memory(flat[:, alone], ok[:, alone], part[0])
 
 
 def _mean_square(flat: Float32Array, ok: BoolArray) -> float:

@@ -12,7 +12,7 @@ from scipy.linalg import cho_solve
 
 from tofmix.arrays import FloatArray
 from tofmix.reconcile.curvature import SOFT, Numbers, Parabola, inverse
-from tofmix.reconcile.pixel_pattern import PatternLines, marginal_pattern, pixel_biases
+from tofmix.reconcile.pixel_pattern import PatternLines, pixel_biases, with_pattern
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
@@ -48,8 +48,8 @@ def integrated(numbers: Numbers, pattern: FixedPattern) -> float:
     mixture = likelihood.scene.mixture(state.effects)
     found = pixel_biases(likelihood, mixture, bare, numbers.part)
     spreads = (pattern.pixel_sigma_mm, pattern.column_sigma_mm, pattern.row_sigma_mm)
-    gain = marginal_pattern(found, likelihood.evidence.image, spreads)[0]
-    return likelihood.sums(mixture, bare, numbers.part).total + likelihood.heard(state) + gain
+    total = likelihood.sums(mixture, bare, numbers.part).total + likelihood.heard(state)
+    return total + with_pattern(found, likelihood.evidence.image, spreads)
 
 
 class UnderPattern:
@@ -64,13 +64,20 @@ class UnderPattern:
         With a fixed pattern, whose values are in the state.
     about : Parabola
         The log-likelihood about them, the values given.
+    pattern : FixedPattern
+        Its spreads.
+    overstated : (pixel,) float64 or float
+        By how much samples that are taken as independent overstate what is known of a pixel's bias.
     """
 
-    def __init__(self, numbers: Numbers, about: Parabola, pattern: FixedPattern) -> None:
+    def __init__(
+        self, numbers: Numbers, about: Parabola, pattern: FixedPattern, overstated: FloatArray | float = 1.0
+    ) -> None:
         self._pattern = pattern
         pulls, known = about.top.by_pixel[:, 1], about.top.by_pixel[:, 2]
-        self._lines = PatternLines(known, numbers.likelihood.evidence.image, pattern.pixel_sigma_mm)
-        use, noise = self._lines.use, self._lines.noise
+        self._lines = PatternLines(known / overstated, numbers.likelihood.evidence.image, pattern.pixel_sigma_mm)
+        use = self._lines.use
+        noise = 1.0 / known[use]
         moved = about.cross[:, use] * noise
         biases = numbers.state.pixel_bias[use] + pulls[use] * noise
         vectors = np.vstack([biases, moved])
@@ -83,6 +90,11 @@ class UnderPattern:
     def curvature(self, column_sigma_mm: float, row_sigma_mm: float) -> FloatArray:
         """Negative second derivatives (number, number) for given spreads."""
         return self._at(column_sigma_mm, row_sigma_mm)[0][1:, 1:] + self._beside
+
+    def slope(self) -> FloatArray:
+        """Slope (number,) for the pattern's own spreads."""
+        products, _ = self._at(self._pattern.column_sigma_mm, self._pattern.row_sigma_mm)
+        return products[1:, 0] + self._slope
 
     def averaged(self) -> Averaged:
         """Integrate over the spreads by column and row, weighted by their restricted likelihood.

@@ -9,6 +9,7 @@ from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State, Sums
+from tofmix.reconcile.memory import inflation
 from tofmix.reconcile.mixture import Mixture
 
 _STEPS = 6  # of the iteration for pixels' biases
@@ -24,17 +25,20 @@ class PixelBiases:
     bias : most likely bias, mm.
     information : its information, 1/mm2; 0 where there is none.
     gain : log-likelihood there over that without it.
+    overstated : by how much samples that are taken as independent overstate both, where the noise has a memory.
     """
 
     bias: FloatArray
     information: FloatArray
     gain: FloatArray
+    overstated: FloatArray | float = 1.0
 
 
 def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> PixelBiases:
     """Find each pixel's bias by expectation maximisation, on top of the state's.
 
-    A bias of many sigma cannot be reached step by step: the median of a pixel's samples is another start.
+    A bias of many sigma cannot be reached step by step: the median of a pixel's samples is another start. Where the
+    noise has a memory, information and gain are less, by as much as the variance of a mean over frames is more.
     """
     first = likelihood.sums(mixture, state, part)
     far = state.pixel_bias + _median_bias(likelihood, mixture, state, part)
@@ -48,10 +52,12 @@ def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: P
     inside = np.zeros(bias.size, dtype=bool)
     inside[part[1]] = True
     inside &= state.working & (sums.by_pixel[:, 2] > 0)
+    overstated = inflation(likelihood, mixture, state, part)
     return PixelBiases(
         bias=np.where(inside, bias - state.pixel_bias, 0.0),
-        information=np.where(inside, sums.by_pixel[:, 2], 0.0),
-        gain=np.where(inside, sums.by_pixel[:, 0] - first.by_pixel[:, 0], 0.0),
+        information=np.where(inside, sums.by_pixel[:, 2] / overstated, 0.0),
+        gain=np.where(inside, (sums.by_pixel[:, 0] - first.by_pixel[:, 0]) / overstated, 0.0),
+        overstated=overstated,
     )
 
 
@@ -118,6 +124,15 @@ def marginal_pattern(
     pattern = np.zeros(found.bias.size)
     pattern[at.use] = stripes + at.own / d * (b - stripes)
     return gain, pattern
+
+
+def with_pattern(found: PixelBiases, image: tuple[int, int], sigmas_mm: tuple[float, float, float]) -> float:
+    """What a pattern integrated out adds to the log-likelihood without one; to be held against other predictions'.
+
+    Each pixel at its best counts as for independent samples, like all log-likelihoods; how far from there it may be,
+    as the memory of the noise has it.
+    """
+    return marginal_pattern(found, image, sigmas_mm)[0] + float((found.gain * (found.overstated - 1)).sum())
 
 
 class PatternLines:

@@ -14,6 +14,7 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.reconcile.curvature import Numbers, Parabola, inverse, parabola
 from tofmix.reconcile.evidence import BLOCK_FRAMES, BLOCK_PIXELS, Evidence
+from tofmix.reconcile.memory import inflation
 from tofmix.reconcile.pattern_errors import UnderPattern, integrated, pattern_of
 from tofmix.reconcile.profiles import Parameter, numeric, parabola_error, stretch
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -35,8 +36,12 @@ def polish(numbers: Numbers) -> Numbers:
         about = parabola(numbers)
         if about is None:
             break
-        move = _covariance(numbers, about, pattern) @ about.slope
-        gain = 0.5 * float(about.slope @ move)
+        slope, curvature = about.slope, about.hessian
+        if pattern is not None:
+            under = _under(numbers, about, pattern)
+            slope, curvature = under.slope(), under.curvature(pattern.column_sigma_mm, pattern.row_sigma_mm)
+        move = inverse(curvature) @ slope
+        gain = 0.5 * float(slope @ move)
         if gain < _ENOUGH:
             break
         better = _better(_Way(numbers, move * about.steps, pattern), gain)
@@ -88,12 +93,10 @@ def _better(way: _Way, gain: float) -> Numbers | None:
     return None
 
 
-def _covariance(numbers: Numbers, about: Parabola, pattern: FixedPattern | None) -> FloatArray:
-    """Of the numbers, a pattern's spreads taken as known."""
-    if pattern is None:
-        return inverse(about.hessian)
-    under = UnderPattern(numbers, about, pattern)
-    return inverse(under.curvature(pattern.column_sigma_mm, pattern.row_sigma_mm))
+def _under(numbers: Numbers, about: Parabola, pattern: FixedPattern) -> UnderPattern:
+    mixture = numbers.likelihood.scene.mixture(numbers.state.effects)
+    overstated = inflation(numbers.likelihood, mixture, numbers.state, numbers.part)
+    return UnderPattern(numbers, about, pattern, overstated)
 
 
 def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
@@ -120,7 +123,7 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
     if pattern is None:
         found += [known, _sandwich(known, _summed(about.by_pixel, pixels))]
     else:
-        averaged = UnderPattern(numbers, about, pattern).averaged()
+        averaged = _under(numbers, about, pattern).averaged()
         found.append(averaged.covariance)
         out[numbers.state.effects.index(pattern)] = _spreads(averaged.spreads_mm)
     start = 0

@@ -16,6 +16,7 @@ from tofmix.reconcile.add import Added, Settings, fit_part, held_out
 from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import disagreements
+from tofmix.reconcile.memory import memory_left, memory_of
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.nameless import better_law
 from tofmix.reconcile.panel import Curve
@@ -59,6 +60,9 @@ SIGNATURES: dict[str, tuple[str, ...]] = {
 
 OPEN = 0.03
 """Share of an effect's gain that may be left in its own statistics: no law of ours is exact."""
+
+ECHO = 0.1
+"""Correlation, at any lag, that a memory of one frame may leave."""
 
 SMOOTH = 0.2
 """Correlation of neighbours in a map above which it is no pattern of pixels."""
@@ -178,6 +182,9 @@ def _signed(likelihood: Likelihood, added: Added, floor: Compared, settings: Set
         open_ = max((_weight(c, floor) for c in loud if c.statistic in own), default=0.0)
         if open_ > OPEN * scale * candidate.gain:
             return False
+    coefficient = memory_of(added.state)
+    if coefficient and memory_left(likelihood, added.state, coefficient, settings.seed) > ECHO:
+        return False
     known = (added.state.pixel_variance > 0).reshape(likelihood.evidence.image)
     return not any(isinstance(e, FixedPattern) and _smooth(e, known) for e in added.state.effects)
 
