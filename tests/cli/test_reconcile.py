@@ -58,6 +58,8 @@ def test_it_writes_a_folder_whose_model_runs(tofmix: Tofmix, files: tuple[Path, 
     assert effects == [{"kind": "fixed_pattern", "map": "fixed_pattern.npy"}]
     assert "<img" in (folder / "report.html").read_text()
     assert tofmix("simulate", folder / "model.toml", "-o", tmp_path / "again.h5").code == 0
+    settled = tofmix("reconcile", folder / "model.toml", files[1], "-o", tmp_path / "settled", "--json")
+    assert json.loads(settled.out)["verdict"] == "agree"
     again = tofmix("reconcile", *files, "-o", folder)
     assert again.code == 2
     assert "--overwrite" in again.err
@@ -176,6 +178,16 @@ def test_it_says_when_the_file_is_of_another_setting(tofmix: Tofmix, files: tupl
     assert done.code == 0
     assert f"{files[1]}: sensor: integration_time_ms is 7.5, the model's is" in done.err
     assert done.err.count("\n") == 1
+
+
+def test_it_says_that_a_pattern_without_a_map_may_be_anything(
+    tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    model = tmp_path / "patterned.toml"
+    model.write_text(MODEL + PATTERN)
+    done = tofmix("reconcile", model, files[1], "-o", tmp_path / "gap", "--json")
+    assert json.loads(done.out)["verdict"] == "agree"
+    assert "the model's fixed_pattern has no map: all that is static is taken as part of it" in done.err
 
 
 def test_it_refuses_a_model_without_surfaces(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from tofmix.reconcile.bursts import forward
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.links import find_stuck, fit_interference
-from tofmix.reconcile.memory import fit_memory
 from tofmix.reconcile.mixture import Scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
@@ -48,14 +47,6 @@ def test_bursts_that_are_quieter_than_empty_pixels_have_their_own_sigma(
     assert found.sigma_mm == pytest.approx(4.0, rel=0.05)
 
 
-def test_no_pair_of_samples_is_no_memory(model: Model, record: Record) -> None:
-    evidence = record()
-    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
-    z = np.zeros(evidence.shape, dtype=np.float32)
-    everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
-    assert fit_memory(likelihood, z, likelihood.scene.mixture(()), everything) is None
-
-
 def test_the_noise_of_bursts_is_at_the_top_of_its_likelihood(model: Model, record: Record) -> None:
     """To a third of a standard error: a twentieth of a nat."""
     evidence = record(MAKE["interference"](probability=0.25, sigma_mm=23.0, burst_frames=5.0))
@@ -72,22 +63,3 @@ def test_the_noise_of_bursts_is_at_the_top_of_its_likelihood(model: Model, recor
     at = found.sigma_mm
     best = minimize_scalar(lambda size: -value(size), bounds=(0.9 * at, 1.1 * at), method="bounded")
     assert value(at) > -float(best.fun) - 0.05
-
-
-def test_a_memory_in_few_frames_has_no_bias(model: Model, record: Record) -> None:
-    """Of 0.5 in 30 frames, means taken out lose 0.05 (Nickell 1981); 12 parts of 0.007 each leave 0.002."""
-    found = []
-    for seed in (5, 6, 7):
-        whole = record(MAKE["temporal_correlation"](coefficient=0.5), seed=seed)
-        for k in range(0, 120, 30):
-            own = slice(k, k + 30)
-            evidence = replace(
-                whole, samples=whole.samples[own], time_s=whole.time_s[own], fit_frames=whole.fit_frames[own]
-            )
-            likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
-            mixture, part = likelihood.scene.mixture(), (np.arange(30), np.arange(evidence.shape[1]))
-            scores = likelihood.scores(likelihood.start(), part, 1, mixture)
-            effect = fit_memory(likelihood, scores, mixture, part)
-            assert effect is not None
-            found.append(effect.coefficient)
-    assert abs(np.mean(found) - 0.5) < 0.012

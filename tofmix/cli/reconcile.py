@@ -158,6 +158,11 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
             own, models = getattr(file.sensor, name), getattr(scene.sensor, name)
             if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):
                 click.echo(f"tofmix: {measured}: sensor: {name} is {own:g}, the model's is {models:g}", err=True)
+    if any(effect.kind == "fixed_pattern" and getattr(effect, "map", None) is None for effect in scene.effects):
+        click.echo(
+            f"tofmix: {measured}: the model's fixed_pattern has no map: all that is static is taken as part of it",
+            err=True,
+        )
     try:
         return make_evidence(scene, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c)
     except BadInputError as error:

@@ -22,7 +22,7 @@ from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, gain_beside, tolerated
-from tofmix.reconcile.refit import refit, without
+from tofmix.reconcile.refit import begin, refit, without
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
@@ -114,11 +114,12 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
     tick : callable
         Told of each kind that was tried.
     """
-    best = _Search(likelihood, settings, tick, likelihood.start())
+    start = begin(likelihood, fit_part(likelihood, settings)[0])
+    best = _Search(likelihood, settings, tick, start)
     yield _followed(best)
     other = _beginning(best)
     if other is not None:
-        search = _Search(likelihood, settings, tick, likelihood.start(), first=best.first)
+        search = _Search(likelihood, settings, tick, start, first=best.first)
         likelihood.scene.anchor(search.state.effects)
         _take(search, other, best.first)
         yield _followed(search)

@@ -12,12 +12,13 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.reconcile.joint import View, views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
-from tofmix.reconcile.memory import memory_of, whitened
+from tofmix.reconcile.memory import memory_of, one_surface, whitened
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.panel import Curve, discreteness, invalid, neighbours, panel_axes, shapes
 from tofmix.reconcile.panel_lines import lines
 from tofmix.reconcile.panel_time import in_time
 from tofmix.reconcile.telling import telling_of
+from tofmix.simulation.effects.pixel_crosstalk import PixelCrosstalk
 
 _FAR = np.float32(4.0)  # scores beyond count as this: fourth powers must not hang on one sample
 
@@ -62,22 +63,35 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
         own = z[view.frames] if not memory else whitened(z[view.frames], view.mixture, memory)
         own = np.clip(own[view.part[0]][:, view.part[1]], -_FAR, _FAR)
         gains = telling_of(own, view.evidence, view.mixture, view.part)
+        crossed = any(e.kind == PixelCrosstalk.kind for e in (*view.scene.effects, *state.effects))
+        apart = _apart(own, view) if crossed else own
         curves += [
             replace(c, recording=view.number, telling=gains.get((c.statistic, c.axis)))
-            for c in _curves(own, view, state)
+            for c in _curves(own, apart, view, state)
         ]
         with np.errstate(invalid="ignore"):
             pattern[view.number, part[1]] = np.nansum(own, axis=0) / np.maximum(np.isfinite(own).sum(axis=0), 1)
     return Compared(curves=tuple(curves), pattern=pattern, part=part)
 
 
-def _curves(z: Float32Array, view: View, state: State) -> Iterator[Curve]:
-    """The panel of one recording's scores (frame, pixel) of its part."""
+def _apart(z: Float32Array, view: View) -> Float32Array:
+    """Scores without those of pixels that see, or are next to one that sees, several surfaces.
+
+    Where light leaks into neighbours, these show together which surface was drawn.
+    """
+    alone = one_surface(view.mixture).reshape(view.evidence.image)
+    framed = np.pad(alone, 1, mode="edge")
+    alone = alone & framed[:-2, 1:-1] & framed[2:, 1:-1] & framed[1:-1, :-2] & framed[1:-1, 2:]
+    return np.where(alone.ravel()[view.part[1]], z, np.float32(np.nan))
+
+
+def _curves(z: Float32Array, apart: Float32Array, view: View, state: State) -> Iterator[Curve]:
+    """The panel of one recording's scores (frame, pixel) of its part; of some apart, how they go together."""
     evidence, m, part = view.evidence, view.mixture, view.part
     axes = list(panel_axes(evidence, m, part))
     yield from shapes(z, axes, m, state, part)
     yield from in_time(z, evidence, part, m)
     yield from invalid(evidence, m, state, axes, part)
-    yield from neighbours(z, evidence, part)
-    yield from lines(z, evidence, part)
+    yield from neighbours(apart, evidence, part)
+    yield from lines(apart, evidence, part)
     yield from discreteness(evidence, part, m, state)

@@ -51,6 +51,14 @@ class Scenes:
         """What any of the models has already."""
         return tuple(e for m in self.members for e in m.effects)
 
+    @property
+    def links(self) -> tuple[Effect, ...]:
+        """As `Scene.links`, the first of each kind: the camera is one."""
+        found: dict[str, Effect] = {}
+        for member in self.members:
+            found |= {e.kind: e for e in member.links if e.kind not in found}
+        return tuple(found.values())
+
     def anchor(self, effects: tuple[Effect, ...]) -> None:
         """As `Scene.anchor`, for each."""
         for member in self.members:

@@ -47,6 +47,8 @@ class State:
     ----------
     effects : tuple of Effect
         Effects beyond those of the model.
+    given : tuple of Effect
+        Those of the model that link samples.
     pixel_bias : (pixel,) float64
         Known bias of each pixel, mm.
     pixel_variance : (pixel,) float64
@@ -58,10 +60,21 @@ class State:
     """
 
     effects: tuple[Effect, ...]
+    given: tuple[Effect, ...]
     pixel_bias: FloatArray
     pixel_variance: FloatArray
     stuck_mm: FloatArray
     disturbed: FloatArray
+
+    @property
+    def linking(self) -> tuple[Effect, ...]:
+        """All effects that may link samples, the model's own first."""
+        return (*self.given, *self.effects)
+
+    @property
+    def bursts(self) -> Interference | None:
+        """What disturbs frames."""
+        return next((e for e in self.linking if isinstance(e, Interference)), None)
 
     @property
     def working(self) -> BoolArray:
@@ -102,10 +115,11 @@ class Likelihood:
     calls: int = field(default=0)
 
     def start(self) -> State:
-        """No effects."""
+        """No effects but the model's; latent states not found yet."""
         frames, pixels = self.evidence.shape
         return State(
             effects=(),
+            given=self.scene.links,
             pixel_bias=np.zeros(pixels),
             pixel_variance=np.zeros(pixels),
             stuck_mm=np.full(pixels, np.nan),
@@ -155,17 +169,15 @@ class Likelihood:
         return by_pixel, by_frame
 
     def _variance(self, state: State) -> FloatArray:
-        for effect in state.effects:
-            if isinstance(effect, Interference):
-                return np.asarray(state.disturbed * effect.sigma_mm**2)
-        return np.zeros(self.evidence.shape[0])
+        if state.bursts is None:
+            return np.zeros(self.evidence.shape[0])
+        return np.asarray(state.disturbed * state.bursts.sigma_mm**2)
 
     def value(self, state: State, part: Part, mixture: Mixture | None = None) -> float:
         """Log-likelihood of a part; frames' disturbance integrated out."""
         mixture = self.scene.mixture(state.effects) if mixture is None else mixture
-        for effect in state.effects:
-            if isinstance(effect, Interference):
-                return self._with_bursts(mixture, state, part, effect)
+        if state.bursts is not None:
+            return self._with_bursts(mixture, state, part, state.bursts)
         return self.sums(mixture, state, part).total
 
     def objective(self, state: State, part: Part) -> float:

@@ -20,7 +20,7 @@ _Pairs = tuple[FloatArray, FloatArray, FloatArray]
 
 def memory_of(state: State) -> float:
     """The coefficient of a state's memory; 0 where it has none."""
-    return next((e.coefficient for e in state.effects if isinstance(e, TemporalCorrelation)), 0.0)
+    return next((e.coefficient for e in state.linking if isinstance(e, TemporalCorrelation)), 0.0)
 
 
 def whitened(z: Float32Array, mixture: Mixture, coefficient: float) -> Float32Array:

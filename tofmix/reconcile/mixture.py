@@ -14,6 +14,7 @@ from scipy.special import ndtr
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.saturation import Saturation
 from tofmix.simulation.effects.surface_pose import SurfacePose, shifted
@@ -24,6 +25,8 @@ from tofmix.simulation.truth import Truth
 
 LINKS = ("interference", "fixed_pattern", "stuck_pixels", "temporal_correlation")
 """Kinds that link samples: no part of the mixture."""
+
+_IN_TIME = ("temperature_drift", "motion")  # kinds of which `predict` knows one time
 
 _TIMES = 8  # at which a moving scene is worked out
 
@@ -100,7 +103,8 @@ class Mixture:
 class Scene:
     """A model's scene, cast once for each place of its surfaces.
 
-    Effects of a surface that the model has not are none of its own: they are of another recording's scene.
+    Effects of a surface that the model has not are none of its own: they are of another recording's scene. What the
+    model has already acts in every mixture, but for what links samples, which is in `links`.
 
     Parameters
     ----------
@@ -115,6 +119,10 @@ class Scene:
         self.time_s = time_s
         self.names = tuple(surface.name for surface in model.surfaces)
         self.members: tuple[Scene, ...] = (self,)
+        self.links = tuple(e for e in model.effects if e.kind in LINKS and not _mapped_bias(e))
+        self._moving = tuple(e for e in model.effects if e.kind in _IN_TIME)
+        rest = tuple(e for e in model.effects if e not in (*self.links, *self._moving))
+        self._still = replace(model, effects=rest)
         self._cast: dict[tuple[float, ...], Truth] = {}
         self._anchor: list[tuple[float, ...]] = [(0.0,) * len(self.names)]
         self.distance = np.array([_plane_distance(s) for s in model.surfaces])
@@ -132,14 +140,13 @@ class Scene:
     def truth(self, shift_mm: tuple[float, ...]) -> Truth:
         """The scene cast with its surfaces shifted along their normals; kept."""
         if shift_mm not in self._cast:
-            moved = tuple(shifted(s, d) if d else s for s, d in zip(self.model.surfaces, shift_mm, strict=True))
-            model = replace(self.model, surfaces=moved)
-            self._cast[shift_mm] = cast_scene(model)
+            moved = tuple(shifted(s, d) if d else s for s, d in zip(self._still.surfaces, shift_mm, strict=True))
+            self._cast[shift_mm] = cast_scene(replace(self._still, surfaces=moved))
         return self._cast[shift_mm]
 
     def anchor(self, effects: tuple[Effect, ...]) -> None:
         """Cast the scene where these effects put it; nearby places are then reached by shifting ranges alone."""
-        effects = self.own(effects)
+        effects = (*self._moving, *self.own(effects))
         times = self._times(effects)
         self._anchor = [tuple(round(float(d), 3) for d in self._shifts(effects, t)) for t in times]
         self._cast = {a: self.truth(a) for a in [(0.0,) * len(self.names), *self._anchor]}
@@ -172,7 +179,7 @@ class Scene:
 
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
         """What the model and these effects predict, but for the kinds in `LINKS`."""
-        effects = self.own(effects)
+        effects = (*self._moving, *self.own(effects))
         times = self._times(effects)
         drifts = [e for e in effects if isinstance(e, TemperatureDrift)]
         wells = [e for e in effects if isinstance(e, Saturation)]
@@ -180,7 +187,7 @@ class Scene:
             e for e in effects
             if e.kind not in LINKS and not isinstance(e, TemperatureDrift | Saturation | SurfacePose | Motion)
         )  # fmt: skip
-        model = replace(self.model, effects=(*self.model.effects, *acting))
+        model = replace(self._still, effects=(*self._still.effects, *acting))
         parts = [predict(model, self._near(self._shifts(effects, float(t)), k)) for k, t in enumerate(times)]
         for part in parts:
             for well in wells:
@@ -215,6 +222,11 @@ class Scene:
             outlier=first.outlier, low=first.limits_mm[0], high=first.limits_mm[1], step=first.step_mm,
             period=first.period_mm or 0.0, key=key, since=self.time_s - times[key], frame_bias=bias,
         )  # fmt: skip
+
+
+def _mapped_bias(effect: Effect) -> bool:
+    """Whether an effect is a pattern that is known pixel by pixel."""
+    return isinstance(effect, FixedPattern) and effect.map is not None
 
 
 def _plane_distance(surface: object) -> float:

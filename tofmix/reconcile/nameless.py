@@ -18,6 +18,7 @@ from tofmix.reconcile import links
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.name import PRICE_NATS, Candidate
+from tofmix.reconcile.pattern_errors import pattern_of
 from tofmix.reconcile.pixel_pattern import pixel_biases, with_pattern
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -58,7 +59,7 @@ def better_law(
     static = [c for c in chosen if _stays(c.effect, duration)]
     if not static:
         return None
-    patterned = any(c.kind == FixedPattern.kind for c in static)
+    patterned = pattern_of(state) is not None
     bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias), pixel_variance=np.zeros_like(state.pixel_bias))
     named = replace(bare, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
     rest = replace(bare, effects=tuple(e for e in state.effects if not _stays(e, duration)))

@@ -12,8 +12,8 @@ from scipy.linalg import cho_solve
 
 from tofmix.arrays import FloatArray
 from tofmix.reconcile.curvature import SOFT, Numbers, Parabola, inverse
+from tofmix.reconcile.likelihood import State
 from tofmix.reconcile.pixel_pattern import PatternLines, pixel_biases, with_pattern
-from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
 _STATIC = 0.05  # share of the curvature that is not of a static bias, below which there is none
@@ -36,9 +36,9 @@ class Averaged:
     spreads_mm: FloatArray
 
 
-def pattern_of(effects: tuple[Effect, ...]) -> FixedPattern | None:
-    """The fixed pattern among effects."""
-    return next((e for e in effects if isinstance(e, FixedPattern)), None)
+def pattern_of(state: State) -> FixedPattern | None:
+    """The fixed pattern that is known by its spreads alone, the model's own or one that was added."""
+    return next((e for e in state.linking if isinstance(e, FixedPattern)), None)
 
 
 def integrated(numbers: Numbers, pattern: FixedPattern) -> float:

@@ -13,8 +13,10 @@ from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.name import Candidate
 from tofmix.reconcile.pattern_errors import pattern_of
 from tofmix.reconcile.standard_errors import polish
+from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
 
 _MOST_TURNS = 8
 
@@ -61,7 +63,7 @@ def settle(numbers: Numbers) -> Numbers:
             break
         last.likelihood.scene.anchor(last.state.effects)
         numbers = replace(last, state=latent_states(last.likelihood, last.state, last.part[0]))
-        if pattern_of(numbers.state.effects) is None:
+        if pattern_of(numbers.state) is None:
             break
     return numbers
 
@@ -77,8 +79,30 @@ def numbers(likelihood: Likelihood, state: State, chosen: Sequence[Candidate], p
     return Numbers(likelihood=likelihood, state=state, fits=fits, part=part)
 
 
+def begin(likelihood: Likelihood, frames: IntArray) -> State:
+    """The model as given: what its own effects that link samples did in this recording, and no other effect.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the recording.
+    frames : (n,) int64
+        What a pattern's map is made from.
+    """
+    state = likelihood.start()
+    likelihood.scene.anchor(state.effects)
+    for effect in state.given:
+        if isinstance(effect, StuckPixels):
+            found = links.find_stuck(likelihood, likelihood.scene.mixture(), state)
+            if effect.map is not None:
+                state = replace(state, stuck_mm=effect.map.values.ravel().astype(np.float64))
+            elif found is not None:
+                state = replace(state, stuck_mm=found.stuck_mm)
+    return latent_states(likelihood, state, frames)
+
+
 def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> State:
-    """Fit the effects that link samples anew, given the others.
+    """Fit the effects that link samples anew, given the others; of the model's own, only what they did here.
 
     Parameters
     ----------
@@ -87,23 +111,25 @@ def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> Sta
     frames : (n,) int64
         What a pattern's map is made from.
     """
-    effects = list(state.effects)
     mixture = likelihood.scene.mixture(state.effects)
     part = frames, np.arange(likelihood.evidence.shape[1])
-    for k, effect in enumerate(effects):
+    for effect in state.linking:
+        own = effect in state.given
         if isinstance(effect, FixedPattern):
             bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
-            fitted = links.fit_pattern(likelihood, mixture, bare, part)
+            fitted = None if own else links.fit_pattern(likelihood, mixture, bare, part)
             spread = effect if fitted is None else fitted[0]
-            effects[k] = spread
             pattern, variance = links.pattern_map(likelihood, mixture, bare, spread, frames)
-            effects[k] = links.with_map(spread, pattern, likelihood.evidence.image)
-            state = replace(state, pixel_bias=pattern, pixel_variance=variance, effects=tuple(effects))
+            state = replace(state, pixel_bias=pattern, pixel_variance=variance)
+            state = _with(state, effect, links.with_map(spread, pattern, likelihood.evidence.image))
         elif isinstance(effect, Interference):
-            bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
-            fitted_bursts = links.fit_interference(likelihood, mixture, bare, part)
+            fitted_bursts = None if own else links.fit_interference(likelihood, mixture, state, part)
             bursts = effect if fitted_bursts is None else fitted_bursts
-            effects[k] = bursts
-            disturbed = links.disturbed_frames(likelihood, mixture, bare, bursts)
-            state = replace(state, disturbed=disturbed, effects=tuple(effects))
-    return replace(state, effects=tuple(effects))
+            disturbed = links.disturbed_frames(likelihood, mixture, state, bursts)
+            state = _with(replace(state, disturbed=disturbed), effect, bursts)
+    return state
+
+
+def _with(state: State, old: Effect, new: Effect) -> State:
+    """The state with one of its effects in the place of another; the model's own stay."""
+    return replace(state, effects=tuple(new if e is old else e for e in state.effects))

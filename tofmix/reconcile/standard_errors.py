@@ -31,7 +31,7 @@ def polish(numbers: Numbers) -> Numbers:
     Under a fixed pattern, whose values follow after the step, the log-likelihood is that with them integrated out,
     and one step is made.
     """
-    pattern = pattern_of(numbers.state.effects)
+    pattern = pattern_of(numbers.state)
     for _ in range(_MOST_STEPS if pattern is None else 1):
         about = parabola(numbers)
         if about is None:
@@ -111,7 +111,7 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
     ----------
     White, Econometrica 50 (1982) 1; Liang and Zeger, Biometrika 73 (1986) 13, for blocks.
     """
-    pattern = pattern_of(numbers.state.effects)
+    pattern = pattern_of(numbers.state)
     about = parabola(numbers)
     if about is None:
         bare = {} if pattern is None else standard_errors(replace(numbers, fits={}))
@@ -125,7 +125,8 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
     else:
         averaged = _under(numbers, about, pattern).averaged()
         found.append(averaged.covariance)
-        out[numbers.state.effects.index(pattern)] = _spreads(averaged.spreads_mm)
+        if pattern in numbers.state.effects:
+            out[numbers.state.effects.index(pattern)] = _spreads(averaged.spreads_mm)
     start = 0
     for number, fitted in numbers.fits.items():
         own = slice(start, start + fitted.problem.parameters)

@@ -5,7 +5,6 @@ the recording. The verdict weighs what the effects gained against the largest di
 """
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +19,14 @@ from tofmix.reconcile.memory import memory_left, memory_of
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.nameless import better_law
 from tofmix.reconcile.panel import Curve
+from tofmix.reconcile.refit import begin
 from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.parameter import PixelMap
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
-
-if TYPE_CHECKING:
-    from tofmix.simulation.effects import Effect
 
 EXPLAINED = 0.9
 """Share of gain and largest remaining disagreement that the gain must be."""
@@ -124,8 +123,8 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
         How.
     """
     held = held_out(likelihood, settings)
-    start = likelihood.start()
-    likelihood.scene.anchor(start.effects)  # edges where the model as given has them, not where a pose put them
+    likelihood.scene.anchor(())  # edges where the model as given has them, not where a pose put them
+    start = begin(likelihood, fit_part(likelihood, settings)[0])
     before = compare(likelihood, start, held, seed=settings.seed)
     likelihood.scene.anchor(added.state.effects)
     after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
@@ -250,14 +249,27 @@ def _floor(likelihood: Likelihood, state: State, settings: Settings) -> Compared
     samples = np.empty_like(evidence.samples)
     for number, (frames, scene) in enumerate(zip(evidence.recordings, likelihood.scene.members, strict=True)):
         seed = settings.seed + 1 + _SEEDS_APART * number
-        samples[frames] = simulate_like(refined_model(scene, state), frames.stop - frames.start, seed=seed)
+        model = _as_found(refined_model(scene, state), state)
+        samples[frames] = simulate_like(model, frames.stop - frames.start, seed=seed)
     again = Likelihood(replace(evidence, samples=samples), likelihood.scene)
-    for effect in state.effects:
-        if isinstance(effect, Interference):
-            mixture = likelihood.scene.mixture(state.effects)
-            bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))
-            state = replace(state, disturbed=links.disturbed_frames(again, mixture, bare, effect))
+    if state.bursts is not None:
+        mixture = likelihood.scene.mixture(state.effects)
+        state = replace(state, disturbed=links.disturbed_frames(again, mixture, state, state.bursts))
     return compare(again, state, held_out(likelihood, settings), seed=settings.seed + 1)
+
+
+def _as_found(model: Model, state: State) -> Model:
+    """The model with maps that were found in the recording, where it says only what is drawn from a seed."""
+    image = model.sensor.rows, model.sensor.cols
+
+    def found(effect: Effect) -> Effect:
+        if isinstance(effect, FixedPattern) and effect.map is None:
+            return links.with_map(effect, state.pixel_bias, image)
+        if isinstance(effect, StuckPixels) and effect.map is None:
+            return replace(effect, map=PixelMap("stuck_pixels.npy", state.stuck_mm.reshape(image).astype(np.float32)))
+        return effect
+
+    return replace(model, effects=tuple(found(e) for e in model.effects))
 
 
 def simulate_like(model: Model, frames: int, *, seed: int) -> NDArray[np.uint16]:
