@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from tofmix.reconcile.kernel import Sorted
+
 Array = NDArray[np.float64]
 Any_ = NDArray[Any]
 
@@ -65,6 +67,11 @@ def log_likelihood(
     terms = np.stack([np.where(valid, np.log(total), ruled), valid * slope, valid * information, valid], axis=-1)
     by_pixel[pixels] += terms.sum(axis=0)
     by_frame[frames] += terms.sum(axis=1)
+
+
+def sorted_log_likelihood(samples: NDArray[np.uint16], pixels: Sorted, *rest: Any) -> None:  # noqa: ANN401  the kernel's own
+    """The twin, as the kernel is called."""
+    log_likelihood(samples, pixels.all, *rest)
 
 
 def uniform(seed: int, frames: Any_, pixels: Any_) -> Array:

@@ -40,6 +40,17 @@ def _scene(rng: np.random.Generator, *, step: float, period: float, spread: floa
     return scene, rng.uniform(0.0, 0.2, (TIMES, PIXELS))
 
 
+def test_pixels_abreast_are_as_pixels_one_by_one(rng: np.random.Generator) -> None:
+    scene, invalid = _scene(rng, step=0.0, period=0.0, spread=40.0)
+    one, many = empty_sums(FRAMES, PIXELS), empty_sums(FRAMES, PIXELS)
+    kernel.any_log_likelihood(*scene, invalid, 1e-6, 0.0, 0.0, *one)
+    chosen = kernel.sort_pixels(scene[1], scene[8], scene[10], invalid, 0.0, 0.0)
+    assert chosen.others.size == 0
+    kernel.log_likelihood(scene[0], chosen, *scene[2:], invalid, 1e-6, 0.0, 0.0, *many)
+    for a, b in zip(one, many, strict=True):
+        np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-9)
+
+
 @pytest.mark.parametrize("step", [0.0, 0.3, 7.3])
 @pytest.mark.parametrize("period", [0.0, 7495.0])
 @pytest.mark.parametrize("spread", [0.2, 3.0, 40.0])
@@ -48,13 +59,16 @@ def test_likelihoods_slopes_and_information_are_the_twins(
 ) -> None:
     scene, invalid = _scene(rng, step=step, period=period, spread=spread)
     found, wanted = empty_sums(FRAMES, PIXELS), empty_sums(FRAMES, PIXELS)
-    kernel.log_likelihood(*scene, invalid, 1e-6, step, period, *found)
+    chosen = kernel.sort_pixels(scene[1], scene[8], scene[10], invalid, step, period)
+    kernel.log_likelihood(scene[0], chosen, *scene[2:], invalid, 1e-6, step, period, *found)
     twins.log_likelihood(*scene, invalid, 1e-6, step, period, *wanted)
     for got, should in zip(found, wanted, strict=True):
         # In narrow cells the kernel takes density times width, with Sheppard's correction.
         np.testing.assert_allclose(got[:, 0], should[:, 0], rtol=2e-3, atol=2e-2)
         np.testing.assert_allclose(got[:, 1:], should[:, 1:], rtol=2e-2, atol=2e-3 / min(spread, 1.0))
         np.testing.assert_array_equal(got[:, 3], should[:, 3])
+    assert sorted(chosen.all) == list(range(PIXELS))
+    assert (chosen.narrow.size > 0) == (step == period == 0 and spread > 1)
     left_out = np.setdiff1d(np.arange(FRAMES), scene[2])
     assert not found[1][left_out].any()
 

@@ -1,8 +1,11 @@
 """Frames that a hidden Markov chain disturbs: the latent state of `interference`, integrated out."""
 
+import math
+
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
+from tofmix.jit import jit
 from tofmix.simulation.effects.interference import Interference
 
 _LEAST = 1.0e-100
@@ -29,21 +32,36 @@ def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Inter
     emit = np.maximum(np.exp(emit - top[:, None]), _LEAST)  # no state is ever ruled out: nothing divides by 0
     step = (step + _LEAST) / (1 + 2 * _LEAST)
     gaps = np.diff(frames, prepend=frames[0])
-    alpha = np.empty_like(emit)
-    scale = np.empty(len(frames))
-    belief = np.array([1 - p, p])
-    powers = {int(g): np.linalg.matrix_power(step, int(g)) for g in np.unique(gaps)}
-    for n, gap in enumerate(gaps):
-        belief = (belief @ powers[int(gap)] if n else belief) * emit[n]
-        scale[n] = belief.sum()
-        belief = belief / scale[n]
-        alpha[n] = belief
-    beta = np.ones(2)
-    posterior = np.empty(len(frames))
-    for n in range(len(frames) - 1, -1, -1):
-        both = alpha[n] * beta
-        posterior[n] = both[1] / both.sum()
-        if n:
-            beta = powers[int(gaps[n])] @ (emit[n] * beta)
-            beta /= beta.sum()
-    return float(np.log(scale).sum() + top.sum()), posterior
+    lengths, which = np.unique(gaps, return_inverse=True)
+    powers = np.stack([np.linalg.matrix_power(step, int(g)) for g in lengths])
+    total, posterior = _chain(emit, powers, which, np.array([1 - p, p]))
+    return float(total + top.sum()), posterior
+
+
+@jit
+def _chain(emit: FloatArray, powers: FloatArray, which: IntArray, belief: FloatArray) -> tuple[float, FloatArray]:
+    """Forward and backward over the frames; `which` of the steps' powers leads to each."""
+    n = len(emit)
+    alpha, posterior = np.empty((n, 2)), np.empty(n)
+    total, quiet, loud = 0.0, belief[0], belief[1]
+    for t in range(n):
+        if t > 0:
+            step = powers[which[t]]
+            quiet, loud = quiet * step[0, 0] + loud * step[1, 0], quiet * step[0, 1] + loud * step[1, 1]
+        quiet, loud = quiet * emit[t, 0], loud * emit[t, 1]
+        scale = quiet + loud
+        total += math.log(scale)
+        quiet, loud = quiet / scale, loud / scale
+        alpha[t, 0], alpha[t, 1] = quiet, loud
+    after_quiet, after_loud = 1.0, 1.0
+    for back in range(n):
+        t = n - 1 - back
+        quiet, loud = alpha[t, 0] * after_quiet, alpha[t, 1] * after_loud
+        posterior[t] = loud / (quiet + loud)
+        if t > 0:
+            step = powers[which[t]]
+            quiet, loud = emit[t, 0] * after_quiet, emit[t, 1] * after_loud
+            after_quiet, after_loud = step[0, 0] * quiet + step[0, 1] * loud, step[1, 0] * quiet + step[1, 1] * loud
+            scale = after_quiet + after_loud
+            after_quiet, after_loud = after_quiet / scale, after_loud / scale
+    return total, posterior

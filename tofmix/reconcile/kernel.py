@@ -7,12 +7,14 @@ pixel. Arrays are documented in `tofmix.reconcile.mixture`; use them through
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.jit import jit
+from tofmix.reconcile.smooth_kernel import smooth_log_likelihood
 
 _FLOOR = 1.0e-12  # probability of what the model rules out: one impossible sample must not decide alone
 _INVALID_FLOOR = 1.0e-6
@@ -57,9 +59,50 @@ def _cell(value: float, step: float) -> tuple[float, float]:
     return lower, upper
 
 
-@jit
-def log_likelihood(  # noqa: C901  one pass, kept in one place
-    samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
+@dataclass(frozen=True, slots=True, eq=False)
+class Sorted:
+    """Pixels by what their samples need, for a mixture.
+
+    Parameters
+    ----------
+    narrow : (n,) int64
+        Those for whose components whole mm are narrow, with many components first.
+    ends : (rank,) int64
+        How many of them have at least 1, 2, ... components.
+    others : (m,) int64
+        The rest.
+    log_invalid : (time, pixel) float64
+        Log probability of an invalid sample.
+    """
+
+    narrow: IntArray
+    ends: IntArray
+    others: IntArray
+    log_invalid: FloatArray
+
+    @property
+    def all(self) -> IntArray:
+        """All of them."""
+        return np.concatenate([self.narrow, self.others])
+
+
+def sort_pixels(
+    pixels: IntArray, weight: FloatArray, sigma: FloatArray, invalid: FloatArray, step: float, period: float
+) -> Sorted:
+    """Sort pixels for `log_likelihood`; parameters as there."""
+    log_invalid = np.log(np.maximum(invalid, _INVALID_FLOOR))
+    there = weight > 0
+    if step > 0 or period > 0:
+        return Sorted(pixels[:0], np.zeros(0, dtype=np.int64), pixels, log_invalid)
+    wide: BoolArray = np.logical_or(~there, sigma > 1.0 / _FINE).all(axis=(0, 1))[pixels]
+    count = there.sum(axis=1).max(axis=0)[pixels[wide]]
+    order = np.argsort(-count, kind="stable")
+    ends = np.array([int((count > rank).sum()) for rank in range(int(count.max(initial=0)))], dtype=np.int64)
+    return Sorted(pixels[wide][order], ends, pixels[~wide], log_invalid)
+
+
+def log_likelihood(
+    samples: NDArray[np.uint16], pixels: Sorted, frames: IntArray, key: IntArray, since: FloatArray,
     frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
     sigma: FloatArray, rate: FloatArray, lit: BoolArray, invalid: FloatArray, random_density: float, step: float,
     period: float, by_pixel: FloatArray, by_frame: FloatArray,
@@ -70,8 +113,10 @@ def log_likelihood(  # noqa: C901  one pass, kept in one place
     ----------
     samples : (frame, pixel) uint16
         Whole mm; 0 is invalid.
-    pixels, frames : (n,) int64
+    pixels : Sorted
         Which ones to go over.
+    frames : (n,) int64
+        Likewise.
     key, since : (frame,)
         Which of the mixture's times holds, and the time since then, s.
     frame_bias, extra_variance : (frame,) float64
@@ -87,6 +132,26 @@ def log_likelihood(  # noqa: C901  one pass, kept in one place
     by_pixel, by_frame : (pixel, 4), (frame, 4) float64
         Results, added to: log-likelihood, its slope against a bias (1/mm), its information (1/mm2), samples.
     """
+    scene = key, since, frame_bias, extra_variance, pixel_bias, weight, mean, sigma, rate, lit
+    if pixels.narrow.size:
+        smooth_log_likelihood(
+            samples, pixels.narrow, frames, *scene, pixels.log_invalid, random_density + _FLOOR, pixels.ends, by_pixel,
+            by_frame,
+        )  # fmt: skip
+    if pixels.others.size:
+        any_log_likelihood(
+            samples, pixels.others, frames, *scene, invalid, random_density, step, period, by_pixel, by_frame
+        )
+
+
+@jit
+def any_log_likelihood(  # noqa: C901  one pass, kept in one place
+    samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
+    frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
+    sigma: FloatArray, rate: FloatArray, lit: BoolArray, invalid: FloatArray, random_density: float, step: float,
+    period: float, by_pixel: FloatArray, by_frame: FloatArray,
+) -> None:  # fmt: skip
+    """As `log_likelihood`, sample by sample, for cells and sigmas of any size."""
     components = weight.shape[1]
     for t in frames:
         g = key[t]

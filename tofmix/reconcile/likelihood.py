@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.reconcile.bursts import forward
 from tofmix.reconcile.evidence import Evidence
-from tofmix.reconcile.kernel import empty_sums, log_likelihood, transform
+from tofmix.reconcile.kernel import Sorted, empty_sums, log_likelihood, sort_pixels, transform
 from tofmix.reconcile.mixture import Mixture, Scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.interference import Interference
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tofmix.reconcile.joint import Scenes
     from tofmix.reconcile.witnesses import Witness
 
-_CHUNKS = 4  # fixed, so that sums do not depend on the number of threads
+_CHUNKS = 2  # fixed, so that sums do not depend on the number of threads
 _THREADS = 2
 
 
@@ -151,7 +151,9 @@ class Likelihood:
         added = self._variance(state) if variance is None else variance
         shift = state.pixel_bias if bias is None else bias
         density = mixture.outlier / (mixture.high - mixture.low)
-        run = partial(self._pass, mixture, pixels, (added, shift, density))
+        m = mixture
+        chosen = sort_pixels(pixels, m.weight, m.sigma, m.invalid, m.step, m.period)
+        run = partial(self._pass, m, chosen, (added, shift, density))
         results = list(_pool().map(run, np.array_split(frames, _CHUNKS)))
         out = Sums(*empty_sums(*self.evidence.shape))
         for by_pixel, by_frame in results:
@@ -159,7 +161,7 @@ class Likelihood:
             out.by_frame += by_frame
         return out
 
-    def _pass(self, m: Mixture, pixels: IntArray, more: tuple[Any, ...], frames: IntArray) -> tuple[Any, Any]:
+    def _pass(self, m: Mixture, pixels: Sorted, more: tuple[Any, ...], frames: IntArray) -> tuple[Any, Any]:
         added, shift, density = more
         by_pixel, by_frame = empty_sums(*self.evidence.shape)
         log_likelihood(

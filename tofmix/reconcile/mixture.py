@@ -197,11 +197,13 @@ class Scene:
     def _stack(
         self, parts: list[Prediction], times: FloatArray, effects: tuple[Effect, ...], drifts: list[TemperatureDrift]
     ) -> Mixture:
-        most = max(len(p.weight) for p in parts)
+        most, pixels = max(len(p.weight) for p in parts), parts[0].weight.shape[1]
 
         def stack(name: str, fill: float) -> FloatArray:
-            rows = [getattr(p, name).astype(np.float64) for p in parts]
-            return np.stack([np.pad(r, ((0, most - len(r)), (0, 0)), constant_values=fill) for r in rows])
+            out = np.full((len(parts), most, pixels), fill)
+            for rows, part in zip(out, parts, strict=True):
+                rows[: len(part.weight)] = getattr(part, name)
+            return out
 
         surface = stack("surface", -1).astype(np.int64)
         velocity = np.zeros(len(self.names) + 1)
