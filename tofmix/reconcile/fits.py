@@ -15,7 +15,7 @@ from tofmix.simulation.effects import Effect
 
 _MOST_CALLS = 90
 _NEAR = 0.1  # of a step, where the start is an end of another search
-_ENOUGH_X, _ENOUGH_NATS = 1e-3, 0.1  # enough to rank by; the last step is Newton's, for all numbers at once
+_ENOUGH_X, _ENOUGH_NATS = 2e-2, 0.1  # enough to rank by; the last step is Newton's, for all numbers at once
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -94,7 +94,7 @@ def sort_pixels(
     there = weight > 0
     if step > 0 or period > 0:
         return Sorted(pixels[:0], np.zeros(0, dtype=np.int64), pixels, log_invalid)
-    wide: BoolArray = np.logical_or(~there, sigma > 1.0 / _FINE).all(axis=(0, 1))[pixels]
+    wide = np.asarray((~there | (sigma > 1.0 / _FINE)).all(axis=(0, 1)))[pixels]
     count = there.sum(axis=1).max(axis=0)[pixels[wide]]
     order = np.argsort(-count, kind="stable")
     ends = np.array([int((count > rank).sum()) for rank in range(int(count.max(initial=0)))], dtype=np.int64)

@@ -36,15 +36,14 @@ def refit(
         What the fits may see.
     """
     chosen = list(chosen)
-    for _ in range(2 if len(chosen) > 1 else 1):
-        for k, candidate in enumerate(chosen):
-            if candidate.fitted is None or not candidate.fitted.problem.steps:
-                continue
-            rest = without(state, k)
-            likelihood.scene.anchor(state.effects)
-            fitted = fit(candidate.fitted.problem, likelihood, rest, part, start=candidate.fitted.vector)
-            chosen[k] = replace(candidate, effect=fitted.effect, fitted=fitted)
-            state = replace(state, effects=(*rest.effects[:k], fitted.effect, *rest.effects[k:]))
+    for k, candidate in enumerate(chosen):
+        if candidate.fitted is None or not candidate.fitted.problem.steps:
+            continue
+        rest = without(state, k)
+        likelihood.scene.anchor(state.effects)
+        fitted = fit(candidate.fitted.problem, likelihood, rest, part, start=candidate.fitted.vector)
+        chosen[k] = replace(candidate, effect=fitted.effect, fitted=fitted)
+        state = replace(state, effects=(*rest.effects[:k], fitted.effect, *rest.effects[k:]))
     likelihood.scene.anchor(state.effects)
     state = latent_states(likelihood, state, part[0])
     last = settle(numbers(likelihood, state, chosen, part))
