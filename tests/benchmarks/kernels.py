@@ -32,10 +32,10 @@ from tofmix.estimation.mixture import expect, maximise, start_at
 from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.sequence import estimate_layers
 from tofmix.estimation.settings import MODE_PRIOR
-from tofmix.estimation.vector import exp_minus
 from tofmix.jit import jit
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.vector import exp_minus
 
 ROWS, COLS, FRAMES = 144, 176, 100
 MULTI = 0.15

@@ -45,3 +45,19 @@ def test_nor_for_measuring_noise_or_simulating(tofmix: Tofmix, tmp_path: Path) -
     assert tofmix("estimate", recording, "--noise", "auto", "--outliers", "auto").code == 0
     assert tofmix("simulate", "corridor", "--frames", "2", "-o", tmp_path / "c.h5").code == 0
     assert _compiled() == before
+
+
+@pytest.mark.compiled("there is nothing to compile")
+def test_nor_for_reconciling(tofmix: Tofmix, tmp_path: Path) -> None:
+    model, measured = tmp_path / "model.toml", tmp_path / "measured.h5"
+    model.write_text(
+        '[sensor]\nprofile = "sr4000"\nrows = 8\ncols = 10\n[recording]\nframes = 40\n'
+        '[[surface]]\nname = "board"\ncenter_mm = [-300.0, 0.0, 1500.0]\nsize_mm = [500.0, 500.0]\n'
+    )
+    assert tofmix("simulate", model, "-o", measured).code == 0
+    assert tofmix("warmup").code == 0
+    before = _compiled()
+    model.write_text(model.read_text() + '[[effect]]\nkind = "quantisation"\nstep_mm = 9.0\n')
+    done = tofmix("reconcile", model, measured, "-o", tmp_path / "gap", "--effects", "interference,range_offset")
+    assert done.code == 0, done.err
+    assert _compiled() == before

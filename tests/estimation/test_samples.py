@@ -7,7 +7,7 @@ from sizes import sized
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.samples import BIN, FARTHEST_MM, LONG_WINDOW, Readings, gather, padded, sort_samples
-from tofmix.estimation.vector import LANES
+from tofmix.vector import LANES
 
 
 def test_valid_samples_come_first_and_ascend(rng: np.random.Generator) -> None:

@@ -20,10 +20,13 @@ def warmup() -> None:
     one, and must then be set for later runs too.
     """
     from tofmix.cli.estimate_files import announced
+    from tofmix.io.model_file import load_model
     from tofmix.jit import cache_folder
     from tofmix.pipeline.kernels import compile_all
+    from tofmix.reconcile.warm_up import warm_up
 
     with announced():
         compile_all()
+        warm_up(load_model("three-boards"))
     count = sum(1 for _ in cache_folder().rglob("*.nbc"))
     click.echo(f"{cache_folder()}: {count} compiled kernels")

@@ -37,8 +37,8 @@ from tofmix.estimation.mixture import expect, log_likelihood, mix
 from tofmix.estimation.promise import promise_of_clear
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
-from tofmix.estimation.vector import product_of, total_of
 from tofmix.jit import borrowing, jit
+from tofmix.vector import product_of, total_of
 
 COUNT_ITER = 60
 """Most EM iterations of one trial: counting compares likelihoods, which settle long before the means."""

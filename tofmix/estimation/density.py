@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike
 from tofmix.arrays import FloatArray
 from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.samples import Readings, readings_of
-from tofmix.estimation.vector import LANES, exp_minus, sums_of
 from tofmix.jit import borrowing, jit
 from tofmix.sensor import NoiseCurve
+from tofmix.vector import LANES, exp_minus, sums_of
 
 BANDWIDTH = 0.5
 """h(r) in units of sigma(r): half the resolution (paper, section IV c)."""

@@ -37,8 +37,8 @@ from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.density import whole_lanes, within_reach
 from tofmix.estimation.mixture import ROOT_TWO_PI, gaussians, mix
 from tofmix.estimation.samples import Readings
-from tofmix.estimation.vector import exp_minus, log_of, product_of, total_of
 from tofmix.jit import borrowing
+from tofmix.vector import exp_minus, log_of, product_of, total_of
 
 _STEP = 0.5
 """Step of the search in sigmas: a quarter of a sigma off the best place, a surface gains 3 % less."""

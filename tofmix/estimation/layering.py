@@ -56,11 +56,11 @@ from tofmix.estimation.samples import Readings, SortedSamples, gather, padded, s
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED, EstimateOptions, Knobs, knobs_of
 from tofmix.estimation.uncertainty import standard_errors
 from tofmix.estimation.unrolling import fold_layers, unrolled
-from tofmix.estimation.vector import product_of
 from tofmix.flags import Status
 from tofmix.jit import borrowing, jit
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.vector import product_of
 
 CLEAR_SIGMAS = 4.0
 """One peak and no sample farther from the mean than this: the mean is the fit, no EM is needed."""

@@ -40,9 +40,9 @@ from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.settings import MODE_FREE, MODE_PRIOR, MODE_TIED, EstimateOptions, knobs_of
 from tofmix.estimation.unrolling import unrolled_pixel
-from tofmix.estimation.vector import exp_minus, log_of, moments_of, product_of, total_of
 from tofmix.jit import borrowing
 from tofmix.sensor import Sensor
+from tofmix.vector import exp_minus, log_of, moments_of, product_of, total_of
 
 PRIOR_SAMPLES = 50.0
 """Weight of the noise curve in the prior of sigma_i, in samples."""

@@ -15,8 +15,8 @@ from tofmix.estimation.beam import Beam
 from tofmix.estimation.components import MEAN, OTHER, SHARE, SIGMA, SPARE, TOTAL, WEIGHT, Components, Room
 from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.samples import Readings
-from tofmix.estimation.vector import exp_minus, log_of, product_of, total_of
 from tofmix.jit import borrowing
+from tofmix.vector import exp_minus, log_of, product_of, total_of
 
 OWN_SIGMAS = 4.0
 """Samples this near to a surface are its own, where none other is within twice that."""

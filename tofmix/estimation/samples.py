@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.vector import LANES
 from tofmix.jit import borrowing, jit
+from tofmix.vector import LANES
 
 FARTHEST_MM = 1.0e9
 """A value beyond this is no range of any camera, and is skipped as invalid."""

@@ -30,8 +30,8 @@ from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.mixture import PRIOR_SAMPLES, expect
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
-from tofmix.estimation.vector import product_of
 from tofmix.jit import borrowing, jit
+from tofmix.vector import product_of
 
 _SINGULAR = 1.0e-10
 """A pivot below this, of a matrix with a unit diagonal, is rounding."""
