@@ -48,3 +48,19 @@ def test_what_a_model_lacks_is_found_beside_what_it_has(model: Model, record: Re
     assert result.verified.verdict == "explained"
     (named,) = result.named
     assert named.parameters["offset_mm"] == pytest.approx(8.0, abs=4 * named.stderr["offset_mm"])
+
+
+@pytest.mark.parametrize(
+    ("given", "statistic"),
+    [
+        (MAKE["interference"](probability=0.5, sigma_mm=30.0, burst_frames=3.0), "bursts"),
+        (MAKE["temporal_correlation"](coefficient=0.5), "memory"),
+    ],
+    ids=lambda value: getattr(value, "kind", value),
+)
+def test_what_a_model_has_and_the_recording_has_not_is_said(
+    model: Model, record: Record, given: Effect, statistic: str
+) -> None:
+    result = reconcile(replace(model, effects=(given,)), record(), Settings(kinds=("range_offset",)))
+    assert result.verified.verdict == "unexplained"
+    assert any(place.statistic == statistic and place.size < -0.15 for place in result.where)

@@ -16,7 +16,7 @@ from tofmix.reconcile.memory import memory_of, one_surface, whitened
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.panel import Curve, discreteness, invalid, neighbours, panel_axes, shapes
 from tofmix.reconcile.panel_lines import lines
-from tofmix.reconcile.panel_time import in_time
+from tofmix.reconcile.panel_time import burst_share, in_time
 from tofmix.reconcile.telling import telling_of
 from tofmix.simulation.effects.pixel_crosstalk import PixelCrosstalk
 
@@ -91,6 +91,8 @@ def _curves(z: Float32Array, apart: Float32Array, view: View, state: State) -> I
     axes = list(panel_axes(evidence, m, part))
     yield from shapes(z, axes, m, state, part)
     yield from in_time(z, evidence, part, m)
+    if state.bursts is not None:
+        yield from burst_share(state.disturbed[view.frames], state.bursts)
     yield from invalid(evidence, m, state, axes, part)
     yield from neighbours(apart, evidence, part)
     yield from lines(apart, evidence, part)

@@ -4,14 +4,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, Float32Array, IntArray
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Part
 from tofmix.reconcile.memory import one_surface
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.panel import Curve, sigma_of_lit
+from tofmix.simulation.effects.interference import Interference
 
 _ENOUGH_IN_FRAME = 30  # samples
+_MORE = 4.0  # frames as the effect has them that are added to what was seen
 
 
 def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iterator[Curve]:
@@ -43,6 +45,23 @@ def in_time(z: Float32Array, evidence: Evidence, part: Part, m: Mixture) -> Iter
     alone = one_surface(m)[part[1]]  # of others, a score speaks of which surface was drawn too
     if alone.any():
         yield from _memory(flat[:, alone], ok[:, alone], part[0])
+
+
+def burst_share(disturbed: FloatArray, effect: Interference) -> Iterator[Curve]:
+    """Share of the frames that were disturbed, over that of the effect; bursts are few, and of any length.
+
+    Parameters
+    ----------
+    disturbed : (frame,) float64
+        Probability that each frame was.
+    effect : Interference
+        What the model says of bursts.
+    """
+    p = effect.probability
+    bursts = disturbed.size / max(2 * effect.burst_frames * (1 - p) - 1, 1.0)  # frames that count as independent
+    share = (float(disturbed.sum()) * bursts / disturbed.size + _MORE * p) / (bursts + _MORE)
+    yield Curve(statistic="bursts", axis="all", lower=np.zeros(1), upper=np.ones(1), value=np.array([share - p]),
+                variance=np.array([p * (1 - p) / max(bursts, 1.0)]), unit="1", scale_mm=np.ones(1))  # fmt: skip
 
 
 def _mean_square(flat: Float32Array, ok: BoolArray) -> float:
