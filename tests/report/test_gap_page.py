@@ -8,6 +8,7 @@ import pytest
 
 from tofmix.reconcile.add import Settings
 from tofmix.reconcile.evidence import make_evidence
+from tofmix.reconcile.words import in_words
 from tofmix.reconcile.workflow import Reconciliation, reconcile
 from tofmix.report.gap_page import render_gap
 from tofmix.sensors.registry import load_profile
@@ -60,6 +61,10 @@ def test_it_says_what_was_missing_and_where(page: str) -> None:
     assert fitted is not None
     assert float(fitted[1]) == pytest.approx(9.0, abs=0.5)
     assert re.search(r'(src|srcset|href)="(?!data:)', page) is None
+
+
+def test_words_of_an_effect_have_four_digits() -> None:
+    assert in_words(RangeOffset(offset_mm=9.123456)) == "every range is 9.123 mm longer"
 
 
 def test_pictures_show_what_disagrees_most_and_each_statistic(page: str, explained: Reconciliation) -> None:

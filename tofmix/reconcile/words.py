@@ -2,10 +2,12 @@
 
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
 from tofmix.reconcile.localise import Place
 from tofmix.reconcile.workflow import NamedEffect, Reconciliation
+from tofmix.simulation.effects.base import Effect
 
 _TITLES = {
     "agree": "Simulation and measurement agree",
@@ -35,6 +37,13 @@ def headline(result: Reconciliation) -> str:
     part = "it" if v.verdict == "explained" else "a part of it"
     fall = f"the gap falls from {v.before.gap:.1f} to {v.after.gap:.1f}, chance is {v.floor.gap:.1f}"
     return f"Simulation and measurement disagree most {place}. {effects} {verb} {part}; {fall}."
+
+
+def in_words(effect: Effect) -> str:
+    """What the effect does, its numbers to four digits."""
+    numbers = {name: getattr(effect, name) for name in effect.parameters()}
+    short = {name: float(f"{value:.4g}") for name, value in numbers.items() if isinstance(value, float)}
+    return replace(effect, **short).explain()
 
 
 def where_text(place: Place, result: Reconciliation) -> str:

@@ -3,7 +3,7 @@
 from importlib import import_module
 
 from tofmix.reconcile.name import Candidate
-from tofmix.reconcile.words import effect_tables, effect_text, headline, p_text, where_text
+from tofmix.reconcile.words import effect_tables, effect_text, headline, in_words, p_text, where_text
 from tofmix.reconcile.workflow import NamedEffect, Reconciliation
 from tofmix.report.templates import load_template
 
@@ -36,7 +36,7 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
         headline=headline(result),
         verdict=said["verdict"].replace("_", " "),
         gap=said["gap"],
-        effects=[(effect_text(n, result), n.effect.explain(), n.heldout_gain_nats) for n in result.named],
+        effects=[(effect_text(n, result), in_words(n.effect), n.heldout_gain_nats) for n in result.named],
         where=[(where_text(p, result), p_text(p)) for p in result.where[:6]],
         left=[(where_text(p, result), p_text(p)) for p in result.left[:6]] if result.named else [],
         candidates=[(c.kind, _fitted(c, result), f"{c.gain:,.0f}", c.parameters) for c in result.candidates],
