@@ -180,6 +180,16 @@ def test_it_says_when_the_file_is_of_another_setting(tofmix: Tofmix, files: tupl
     assert done.err.count("\n") == 1
 
 
+def test_it_says_when_the_file_is_of_another_frame_rate(
+    tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path
+) -> None:
+    with h5py.File(files[1], "r+") as file:
+        file["time"][...] = file["time"][...] * 2.5
+    done = tofmix("reconcile", *files, "-o", tmp_path / "gap", "--max-effects", "0")
+    assert done.code == 0
+    assert done.err == f"tofmix: {files[1]}: time: 10 Hz, the model's frame_rate_hz is 25\n"
+
+
 def test_it_says_that_a_pattern_without_a_map_may_be_anything(
     tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -1,13 +1,16 @@
 """Effects that came first give way where a rival does better beside what came later."""
 
+import numpy as np
 import pytest
 from recordings import MAKE, Record
 
 from tofmix.reconcile.add import Settings
 from tofmix.reconcile.profiles import numeric
 from tofmix.reconcile.workflow import reconcile
+from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.model import Model
 
+IMAGE = (20, 24)
 KINDS = ("surface_pose", "multipath", "excess_noise", "temperature_drift")
 
 
@@ -20,3 +23,14 @@ def test_a_second_bounce_gives_way_to_a_pose_beside_more_noise(model: Model, rec
     assert sorted(n.effect.kind for n in result.named) == ["excess_noise", "surface_pose"]
     pose = next(n for n in result.named if n.effect.kind == "surface_pose")
     assert abs(numeric(pose.effect)["shift_mm"] - shift_mm) < 4 * pose.stderr["shift_mm"]
+
+
+def test_pixels_that_hold_one_value_do_not_hide_an_offset_in_a_pattern(model: Model, record: Record) -> None:
+    """To a pattern they are large biases, and with spreads that large it takes the offset too."""
+    stuck = np.full(IMAGE, np.nan, dtype=np.float32)
+    stuck.flat[::33] = 3000
+    hidden = MAKE["stuck_pixels"](map=PixelMap("stuck.npy", stuck)), MAKE["range_offset"](offset_mm=-6.0)
+    kinds = ("range_offset", "fixed_pattern", "stuck_pixels", "amplitude_walk", "surface_pose")
+    result = reconcile(model, record(*hidden), Settings(kinds=kinds))
+    assert result.verified.verdict == "explained"
+    assert sorted(n.effect.kind for n in result.named) == ["range_offset", "stuck_pixels"]

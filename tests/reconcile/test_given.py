@@ -64,3 +64,13 @@ def test_what_a_model_has_and_the_recording_has_not_is_said(
     result = reconcile(replace(model, effects=(given,)), record(), Settings(kinds=("range_offset",)))
     assert result.verified.verdict == "unexplained"
     assert any(place.statistic == statistic and place.size < -0.15 for place in result.where)
+
+
+def test_a_map_that_was_measured_agrees_with_the_next_recording(model: Model, record: Record) -> None:
+    """Its errors are those of so many frames; `--tolerance` covers them."""
+    kinds = ("fixed_pattern", "range_offset", "surface_pose")
+    pattern = MAKE["fixed_pattern"](map=PixelMap("biases.npy", BIASES))
+    first = reconcile(model, record(pattern), Settings(kinds=kinds))
+    (named,) = first.named
+    again = reconcile(replace(model, effects=(named.effect,)), record(pattern, seed=9), Settings(kinds=kinds))
+    assert again.verified.verdict == "agree"

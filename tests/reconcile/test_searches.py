@@ -21,6 +21,18 @@ def lossy(model: Model, record: Record) -> Likelihood:
     return Likelihood(evidence, Scene(model, evidence.time_s))
 
 
+@pytest.mark.parametrize("frames", [20, 25, 30])
+def test_a_drift_is_looked_for_in_few_frames_too(model: Model, record: Record, frames: int) -> None:
+    whole = record()
+    few = replace(
+        whole, samples=whole.samples[:frames], time_s=whole.time_s[:frames], fit_frames=whole.fit_frames[:frames]
+    )
+    likelihood = Likelihood(few, Scene(model, few.time_s))
+    (problem,) = problems("temperature_drift", likelihood, likelihood.scene.mixture())
+    for start in problem.starts:
+        assert problem.make(np.array(start)).kind == "temperature_drift"
+
+
 @pytest.mark.parametrize("kind", PROBLEMS)
 def test_every_start_is_an_effect_that_the_camera_may_have(model: Model, lossy: Likelihood, kind: str) -> None:
     found = problems(kind, lossy, lossy.scene.mixture())

@@ -12,6 +12,7 @@ from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.name import KINDS
 from tofmix.reconcile.verify import _smooth, verify
+from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.model import Model
@@ -54,3 +55,28 @@ def test_a_pattern_is_smooth_where_a_lens_bends_it(
     known = boards | everywhere
     effect = FixedPattern(map=PixelMap("fixed_pattern.npy", np.where(known, values, 0.0)))
     assert _smooth(effect, known) == smooth
+
+
+@pytest.mark.parametrize("frame_rate_hz", [4.0, 10.0])
+def test_the_floor_is_simulated_as_fast_as_was_recorded(model: Model, record: Record, frame_rate_hz: float) -> None:
+    """The model file may say another rate than the recording has: what goes with time goes by the recording's, 10 Hz."""
+    drift = MAKE["temperature_drift"](amplitude_mm=20.0, time_constant_s=2.0)
+    other = replace(model, recording=replace(model.recording, frame_rate_hz=frame_rate_hz))
+    result = reconcile(other, record(drift), Settings(kinds=("temperature_drift", "range_offset")))
+    assert [n.effect.kind for n in result.named] == ["temperature_drift"]
+    assert result.verified.floor.gap < 1.3
+    assert result.verified.closed is not None
+    assert result.verified.closed < 1.05
+
+
+def test_a_change_in_time_that_no_law_has_leaves_a_drift_a_part_of_the_explanation(
+    model: Model, record: Record
+) -> None:
+    evidence = record(MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=2.0))
+    ripple = np.rint(2.5 * np.sin(0.9 * evidence.time_s)).astype(np.int64)
+    moved = np.where(evidence.samples > 0, evidence.samples + ripple[:, None], 0).astype(np.uint16)
+    result = reconcile(
+        model, replace(evidence, samples=moved), Settings(kinds=("temperature_drift", "range_offset", "motion"))
+    )
+    assert result.verified.verdict != "explained"
+    assert result.where[0].axis in ("time", "frame")

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 _MOST_SAMPLES = 1 << 28
 _SAME = 1e-3
+_SAME_RATE = 0.02
 
 
 @examples(
@@ -158,6 +159,10 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
             own, models = getattr(file.sensor, name), getattr(scene.sensor, name)
             if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):
                 click.echo(f"tofmix: {measured}: sensor: {name} is {own:g}, the model's is {models:g}", err=True)
+    if time_s is not None and time_s[-1] > time_s[0]:
+        own, models = (len(time_s) - 1) / float(time_s[-1] - time_s[0]), scene.recording.frame_rate_hz
+        if not math.isclose(own, models, rel_tol=_SAME_RATE):
+            click.echo(f"tofmix: {measured}: time: {own:.4g} Hz, the model's frame_rate_hz is {models:g}", err=True)
     if any(effect.kind == "fixed_pattern" and getattr(effect, "map", None) is None for effect in scene.effects):
         click.echo(
             f"tofmix: {measured}: the model's fixed_pattern has no map: all that is static is taken as part of it",

@@ -25,6 +25,7 @@ from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, can
 from tofmix.reconcile.refit import begin, refit, without
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
 
 CRUMB = 0.01
 """Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
@@ -114,7 +115,7 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
     tick : callable
         Told of each kind that was tried.
     """
-    start = begin(likelihood, fit_part(likelihood, settings)[0])
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
     best = _Search(likelihood, settings, tick, start)
     yield _followed(best)
     other = _beginning(best)
@@ -197,12 +198,11 @@ def _round(search: _Search) -> bool:
     allowed = max(0.0, likelihood.value(near, trial.test_part) - trial.base)
     found = candidates(trial, settings.kinds, search.tick)
     search.first = search.first or tuple(found)
-    best = _best(trial, found)
-    if best is None:
-        return False
     needed = allowed + math.log(max(len(found), 1) / settings.alpha)
     needed = max(needed, CRUMB * sum(c.gain for c in search.chosen))
-    if best.score <= needed:
+    first = _best(trial, found)
+    best = next((c for c in (first, *found[:1]) if c is not None and c.score > needed), None)
+    if best is None:
         return False
     _take(search, best, found)
     return True
@@ -249,7 +249,13 @@ def _name(candidate: Candidate) -> tuple[str, str]:
 
 
 def _best(trial: Trial, found: Sequence[Candidate]) -> Candidate | None:
-    """The best candidate; before a fixed pattern, a structured effect that gains beside it."""
+    """The best candidate; before a fixed pattern, a structured effect that gains beside it.
+
+    Before all of them pixels that hold one value: there is no doubt of them, and to a pattern they are large biases.
+    """
+    stuck = next((c for c in found if c.kind == StuckPixels.kind and c.score > 0), None)
+    if stuck is not None:
+        return stuck
     if not found or found[0].kind != FixedPattern.kind:
         return found[0] if found else None
     alone = gain_beside(trial, trial.state, trial.mixture, cast("FixedPattern", found[0].effect))

@@ -144,8 +144,8 @@ def pattern_map(
     part = (frames, np.arange(likelihood.evidence.shape[1]))
     found = pixel_biases(likelihood, mixture, state, part)
     spreads = (effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm)
-    own = max(effect.pixel_sigma_mm, 1e-6) ** 2
-    variance = np.where(found.information > 0, 1.0 / (found.information + 1.0 / own), 0.0)
+    whole = max(sum(s**2 for s in spreads), 1e-12)  # columns and rows are no better known than their pixels
+    variance = np.where(found.information > 0, 1.0 / (found.information + 1.0 / whole), 0.0)
     return marginal_pattern(found, likelihood.evidence.image, spreads)[1], variance
 
 

@@ -34,7 +34,8 @@ RIVALS = ("range_offset", "surface_pose")
 """Simple explanations that always compete."""
 
 _MANY_FRAMES = 80
-_SLACK = 1.15  # a tolerance is a typical error, not the largest
+SLACK = 1.15
+"""A tolerance is a typical error, not the largest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -264,7 +265,7 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
     best = replace(state, effects=(*kept, *_poses(likelihood, shifts)))
     if any(isinstance(e, ExcessNoise) for e in (*likelihood.scene.effects, *kept)):
         return best
-    limit = 0.1 * tolerance * _SLACK
+    limit = 0.1 * tolerance * SLACK
     factors = np.array([1 - limit, 1.0, 1 + limit])
     values = [likelihood.value(replace(best, effects=(*best.effects, ExcessNoise(factor=f))), part) for f in factors]
     curve = values[0] - 2 * values[1] + values[2]
@@ -288,7 +289,7 @@ def _newton(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray
     noise = likelihood.scene.model.sensor.noise_at(likelihood.scene.model.sensor.integration_time_ms)
     for number in np.flatnonzero(information > 0):
         step = slope[number] / information[number]
-        limit = _SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
+        limit = SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
         out[number] = float(np.clip(shifts[number] + step, -limit, limit))
     return out
 

@@ -167,7 +167,8 @@ def shapes(z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Pa
     for name, power in zip(SHAPES, hermite(z), strict=True):
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
         for axis in axes:
-            yield _curve(name, axis, total, count, sigma_of_lit(m, part))
+            errors = unknown if name == "bias" else np.zeros_like(unknown)
+            yield _curve(name, axis, total, (count, errors), sigma_of_lit(m, part))
         enough = (count >= _ENOUGH / 10) & free
         value = total[enough] / count[enough]
         number = part[1][enough].astype(np.float64)
@@ -182,14 +183,17 @@ def sigma_of_lit(m: Mixture, part: Part) -> FloatArray:
     return np.where(m.of_main(m.lit)[part[1]], m.of_main(m.sigma)[part[1]], np.inf)
 
 
-def _curve(name: str, axis: Axis, total: FloatArray, count: FloatArray, sigma: FloatArray) -> Curve:
+def _curve(name: str, axis: Axis, total: FloatArray, known: tuple[FloatArray, FloatArray], sigma: FloatArray) -> Curve:
+    """Means over bins; `known` are the samples of each pixel and the variance of its mean beside theirs."""
+    count, unknown = known
     n = np.bincount(axis.bin, count, minlength=axis.lower.size)
     some = n >= _ENOUGH
     value = np.bincount(axis.bin, total, minlength=n.size)[some] / n[some]
     per_mm = np.bincount(axis.bin, count / sigma, minlength=n.size)[some] / n[some]
     scale = np.where(per_mm > 0, 1.0 / np.maximum(per_mm, 1e-9), 0.0)
+    shared = np.bincount(axis.bin, count**2 * unknown, minlength=n.size)[some] / n[some] ** 2
     return Curve(statistic=name, axis=axis.name, lower=axis.lower[some], upper=axis.upper[some], value=value,
-                 variance=1.0 / n[some], unit=axis.unit, scale_mm=scale)  # fmt: skip
+                 variance=1.0 / n[some] + shared, unit=axis.unit, scale_mm=scale)  # fmt: skip
 
 
 def invalid(evidence: Evidence, m: Mixture, state: State, axes: list[Axis], part: Part) -> Iterator[Curve]:

@@ -10,7 +10,7 @@ from tofmix.reconcile import links
 from tofmix.reconcile.curvature import Numbers
 from tofmix.reconcile.fits import fit
 from tofmix.reconcile.likelihood import Likelihood, Part, State
-from tofmix.reconcile.name import Candidate
+from tofmix.reconcile.name import SLACK, Candidate
 from tofmix.reconcile.pattern_errors import pattern_of
 from tofmix.reconcile.standard_errors import polish
 from tofmix.simulation.effects.base import Effect
@@ -78,7 +78,7 @@ def numbers(likelihood: Likelihood, state: State, chosen: Sequence[Candidate], p
     return Numbers(likelihood=likelihood, state=state, fits=fits, part=part)
 
 
-def begin(likelihood: Likelihood, frames: IntArray) -> State:
+def begin(likelihood: Likelihood, frames: IntArray, tolerance: float) -> State:
     """The model as given: what its own effects that link samples did in this recording, and no other effect.
 
     Parameters
@@ -87,9 +87,14 @@ def begin(likelihood: Likelihood, frames: IntArray) -> State:
         Of the recording.
     frames : (n,) int64
         What a pattern's map is made from.
+    tolerance : float
+        Error of a map that the model has, in sigma: it was measured, in a recording as short as this one may be.
     """
     state = likelihood.start()
     likelihood.scene.anchor(state.effects)
+    if any(isinstance(e, FixedPattern) and e.map is not None for e in likelihood.scene.effects):
+        mixture = likelihood.scene.mixture()
+        state = replace(state, pixel_variance=(SLACK * tolerance * mixture.of_main(mixture.sigma)) ** 2)
     for effect in state.given:
         if isinstance(effect, StuckPixels):
             found = links.find_stuck(likelihood, likelihood.scene.mixture(), state)

@@ -124,7 +124,8 @@ def _drift(s: Setting) -> Iterator[Problem]:
         reached = -math.expm1(-s.duration / tau)  # searched by what is reached, which tau does not change
         return MAKE["temperature_drift"](amplitude_mm=float(x[0]) * s.sigma / reached, time_constant_s=tau)
 
-    starts = tuple((size, math.log(part * s.duration)) for size in (-1.0, 1.0) for part in (0.1, 0.4, 1.5))
+    taus = sorted({max(part * s.duration, 1.1 * fastest) for part in (0.1, 0.4, 1.5)})
+    starts = tuple((size, math.log(tau)) for size in (-1.0, 1.0) for tau in taus)
     yield Problem(make=make, starts=starts, steps=(0.3, 0.4))
 
 

@@ -60,6 +60,9 @@ SIGNATURES: dict[str, tuple[str, ...]] = {
 OPEN = 0.03
 """Share of an effect's gain that may be left in its own statistics: no law of ours is exact."""
 
+IN_TIME = 0.005
+"""Share of what the effects gained that may be left of a change of all frames in time."""
+
 ECHO = 0.1
 """Correlation, at any lag, that a memory of one frame may leave."""
 
@@ -124,7 +127,7 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     """
     held = held_out(likelihood, settings)
     likelihood.scene.anchor(())  # edges where the model as given has them, not where a pose put them
-    start = begin(likelihood, fit_part(likelihood, settings)[0])
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
     before = compare(likelihood, start, held, seed=settings.seed)
     likelihood.scene.anchor(added.state.effects)
     after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
@@ -136,6 +139,8 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     signed = law is None and _signed(likelihood, added, floor, settings)
     enough = (not loud or gain >= EXPLAINED * (gain + left)) and _closes(before, after, floor)
     verdict = _verdict(added, before, loud, enough=enough, signed=signed)
+    if verdict == "explained" and _goes_on(added.state, loud, floor, gain):
+        verdict = "partly_explained"
     state = added.state
     if added.chosen and verdict in ("agree", "unexplained"):
         likelihood.scene.anchor(start.effects)
@@ -215,6 +220,17 @@ def _mean_product(a: FloatArray, b: FloatArray, both: BoolArray) -> float:
     return float((a * b).sum() / max(int(both.sum()), 1))
 
 
+def _goes_on(state: State, loud: list[Curve], floor: Compared, gain: float) -> bool:
+    """Whether the means of frames still change in time: laws in time are exact, so that something else is there.
+
+    Where frames are disturbed, or noise has a memory, these means have that in them.
+    """
+    if state.bursts is not None or memory_of(state):
+        return False
+    left = (_weight(c, floor) for c in loud if (c.statistic, c.axis) in (("trend", "time"), ("common_mode", "frame")))
+    return max(left, default=0.0) > IN_TIME * gain
+
+
 def _closes(before: Compared, after: Compared, floor: Compared) -> bool:
     """Whether the refined model closes most of the gap above chance."""
     chance = max(floor.gap, 1.0)
@@ -249,13 +265,21 @@ def _floor(likelihood: Likelihood, state: State, settings: Settings) -> Compared
     samples = np.empty_like(evidence.samples)
     for number, (frames, scene) in enumerate(zip(evidence.recordings, likelihood.scene.members, strict=True)):
         seed = settings.seed + 1 + _SEEDS_APART * number
-        model = _as_found(refined_model(scene, state), state)
+        model = _as_recorded(_as_found(refined_model(scene, state), state), evidence.time_s[frames])
         samples[frames] = simulate_like(model, frames.stop - frames.start, seed=seed)
     again = Likelihood(replace(evidence, samples=samples), likelihood.scene)
     if state.bursts is not None:
         mixture = likelihood.scene.mixture(state.effects)
         state = replace(state, disturbed=links.disturbed_frames(again, mixture, state, state.bursts))
     return compare(again, state, held_out(likelihood, settings), seed=settings.seed + 1)
+
+
+def _as_recorded(model: Model, time_s: FloatArray) -> Model:
+    """The model at the recording's own frame rate."""
+    duration = float(time_s[-1] - time_s[0])
+    if duration <= 0:
+        return model
+    return replace(model, recording=replace(model.recording, frame_rate_hz=(time_s.size - 1) / duration))
 
 
 def _as_found(model: Model, state: State) -> Model:

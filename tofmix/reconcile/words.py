@@ -30,7 +30,8 @@ def headline(result: Reconciliation) -> str:
         return f"{_TITLES['agree']}: no disagreement beyond chance and tolerance; {gap}{within}."
     place = where_text(result.where[0], result)
     if v.verdict == "unexplained":
-        law = f"; a smooth law of {v.law}, which none of them is, fits better" if v.law else ""
+        stays = result.where[0].statistic in ("bias", "pattern")  # what goes with time is no matter of that law
+        law = f"; a smooth law of {v.law}, which none of them is, fits better" if v.law and stays else ""
         return f"Simulation and measurement disagree most {place}. None of the known effects explains it{law}."
     effects = " and ".join(effect_text(n, result) for n in result.named)
     verb = "explain" if len(result.named) > 1 else "explains"
@@ -78,6 +79,7 @@ def effect_text(named: NamedEffect, result: Reconciliation) -> str:
     shown = [
         f'"{value}"' if isinstance(value, str) else _with_error(name, value, named.stderr.get(name))
         for name, value in named.parameters.items()
+        if isinstance(value, str) or value or named.stderr.get(name)  # what is not there needs no words
     ]
     return f"{named.effect.kind} ({', '.join(shown)}){within}" if shown else named.effect.kind
 

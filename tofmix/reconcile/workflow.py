@@ -218,8 +218,10 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
     tried: list[tuple[Added, Verified]] = []
     for added in ways(likelihood, settings, tick):
         tried.append((added, verify(likelihood, added, settings)))
-        if tried[-1][1].verdict in DONE or tried[-1][1].law is not None:
+        if tried[-1][1].verdict in DONE:
             return tried[-1]
+        if tried[-1][1].law is not None:
+            break
     best = next((way for way in tried if way[1].verdict == "partly_explained"), tried[0])
     likelihood.scene.anchor(best[0].state.effects)
     return best
