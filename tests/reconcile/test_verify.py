@@ -59,7 +59,7 @@ def test_a_pattern_is_smooth_where_a_lens_bends_it(
 
 @pytest.mark.parametrize("frame_rate_hz", [4.0, 10.0])
 def test_the_floor_is_simulated_as_fast_as_was_recorded(model: Model, record: Record, frame_rate_hz: float) -> None:
-    """The model file may say another rate than the recording has: what goes with time goes by the recording's, 10 Hz."""
+    """The model file may say another rate than the recording's 10 Hz, which is what counts."""
     drift = MAKE["temperature_drift"](amplitude_mm=20.0, time_constant_s=2.0)
     other = replace(model, recording=replace(model.recording, frame_rate_hz=frame_rate_hz))
     result = reconcile(other, record(drift), Settings(kinds=("temperature_drift", "range_offset")))
