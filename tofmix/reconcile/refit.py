@@ -97,10 +97,11 @@ def begin(likelihood: Likelihood, frames: IntArray, tolerance: float) -> State:
         state = replace(state, pixel_variance=(SLACK * tolerance * mixture.of_main(mixture.sigma)) ** 2)
     for effect in state.given:
         if isinstance(effect, StuckPixels):
-            found = links.find_stuck(likelihood, likelihood.scene.mixture(), state)
             if effect.map is not None:
                 state = replace(state, stuck_mm=effect.map.values.ravel().astype(np.float64))
-            elif found is not None:
+                continue
+            found = links.find_stuck(likelihood, likelihood.scene.mixture(), state)
+            if found is not None:
                 state = replace(state, stuck_mm=found.stuck_mm)
     return latent_states(likelihood, state, frames)
 
