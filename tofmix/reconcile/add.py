@@ -12,16 +12,15 @@ begins anew with other candidates.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import cast
 
 import numpy as np
 
-from tofmix.reconcile import links
+from tofmix.reconcile.beside import ALIAS_NATS, best_beside
 from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.localise import disagreements
-from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, gain_beside, tolerated
+from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, recast, tolerated
 from tofmix.reconcile.refit import begin, refit, without
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -33,7 +32,6 @@ CRUMB = 0.01
 _FAIR = 0.5  # share of the best candidate's score from which another may begin a way
 
 _COVERED = 0.999  # share of the beam that surfaces fill
-_ALIAS_NATS = 6.0
 _ALIAS_SHARE = 0.002
 
 
@@ -122,7 +120,7 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
     if other is not None:
         search = _Search(likelihood, settings, tick, start, first=best.first)
         likelihood.scene.anchor(search.state.effects)
-        _take(search, other, best.first)
+        _take(search, _Taken((other,), _near(other, best.first)), best.first)
         yield _followed(search)
 
 
@@ -196,25 +194,47 @@ def _round(search: _Search) -> bool:
     trial = begin_trial(likelihood, search.state, settings.split, settings.seed)
     near = tolerated(likelihood, search.state, fit_part(likelihood, settings), settings.tolerance)
     allowed = max(0.0, likelihood.value(near, trial.test_part) - trial.base)
-    found = candidates(trial, settings.kinds, search.tick)
+    found = _recast(trial, candidates(trial, settings.kinds, search.tick))
     search.first = search.first or tuple(found)
     needed = allowed + math.log(max(len(found), 1) / settings.alpha)
     needed = max(needed, CRUMB * sum(c.gain for c in search.chosen))
-    first = _best(trial, found)
-    best = next((c for c in (first, *found[:1]) if c is not None and c.score > needed), None)
-    if best is None:
+    if max((c.score for c in found[:1]), default=0.0) <= needed:
         return False
-    _take(search, best, found)
+    taken = _best(search, trial, found, near)
+    if max(c.score for c in taken.best) <= needed:
+        taken = _Taken((found[0],), _near(found[0], found))
+    _take(search, taken, found)
     return True
 
 
-def _take(search: _Search, best: Candidate, found: Sequence[Candidate]) -> None:
-    """Add a candidate to the model, and fit all anew."""
-    search.begun = search.begun or best
-    search.aliases += _aliases(best, found)
-    search.chosen.append(best)
-    search.rivals.append(tuple(c for c in found if c is not best))
-    search.state = best.state
+@dataclass(frozen=True, slots=True)
+class _Taken:
+    """What a round takes, and what the recording cannot tell from the first of it."""
+
+    best: tuple[Candidate, ...]
+    aliases: tuple[Candidate, ...]
+
+
+def _recast(trial: Trial, found: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates, best first, those that move a surface with its edges, if they are among the best."""
+    fair = max((_FAIR * c.score for c in found[:1]), default=0.0)
+    cast_ = [recast(trial, c) if c.score > fair else c for c in found]
+    return sorted(cast_, key=lambda c: -c.score)
+
+
+def _take(search: _Search, taken: _Taken, found: Sequence[Candidate]) -> None:
+    """Add candidates to the model, as far as there is room, and fit all anew."""
+    best = taken.best[: search.settings.max_effects - len(search.chosen)]
+    search.begun = search.begun or best[0]
+    if taken.aliases:
+        search.aliases.append((best[0], *taken.aliases))
+    state = best[0].state
+    for candidate in best[1:]:  # a pattern, whose values are found anew
+        state = replace(state, effects=(*state.effects, candidate.effect))
+    for candidate in best:
+        search.chosen.append(candidate)
+        search.rivals.append(tuple(c for c in found if c.kind not in {b.kind for b in best}))
+    search.state = state
     part = fit_part(search.likelihood, search.settings)
     search.state, search.chosen = refit(search.likelihood, search.state, search.chosen, part)
     _exchange(search, part)
@@ -248,41 +268,26 @@ def _name(candidate: Candidate) -> tuple[str, str]:
     return candidate.kind, getattr(candidate.effect, "surface", "")
 
 
-def _best(trial: Trial, found: Sequence[Candidate]) -> Candidate | None:
-    """The best candidate; before a fixed pattern, a structured effect that gains beside it.
+def _best(search: _Search, trial: Trial, found: Sequence[Candidate], near: State) -> _Taken:
+    """The best candidate; before a fixed pattern, a structured effect that gains beside it, and then the pattern too.
 
     Before all of them pixels that hold one value: there is no doubt of them, and to a pattern they are large biases.
     """
     stuck = next((c for c in found if c.kind == StuckPixels.kind and c.score > 0), None)
     if stuck is not None:
-        return stuck
-    if not found or found[0].kind != FixedPattern.kind:
-        return found[0] if found else None
-    alone = gain_beside(trial, trial.state, trial.mixture, cast("FixedPattern", found[0].effect))
-    beside = []
-    for other in found[1:]:
-        if other.fitted is None or other.gain < PRICE_NATS * other.parameters + 10:
-            continue
-        gain = _with_pattern(trial, other, found[0])
-        if gain - alone > PRICE_NATS * other.parameters + 10 + 0.002 * alone:
-            beside.append((gain, other))
-    return max(beside, key=lambda pair: pair[0])[1] if beside else found[0]
+        return _Taken((stuck,), _near(stuck, found))
+    if found[0].kind == FixedPattern.kind:
+        parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
+        beside = best_beside(trial, found, parts, near)
+        if beside is not None:
+            return _Taken((beside.first, found[0]) if beside.patterned else (beside.first,), beside.rivals)
+    return _Taken((found[0],), _near(found[0], found))
 
 
-def _with_pattern(trial: Trial, other: Candidate, pattern: Candidate) -> float:
-    """Held-out gain of a structured effect and a pattern together."""
-    mixture = trial.likelihood.scene.mixture(other.state.effects)
-    fitted = links.fit_pattern(trial.likelihood, mixture, other.state, trial.fit_part)
-    effect = fitted[0] if fitted is not None else cast("FixedPattern", pattern.effect)
-    return gain_beside(trial, other.state, mixture, effect)
-
-
-def _aliases(best: Candidate, found: Sequence[Candidate]) -> list[tuple[Candidate, ...]]:
-    near = tuple(
-        c for c in found
-        if c is not best and c.kind != best.kind and best.gain - c.gain < max(_ALIAS_NATS, _ALIAS_SHARE * best.gain)
-    )  # fmt: skip
-    return [(best, *near)] if near else []
+def _near(best: Candidate, found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Candidates of other kinds that gain as much."""
+    limit = max(ALIAS_NATS, _ALIAS_SHARE * best.gain)
+    return tuple(c for c in found if c.kind != best.kind and abs(best.gain - c.gain) < limit)
 
 
 def _drop(search: _Search) -> None:

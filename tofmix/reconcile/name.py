@@ -19,7 +19,7 @@ from tofmix.reconcile.lattice import find_lattice
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.memory import fit_memory, memory_gain
 from tofmix.reconcile.mixture import Mixture
-from tofmix.reconcile.pixel_pattern import marginal_pattern, pixel_biases, with_pattern
+from tofmix.reconcile.pixel_pattern import marginal_pattern, pixel_biases
 from tofmix.reconcile.searches import problems
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.excess_noise import ExcessNoise
@@ -32,6 +32,9 @@ from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 PRICE_NATS = 3.0  # of each free parameter
 RIVALS = ("range_offset", "surface_pose")
 """Simple explanations that always compete."""
+
+MOVES = ("surface_pose", "motion")
+"""Kinds that move a surface, and its edges with it."""
 
 _MANY_FRAMES = 80
 SLACK = 1.15
@@ -158,6 +161,23 @@ def _by_search(trial: Trial, kind: str) -> list[Candidate]:
     return out
 
 
+def recast(trial: Trial, candidate: Candidate) -> Candidate:
+    """A candidate that moves a surface, its edges cast where it puts them, its numbers fitted and scored with these.
+
+    Elsewhere a moved surface keeps its edges where they were, which is quick, and right for small moves alone.
+    """
+    if candidate.kind not in MOVES or candidate.fitted is None:
+        return candidate
+    likelihood = trial.likelihood
+    likelihood.scene.anchor(candidate.state.effects)
+    problem, start = candidate.fitted.problem, candidate.fitted.vector
+    fitted = fit(problem, likelihood, trial.state, trial.fit_part, start=start)
+    state = replace(candidate.state, effects=(*trial.state.effects, fitted.effect))
+    gain = likelihood.value(state, trial.test_part) - trial.base
+    likelihood.scene.anchor(trial.state.effects)
+    return replace(candidate, effect=fitted.effect, gain=gain, state=state, fitted=fitted)
+
+
 def _stuck(trial: Trial) -> Candidate | None:
     state = links.find_stuck(trial.likelihood, trial.mixture, trial.state)
     if state is None:
@@ -208,13 +228,6 @@ def pattern_gain(trial: Trial, effect: FixedPattern) -> float:
     """Held-out gain of a pattern, all patterns integrated out: the held-out pixels' own were never fitted."""
     found = pixel_biases(trial.likelihood, trial.mixture, trial.state, trial.test_part)
     return marginal_pattern(found, trial.likelihood.evidence.image, _spreads(effect))[0]
-
-
-def gain_beside(trial: Trial, state: State, mixture: Mixture, effect: FixedPattern) -> float:
-    """Held-out gain over the trial's state of another one with a pattern, all patterns integrated out."""
-    found = pixel_biases(trial.likelihood, mixture, state, trial.test_part)
-    bare = trial.likelihood.value(state, trial.test_part, mixture) - trial.base
-    return bare + with_pattern(found, trial.likelihood.evidence.image, _spreads(effect))
 
 
 def _spreads(effect: FixedPattern) -> tuple[float, float, float]:

@@ -14,20 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.reconcile import links
+from tofmix.reconcile.beside import STATIC, worth
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
-from tofmix.reconcile.name import PRICE_NATS, Candidate
+from tofmix.reconcile.name import PRICE_NATS, Candidate, tolerated
 from tofmix.reconcile.pattern_errors import pattern_of
-from tofmix.reconcile.pixel_pattern import pixel_biases, with_pattern
+from tofmix.reconcile.pixel_pattern import pixel_biases
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
-
-STATIC = (
-    "range_offset", "surface_pose", "wiggling", "amplitude_walk", "scattering", "multipath", FixedPattern.kind,
-)  # fmt: skip
-"""Kinds that give each pixel a bias that stays."""
 
 CLEARLY_NATS = 6.0
 CLEARLY_SHARE = 0.0001
@@ -40,7 +35,7 @@ _ALONE = 0.98  # share of the beam of a surface that a pixel sees by itself
 
 
 def better_law(
-    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], parts: tuple[Part, Part]
+    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], parts: tuple[Part, Part], tolerance: float
 ) -> str | None:
     """The axis of a smooth law that beats the static effects that were named; None if none does.
 
@@ -54,6 +49,8 @@ def better_law(
         Its effects, in its order.
     parts : two of (frames, pixels)
         What fits may see, and what they may not, of all pixels: laws of few numbers need none held out.
+    tolerance : float
+        Of the model: a law must beat whatever is taken as right beside the effects.
     """
     duration = float(likelihood.evidence.time_s.max())
     static = [c for c in chosen if _stays(c.effect, duration)]
@@ -64,16 +61,19 @@ def better_law(
     named = replace(bare, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
     rest = replace(bare, effects=tuple(e for e in state.effects if not _stays(e, duration)))
     price = PRICE_NATS * sum(c.parameters for c in static if c.kind != FixedPattern.kind)
-    worth = _worth(likelihood, named, likelihood.scene.mixture(named.effects), parts, patterned=patterned) - price
+    near = tolerated(likelihood, named, parts[0], tolerance)
+    stood = max(
+        worth(likelihood, s, likelihood.scene.mixture(s.effects), parts, patterned=patterned) for s in (named, near)
+    ) - price  # fmt: skip
     likelihood.scene.anchor(rest.effects)  # a pose that is left out takes its edges with it
     mixture = likelihood.scene.mixture(rest.effects)
-    nothing = _worth(likelihood, rest, mixture, parts, patterned=False)
-    needed = worth + max(CLEARLY_NATS, CLEARLY_SHARE * (worth - nothing))
+    nothing = worth(likelihood, rest, mixture, parts, patterned=False)
+    needed = stood + max(CLEARLY_NATS, CLEARLY_SHARE * (stood - nothing))
     found = {}
     for axis, law in _LAWS.items():
         bent = law(likelihood, rest, mixture, parts[0])
         if bent is not None:
-            found[axis] = _worth(likelihood, *bent[:2], parts, patterned=patterned) - PRICE_NATS * bent[2]
+            found[axis] = worth(likelihood, *bent[:2], parts, patterned=patterned) - PRICE_NATS * bent[2]
     likelihood.scene.anchor(state.effects)
     best = max(found, key=lambda axis: found[axis])
     return best if found[best] > needed else None
@@ -137,18 +137,3 @@ def _fitted(
     found = pixel_biases(likelihood, mixture, state, part)
     weighed = columns * np.where(use, found.information, 0.0)[:, None]
     return np.asarray(np.linalg.lstsq(columns.T @ weighed, weighed.T @ found.bias, rcond=None)[0])
-
-
-def _worth(
-    likelihood: Likelihood, state: State, mixture: Mixture, parts: tuple[Part, Part], *, patterned: bool
-) -> float:
-    """Log-likelihood of what no fit has seen, a pattern integrated out."""
-    fit, test = parts
-    worth = likelihood.value(state, test, mixture)
-    pattern = links.fit_pattern(likelihood, mixture, state, fit) if patterned else None
-    if pattern is not None:
-        effect = pattern[0]
-        spreads = (effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm)
-        biases = pixel_biases(likelihood, mixture, state, test)
-        worth += with_pattern(biases, likelihood.evidence.image, spreads)
-    return worth

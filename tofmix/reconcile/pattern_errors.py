@@ -8,7 +8,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import cho_solve
 
 from tofmix.arrays import FloatArray
 from tofmix.reconcile.curvature import SOFT, Numbers, Parabola, inverse
@@ -130,7 +129,7 @@ class UnderPattern:
     def _at(self, column_sigma_mm: float, row_sigma_mm: float) -> tuple[FloatArray, float]:
         """Products of biases and moves by the inverse covariance, and the covariance's log determinant."""
         root, logdet = self._lines.factor(column_sigma_mm, row_sigma_mm)
-        return self._given - self._pulled.T @ cho_solve(root, self._pulled, check_finite=False), logdet
+        return self._given - self._pulled.T @ root.solve(self._pulled), logdet
 
     def _restricted(self, column_sigma_mm: float, row_sigma_mm: float) -> tuple[float, FloatArray, FloatArray]:
         """Log-likelihood of the spreads, numbers integrated out; how these move from the fitted ones; covariance."""

@@ -22,6 +22,7 @@ from tofmix.simulation.effects.fixed_pattern import FixedPattern
 _MOST_STEPS = 4
 _ENOUGH = 0.01  # nats that are not worth a step
 _PARTS = (1.0, 0.5, 0.2, 0.05)  # of a step that are tried
+_DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # in units of a number's own curvature
 _OFF = 0.1  # from the part that was tried, of it, where another is worth a trial
 
 
@@ -40,15 +41,31 @@ def polish(numbers: Numbers) -> Numbers:
         if pattern is not None:
             under = _under(numbers, about, pattern)
             slope, curvature = under.slope(), under.curvature(pattern.column_sigma_mm, pattern.row_sigma_mm)
-        move = inverse(curvature) @ slope
-        gain = 0.5 * float(slope @ move)
-        if gain < _ENOUGH:
+        if 0.5 * float(slope @ inverse(curvature) @ slope) < _ENOUGH:
             break
-        better = _better(_Way(numbers, move * about.steps, pattern), gain)
+        better = _climbed(numbers, about.steps, (slope, curvature), pattern)
         if better is None:
             break
         numbers = better
     return numbers
+
+
+def _climbed(
+    numbers: Numbers, steps: FloatArray, about: tuple[FloatArray, FloatArray], pattern: FixedPattern | None
+) -> Numbers | None:
+    """A step of Newton's, damped where the whole of it leads astray, as far from the top; None if none climbs.
+
+    References
+    ----------
+    Levenberg, Quart. Appl. Math. 2 (1944) 164.
+    """
+    slope, curvature = about
+    for damping in _DAMPINGS:
+        move = inverse(curvature + damping * np.eye(slope.size)) @ slope
+        better = _better(_Way(numbers, move * steps, pattern), 0.5 * float(slope @ move))
+        if better is not None:
+            return better
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

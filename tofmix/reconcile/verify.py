@@ -135,7 +135,8 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     loud = _beyond(disagreements(added.panel, settings.alpha), floor)
     left = max((_weight(c, floor) for c in loud), default=0.0)
     gain = _gain(likelihood, added, settings)
-    law = better_law(likelihood, added.state, added.chosen, (fit_part(likelihood, settings), held))
+    parts = fit_part(likelihood, settings), held
+    law = better_law(likelihood, added.state, added.chosen, parts, settings.tolerance)
     signed = law is None and _signed(likelihood, added, floor, settings)
     enough = (not loud or gain >= EXPLAINED * (gain + left)) and _closes(before, after, floor)
     verdict = _verdict(added, before, loud, enough=enough, signed=signed)

@@ -23,6 +23,7 @@ from tofmix.reconcile.refit import latent_states, numbers
 from tofmix.reconcile.standard_errors import standard_errors
 from tofmix.reconcile.verify import Verified, verify
 from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.model import Model
 
@@ -214,13 +215,14 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
     """The first way of adding effects that explains the recording; where none does, the best verdict's first.
 
     Where a law that no effect is has beaten one way, no other way is tried: names only come nearer to it by chance.
+    But one that has beaten a fixed pattern alone only says that there is more.
     """
     tried: list[tuple[Added, Verified]] = []
     for added in ways(likelihood, settings, tick):
         tried.append((added, verify(likelihood, added, settings)))
         if tried[-1][1].verdict in DONE:
             return tried[-1]
-        if tried[-1][1].law is not None:
+        if tried[-1][1].law is not None and any(c.kind != FixedPattern.kind for c in added.chosen):
             break
     best = next((way for way in tried if way[1].verdict == "partly_explained"), tried[0])
     likelihood.scene.anchor(best[0].state.effects)
