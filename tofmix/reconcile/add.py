@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tofmix.reconcile.beside import ALIAS_NATS, best_beside
+from tofmix.reconcile.beside import ALIAS_NATS, best_beside, with_the_others, worth
 from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
@@ -28,6 +28,10 @@ from tofmix.simulation.effects.stuck_pixels import StuckPixels
 
 CRUMB = 0.01
 """Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
+
+EXACT = ("phase_wrapping", "stuck_pixels", "quantisation")
+"""Kinds whose law is exact. Each sample that they explain gains as much as many that are a little off, so that their
+gains say nothing of what is left."""
 
 _FAIR = 0.5  # share of the best candidate's score from which another may begin a way
 
@@ -194,17 +198,39 @@ def _round(search: _Search) -> bool:
     trial = begin_trial(likelihood, search.state, settings.split, settings.seed)
     near = tolerated(likelihood, search.state, fit_part(likelihood, settings), settings.tolerance)
     allowed = max(0.0, likelihood.value(near, trial.test_part) - trial.base)
-    found = _recast(trial, candidates(trial, settings.kinds, search.tick))
+    tried = candidates(trial, settings.kinds, search.tick)
+    found = _recast(trial, with_the_others(trial, search.chosen, tried))
     search.first = search.first or tuple(found)
     needed = allowed + math.log(max(len(found), 1) / settings.alpha)
-    needed = max(needed, CRUMB * sum(c.gain for c in search.chosen))
-    if max((c.score for c in found[:1]), default=0.0) <= needed:
+    needed = max(needed, CRUMB * sum(c.gain for c in search.chosen if c.kind not in EXACT))
+    if not found:
         return False
-    taken = _best(search, trial, found, near)
+    if found[0].score <= needed:
+        faint = _faint_pattern(search, trial, found, needed)
+        if faint is not None:
+            _take(search, _Taken((faint,), ()), found)
+        return faint is not None
+    taken = _best(search, trial, found, near, needed)
     if max(c.score for c in taken.best) <= needed:
         taken = _Taken((found[0],), _near(found[0], found))
     _take(search, taken, found)
     return True
+
+
+def _faint_pattern(search: _Search, trial: Trial, found: Sequence[Candidate], needed: float) -> Candidate | None:
+    """A fixed pattern that the held-out pixels are too few for, but which gains enough over all of them.
+
+    Its values being integrated out, it needs no pixels that are held out, as laws of few numbers need none.
+    """
+    pattern = next((c for c in found if c.kind == FixedPattern.kind), None)
+    if pattern is None:
+        return None
+    parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
+    near = tolerated(search.likelihood, trial.state, parts[0], search.settings.tolerance)
+    mixture = search.likelihood.scene.mixture(near.effects)
+    bare, patterned = (worth(search.likelihood, near, mixture, parts, patterned=p) for p in (False, True))
+    gain = patterned - bare - PRICE_NATS * pattern.parameters
+    return pattern if gain > needed else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,8 +294,8 @@ def _name(candidate: Candidate) -> tuple[str, str]:
     return candidate.kind, getattr(candidate.effect, "surface", "")
 
 
-def _best(search: _Search, trial: Trial, found: Sequence[Candidate], near: State) -> _Taken:
-    """The best candidate; before a fixed pattern, a structured effect that gains beside it, and then the pattern too.
+def _best(search: _Search, trial: Trial, found: Sequence[Candidate], near: State, needed: float) -> _Taken:
+    """The best candidate; before a fixed pattern, a structured effect that gains beside it.
 
     Before all of them pixels that hold one value: there is no doubt of them, and to a pattern they are large biases.
     """
@@ -278,9 +304,11 @@ def _best(search: _Search, trial: Trial, found: Sequence[Candidate], near: State
         return _Taken((stuck,), _near(stuck, found))
     if found[0].kind == FixedPattern.kind:
         parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
-        beside = best_beside(trial, found, parts, near)
+        beside = best_beside(trial, search.chosen, found, parts, near)
         if beside is not None:
-            return _Taken((beside.first, found[0]) if beside.patterned else (beside.first,), beside.rivals)
+            # The pattern's turn comes when no more gain beside it, unless it hides the effect
+            both = beside.patterned and beside.first.score <= needed
+            return _Taken((beside.first, found[0]) if both else (beside.first,), beside.rivals)
     return _Taken((found[0],), _near(found[0], found))
 
 

@@ -15,6 +15,7 @@ from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.memory import memory_of, one_surface, whitened
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.panel import Curve, discreteness, invalid, neighbours, panel_axes, shapes
+from tofmix.reconcile.panel_between import bridging
 from tofmix.reconcile.panel_lines import lines
 from tofmix.reconcile.panel_time import burst_share, in_time
 from tofmix.reconcile.telling import telling_of
@@ -96,4 +97,5 @@ def _curves(z: Float32Array, apart: Float32Array, view: View, state: State) -> I
     yield from invalid(evidence, m, state, axes, part)
     yield from neighbours(apart, evidence, part)
     yield from lines(apart, evidence, part)
+    yield from bridging(evidence, m, state, part)
     yield from discreteness(evidence, part, m, state)

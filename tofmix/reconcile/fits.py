@@ -27,6 +27,11 @@ class Fitted:
     problem: Problem
     value: float
 
+    @property
+    def at_a_bound(self) -> bool:
+        """Whether the numbers are so near a bound that the effect is another one."""
+        return self.problem.other is not None and self.problem.other(self.vector)
+
 
 def fit(
     problem: Problem, likelihood: Likelihood, state: State, part: Part, *, start: FloatArray | None = None

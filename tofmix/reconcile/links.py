@@ -27,6 +27,7 @@ _UNLIKELY_NATS = 25.0  # a constant pixel that the model explains to within this
 VALUE_NATS = math.log(65_534.0)  # price of a stuck pixel's value, any whole mm being as good
 _CHANCE = 2.0  # standard deviations
 _MOST_FRAMES = 0.9  # that bursts may fill
+_MOST_BURST_MM = 10_000.0  # the most that `interference` may have
 _NEXT = math.log(2.0)  # from one size of bursts that is tried first to the next
 
 
@@ -76,7 +77,7 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
         found = minimize(cost, np.array(start, dtype=np.float64), method="Nelder-Mead", options=options)
         return -float(found.fun), make(found.x)
 
-    sizes = [sigma * 2.0**k for k in range(-4, 4)]
+    sizes = [min(sigma * 2.0**k, _MOST_BURST_MM / 2) for k in range(-4, 4)]
     best = max((at(size, (-1.5, 1.2)) for size in sizes), key=lambda pair: pair[0])
     start = math.log(best[1].probability / (1 - best[1].probability)), math.log(max(best[1].burst_frames - 1, 0.14))
     middle = math.log(best[1].sigma_mm)

@@ -25,6 +25,7 @@ from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
@@ -153,12 +154,29 @@ def _by_search(trial: Trial, kind: str) -> list[Candidate]:
         fitted = fit(problem, trial.likelihood, trial.state, trial.fit_part)
         if not np.isfinite(fitted.value):
             continue
+        if fitted.at_a_bound:
+            continue
         state = replace(trial.state, effects=(*trial.state.effects, fitted.effect))
         gain = trial.likelihood.value(state, trial.test_part) - trial.base
+        if kind == Multipath.kind and gain > 0 and not _shifts(trial, state, gain):
+            continue
         out.append(
             Candidate(effect=fitted.effect, gain=gain, parameters=problem.parameters, state=state, fitted=fitted)
         )
     return out
+
+
+def _shifts(trial: Trial, state: State, gain: float) -> bool:
+    """Whether a second path's bias earns a part of its gain: a path of one turn only makes a surface noisier.
+
+    What makes a surface noisier has many causes, of which a path of just that length is none that we would name.
+    """
+    mixture = trial.likelihood.scene.mixture(state.effects)
+    if mixture.mean.shape != trial.mixture.mean.shape:
+        return True
+    unmoved = replace(mixture, mean=trial.mixture.mean)
+    noise_alone = trial.likelihood.value(state, trial.test_part, unmoved) - trial.base
+    return gain - noise_alone > 2 * PRICE_NATS
 
 
 def recast(trial: Trial, candidate: Candidate) -> Candidate:

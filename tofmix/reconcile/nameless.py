@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.reconcile.beside import STATIC, worth
+from tofmix.reconcile.beside import worth
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.name import PRICE_NATS, Candidate, tolerated
 from tofmix.reconcile.pattern_errors import pattern_of
 from tofmix.reconcile.pixel_pattern import pixel_biases
+from tofmix.reconcile.static_fits import STATIC
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift

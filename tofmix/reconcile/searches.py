@@ -26,6 +26,8 @@ MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 _LEAST_PIXELS = 12  # that a surface must fill, for effects of its own
 _MOSTLY = 0.5
 _MOST_OUTLIERS = 0.5  # beyond, it is the rest that is odd
+_FLAT = 0.1  # exponent of a walk, below which it is an offset
+_AT_ONCE = 1.2  # of the shortest time constant, below which a drift is an offset
 _LEAST_FRAMES = 3.0  # in which a drift falls by e: a faster one is an offset with a bad first frame
 
 
@@ -41,6 +43,8 @@ class Problem:
         Vectors to start from.
     steps : tuple of float
         First steps.
+    other : callable, optional
+        Whether a vector is so near a bound that the effect is another one.
     parameters : int
         Free parameters.
     """
@@ -48,6 +52,7 @@ class Problem:
     make: Callable[[FloatArray], Effect]
     starts: tuple[tuple[float, ...], ...]
     steps: tuple[float, ...]
+    other: Callable[[FloatArray], bool] | None = None
 
     @property
     def parameters(self) -> int:
@@ -113,7 +118,7 @@ def _walk(s: Setting) -> Iterator[Problem]:
         )
 
     starts = tuple((size, exponent) for size in (-0.5, 0.5) for exponent in (0.5, 1.0, 1.6))
-    yield Problem(make=make, starts=starts, steps=(0.2, 0.2))
+    yield Problem(make=make, starts=starts, steps=(0.2, 0.2), other=lambda x: bool(x[1] < _FLAT))
 
 
 def _drift(s: Setting) -> Iterator[Problem]:
@@ -126,7 +131,7 @@ def _drift(s: Setting) -> Iterator[Problem]:
 
     taus = sorted({max(part * s.duration, 1.1 * fastest) for part in (0.1, 0.4, 1.5)})
     starts = tuple((size, math.log(tau)) for size in (-1.0, 1.0) for tau in taus)
-    yield Problem(make=make, starts=starts, steps=(0.3, 0.4))
+    yield Problem(make=make, starts=starts, steps=(0.3, 0.4), other=lambda x: bool(x[1] < math.log(_AT_ONCE * fastest)))
 
 
 def _per_surface(kind: str, name: str, sizes: tuple[float, ...], *, by_time: bool) -> _Maker:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconcile import links
-from tofmix.reconcile.add import Added, Settings, fit_part, held_out
+from tofmix.reconcile.add import EXACT, Added, Settings, fit_part, held_out
 from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import disagreements
@@ -35,8 +35,8 @@ CLOSED = 0.8
 """Share of the panel's gap that the effects must close, unless what is left is within chance and tolerance."""
 
 SIGNATURES: dict[str, tuple[str, ...]] = {
-    "range_offset": ("bias", "trend", "common_mode", "pattern"),
-    "surface_pose": ("bias", "trend", "common_mode", "pattern"),
+    "range_offset": ("bias", "trend", "common_mode"),
+    "surface_pose": ("bias", "trend", "common_mode"),
     "wiggling": ("bias", "pattern"),
     "amplitude_walk": ("bias", "pattern"),
     "scattering": ("bias", "pattern"),
@@ -49,8 +49,8 @@ SIGNATURES: dict[str, tuple[str, ...]] = {
     "excess_noise": ("spread", "tails", "skew", "spread_pattern", "memory"),
     "vignetting": ("spread", "tails", "skew", "spread_pattern", "memory"),
     "outliers": ("tails", "skew", "spread", "memory"),
-    "flying_pixels": ("bias", "skew", "spread"),
-    "pixel_crosstalk": ("bias", "spread"),
+    "flying_pixels": ("bias", "skew", "spread", "bridging"),
+    "pixel_crosstalk": ("bias", "spread", "bridging"),
     "dropout": ("invalid",),
     "saturation": ("invalid",),
     "quantisation": ("discreteness",),
@@ -138,7 +138,7 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     parts = fit_part(likelihood, settings), held
     law = better_law(likelihood, added.state, added.chosen, parts, settings.tolerance)
     signed = law is None and _signed(likelihood, added, floor, settings)
-    enough = (not loud or gain >= EXPLAINED * (gain + left)) and _closes(before, after, floor)
+    enough = (not loud or gain >= EXPLAINED * (gain + left)) and _closes(before, added.panel, floor)
     verdict = _verdict(added, before, loud, enough=enough, signed=signed)
     if verdict == "explained" and _goes_on(added.state, loud, floor, gain):
         verdict = "partly_explained"
@@ -157,8 +157,11 @@ def _beyond(loud: list[Curve], floor: Compared) -> list[Curve]:
 
 
 def _gain(likelihood: Likelihood, added: Added, settings: Settings) -> float:
-    """Gains by candidates, which count latent states and memory too, scaled from the part they were scored on."""
-    return _scale(likelihood, settings) * sum(c.gain for c in added.chosen)
+    """Gains by candidates, which count latent states and memory too, scaled from the part they were scored on.
+
+    Without those of exact laws, which are no measure of what is left.
+    """
+    return _scale(likelihood, settings) * sum(c.gain for c in added.chosen if c.kind not in EXACT)
 
 
 def _scale(likelihood: Likelihood, settings: Settings) -> float:
@@ -179,10 +182,12 @@ def _weight(curve: Curve, floor: Compared) -> float:
 
 
 def _signed(likelihood: Likelihood, added: Added, floor: Compared, settings: Settings) -> bool:
-    """Whether no effect leaves the statistic open in which it must show."""
+    """Whether no effect leaves the statistic open in which it must show, or has numbers that make it another one."""
     scale = _scale(likelihood, settings)
     loud = disagreements(added.panel, settings.alpha)
     for candidate in added.chosen:
+        if candidate.fitted is not None and candidate.fitted.at_a_bound:
+            return False
         own = SIGNATURES.get(candidate.kind, ())
         open_ = max((_weight(c, floor) for c in loud if c.statistic in own), default=0.0)
         if open_ > OPEN * scale * candidate.gain:
@@ -233,7 +238,7 @@ def _goes_on(state: State, loud: list[Curve], floor: Compared, gain: float) -> b
 
 
 def _closes(before: Compared, after: Compared, floor: Compared) -> bool:
-    """Whether the refined model closes most of the gap above chance."""
+    """Whether the refined model, within its tolerance, closes most of the gap above chance."""
     chance = max(floor.gap, 1.0)
     return after.gap - chance <= (1 - CLOSED) * max(before.gap - chance, _WITHIN_CHANCE)
 
@@ -243,7 +248,8 @@ def _verdict(added: Added, before: Compared, loud: list[Curve], *, enough: bool,
         return "unexplained" if loud else "agree"
     if signed and enough:
         return "explained"
-    return "partly_explained" if signed and (not loud or _settled(added, before, loud)) else "unexplained"
+    sure = not loud or any(c.kind in EXACT for c in added.chosen) or _settled(added, before, loud)
+    return "partly_explained" if signed and sure else "unexplained"
 
 
 def _settled(added: Added, before: Compared, loud: list[Curve]) -> bool:

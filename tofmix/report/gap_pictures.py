@@ -29,6 +29,7 @@ _MEANINGS = {
     "skew": "skew (normalised)",
     "tails": "tails (normalised)",
     "invalid": "invalid samples beyond those predicted",
+    "bridging": "samples between two surfaces beyond those predicted",
     "memory": "correlation",
     "neighbour_correlation": "correlation",
 }

@@ -1,0 +1,54 @@
+"""Samples between two surfaces: as many as predicted where the model is right, more where pixels fly."""
+
+import numpy as np
+import pytest
+from recordings import MAKE, Record
+from scipy.stats import norm
+
+from tofmix.reconcile.add import Settings
+from tofmix.reconcile.compare import compare
+from tofmix.reconcile.joint import joint_likelihood
+from tofmix.reconcile.panel import Curve
+from tofmix.reconcile.panel_between import bridging
+from tofmix.reconcile.workflow import reconcile
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.model import Model
+
+
+def _curves(model: Model, record: Record, *hidden: Effect, seed: int = 5) -> list[Curve]:
+    likelihood = joint_likelihood([(model, record(*hidden, seed=seed))])
+    part = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
+    panel = compare(likelihood, likelihood.start(), part, seed=1)
+    return [c for c in panel.curves if c.statistic == "bridging"]
+
+
+@pytest.mark.parametrize("seed", range(5, 11))
+def test_none_where_the_model_is_right(model: Model, record: Record, seed: int) -> None:
+    (curve,) = _curves(model, record, seed=seed)
+    assert abs(curve.value[0]) < 2 * np.sqrt(curve.variance[0])
+
+
+def test_they_show_flying_pixels(model: Model, record: Record) -> None:
+    (curve,) = _curves(model, record, MAKE["flying_pixels"](probability=0.1))
+    assert curve.value[0] > 0.03
+    assert curve.z > 6
+
+
+def test_outliers_between_are_expected_where_the_model_has_them(model: Model, record: Record) -> None:
+    """The share of random values that falls between, against a count by hand."""
+    likelihood = joint_likelihood([(model, record(MAKE["outliers"](probability=0.2)))])
+    part = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
+    state = likelihood.start()
+    mixture = likelihood.scene.mixture((MAKE["outliers"](probability=0.2),))
+    (with_them,) = bridging(likelihood.evidence, mixture, state, part)
+    (without,) = bridging(likelihood.evidence, likelihood.scene.mixture(), state, part)
+    assert without.z > 6
+    assert abs(with_them.value[0]) < 3 * np.sqrt(with_them.variance[0])
+
+
+def test_flying_pixels_are_found_where_scores_cancel(model: Model, record: Record) -> None:
+    """Of few mixed pixels, in some of which the nearer surface prevails and in some the farther one."""
+    hidden = MAKE["flying_pixels"](probability=0.15)
+    result = reconcile(model, record(hidden), Settings(kinds=("flying_pixels", "outliers", "excess_noise")))
+    assert [n.effect.kind for n in result.named] == ["flying_pixels"]
+    assert any(c.statistic == "bridging" and c.z > norm.isf(1e-4) for c in result.verified.before.curves)
