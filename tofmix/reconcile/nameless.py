@@ -30,6 +30,9 @@ CLEARLY_SHARE = 0.0001
 """By how much a law must beat the effects: at least so many nats, and this share of what they gained, as no effect's
 law is exact."""
 
+_KNOWN = 0.5
+"""Share of the price of a number that is known beforehand to within the tolerance."""
+
 _PASSES = 2
 _SOON = 0.05  # of the recording, in which a drift that is as short falls by e
 _ALONE = 0.98  # share of the beam of a surface that a pixel sees by itself
@@ -51,7 +54,7 @@ def better_law(
     parts : two of (frames, pixels)
         What fits may see, and what they may not, of all pixels: laws of few numbers need none held out.
     tolerance : float
-        Of the model: a law must beat whatever is taken as right beside the effects.
+        Of the model: a law must beat whatever is taken as right beside the effects, too.
     """
     duration = float(likelihood.evidence.time_s.max())
     static = [c for c in chosen if _stays(c.effect, duration)]
@@ -63,9 +66,11 @@ def better_law(
     rest = replace(bare, effects=tuple(e for e in state.effects if not _stays(e, duration)))
     price = PRICE_NATS * sum(c.parameters for c in static if c.kind != FixedPattern.kind)
     near = tolerated(likelihood, named, parts[0], tolerance)
-    stood = max(
+    moved = _KNOWN * PRICE_NATS * (len(near.effects) - len(named.effects))
+    at, about = (
         worth(likelihood, s, likelihood.scene.mixture(s.effects), parts, patterned=patterned) for s in (named, near)
-    ) - price  # fmt: skip
+    )
+    stood = max(at, about - moved) - price
     likelihood.scene.anchor(rest.effects)  # a pose that is left out takes its edges with it
     mixture = likelihood.scene.mixture(rest.effects)
     nothing = worth(likelihood, rest, mixture, parts, patterned=False)
