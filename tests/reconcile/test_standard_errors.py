@@ -7,18 +7,23 @@ import pytest
 from reconcile_errors import EFFECTS_OF, FRAMES, MEMORY, deviations, scene
 from recordings import MAKE, Record
 
+from tofmix.reconcile.add import Settings
 from tofmix.reconcile.curvature import Numbers
 from tofmix.reconcile.fits import Fitted
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.pixel_pattern import PixelBiases, marginal_pattern
+from tofmix.reconcile.profiles import numeric
 from tofmix.reconcile.refit import latent_states
 from tofmix.reconcile.searches import problems
 from tofmix.reconcile.standard_errors import polish, standard_errors
+from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 
 RECORDINGS = 16
+FULL = 150.0
+"""An amplitude between those of the near board and of the middle one."""
 
 
 @pytest.mark.parametrize("beside", [(), (MEMORY,)], ids=["independent noise", "noise with a memory"])
@@ -95,3 +100,11 @@ def test_a_map_given_the_data_is_shrunk_as_its_covariance_says(rng: np.random.Ge
     prior = 4.0 * np.eye(rows * cols) + 1.0 * (col[:, None] == col) + 0.49 * (row[:, None] == row)
     wanted = np.linalg.solve(np.linalg.inv(prior) + np.diag(information), vector)
     np.testing.assert_allclose(marginal_pattern(found, (rows, cols), (2.0, 1.0, 0.7))[1], wanted, rtol=1e-9)
+
+
+def test_nothing_tells_where_a_well_is_full_between_two_amplitudes(model: Model, record: Record) -> None:
+    """Beside samples that are lost by chance too; the error is of the gap between the amplitudes."""
+    hidden = MAKE["saturation"](full_well_amplitude=FULL), MAKE["dropout"](probability=0.01)
+    result = reconcile(model, record(*hidden), Settings(kinds=("saturation", "dropout")))
+    own = next(n for n in result.named if n.effect.kind == "saturation")
+    assert abs(numeric(own.effect)["full_well_amplitude"] - FULL) < 3 * own.stderr["full_well_amplitude"]

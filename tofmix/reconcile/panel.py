@@ -5,6 +5,7 @@ variance 1 and no correlation, so that means over bins of any axis have known va
 `tofmix.reconcile.compare` for the whole of it.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -239,7 +240,7 @@ def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curv
 
 
 def discreteness(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator[Curve]:
-    """Second differences of the histogram of whole mm: 0 by chance where the density is smooth.
+    """Second differences of the histogram of whole mm, and its Fourier sums: 0 by chance where the density is smooth.
 
     Where the model has a lattice already: the share of samples that are not on it.
     """
@@ -253,6 +254,7 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: State) -> It
                     value=np.array([off / n]), variance=np.array([max(off, 1.0) / n**2]), unit="1",
                     scale_mm=np.ones(1))  # fmt: skip
         return
+    yield from _combs(evidence, part, m, state)
     curl = count[1:-1] - (count[:-2] + count[2:]) / 2
     variance = count[1:-1] + (count[:-2] + count[2:]) / 4
     full = variance >= _ENOUGH
@@ -260,3 +262,39 @@ def discreteness(evidence: Evidence, part: Part, m: Mixture, state: State) -> It
     at: FloatArray = (np.flatnonzero(full) + 2.0)[::3].astype(np.float64)
     yield Curve(statistic="discreteness", axis="range", lower=at, upper=at + 1, value=curl / variance,
                 variance=1.0 / variance, unit="mm", scale_mm=np.ones(at.size))  # fmt: skip
+
+
+_PERIODS = range(2, 17)  # mm
+_SMOOTH_TURNS = 0.8  # sigma of a density, in periods, from which it has no such wave: e^-12.6 of it
+
+
+def _combs(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator[Curve]:
+    """Fourier sums of the samples over periods of whole mm, where some values come too seldom, however few they are.
+
+    Samples go in as they are, so that neither a scene that is too wide for full bins nor the model's means matter. A
+    memory, with which samples repeat each other, is left out.
+    """
+    if memory_of(state) or m.period > 0:
+        return
+    sigma = np.where(state.working, np.where(m.weight[0] > 0, m.sigma[0], np.inf).min(axis=0), 0.0)[part[1]]
+    values = evidence.samples[part[0]][:, part[1]]
+    sums: list[float] = []
+    counts: list[float] = []
+    turns: list[float] = []
+    for period in _PERIODS:
+        of_each = np.bincount(values[:, sigma > _SMOOTH_TURNS * period].ravel(), minlength=1)
+        of_each[0] = 0
+        residues = np.bincount(np.arange(of_each.size) % period, of_each, minlength=period)
+        n = residues.sum()
+        waves = np.fft.rfft(residues)
+        for k in range(1, period // 2 + 1):
+            if n < _ENOUGH or math.gcd(k, period) > 1:
+                continue
+            both = [float(w) for w in (waves[k].real, waves[k].imag)[: 1 + (2 * k < period)]]
+            sums += both
+            counts += [n / len(both)] * len(both)
+            turns += [period / k] * len(both)
+    power = np.array(counts)
+    at = np.array(turns)
+    yield Curve(statistic="discreteness", axis="all", lower=at, upper=at, value=np.array(sums) / np.maximum(power, 1),
+                variance=1.0 / np.maximum(power, 1), unit="mm", scale_mm=np.ones(at.size))  # fmt: skip

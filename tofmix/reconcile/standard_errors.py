@@ -18,11 +18,13 @@ from tofmix.reconcile.memory import inflation
 from tofmix.reconcile.pattern_errors import UnderPattern, integrated, pattern_of
 from tofmix.reconcile.profiles import Parameter, numeric, parabola_error, stretch
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.saturation import Saturation
 
 _MOST_STEPS = 4
 _ENOUGH = 0.01  # nats that are not worth a step
 _PARTS = (1.0, 0.5, 0.2, 0.05)  # of a step that are tried
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # in units of a number's own curvature
+_SEEN, _NEAR, _FAR = 0.05, 0.03, 0.1  # share of the beam; parts of an amplitude: its noise, and a gap
 _OFF = 0.1  # from the part that was tried, of it, where another is worth a trial
 
 
@@ -154,7 +156,19 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
             largest = max(parabola_error(parameter, covariance) for covariance in found)
             known_shape = 1.0 if pattern is not None else stretch(parameter, known, partial(_value, numbers, about))
             out[number][name] = largest * known_shape
+        if isinstance(fitted.effect, Saturation):
+            least = _half_gap(numbers, fitted.effect.full_well_amplitude)
+            out[number]["full_well_amplitude"] = max(out[number]["full_well_amplitude"], least)
     return out
+
+
+def _half_gap(numbers: Numbers, full: float) -> float:
+    """Half of the way to the next amplitude in the scene, up or down, where that is far: nothing tells between."""
+    mixture = numbers.likelihood.scene.mixture(numbers.state.effects)
+    seen = mixture.amplitude[mixture.lit & (mixture.weight > _SEEN)]
+    below, above = seen[seen < full * (1 - _NEAR)], seen[seen > full * (1 + _NEAR)]
+    ways = [full - below.max() if below.size else 0.0, above.min() - full if above.size else 0.0]
+    return 0.5 * max([float(way) for way in ways if way > _FAR * full], default=0.0)
 
 
 def _value(numbers: Numbers, about: Parabola, move: FloatArray) -> float:
