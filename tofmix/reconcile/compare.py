@@ -97,5 +97,5 @@ def _curves(z: Float32Array, apart: Float32Array, view: View, state: State) -> I
     yield from invalid(evidence, m, state, axes, part)
     yield from neighbours(apart, evidence, part)
     yield from lines(apart, evidence, part)
-    yield from bridging(evidence, m, state, part)
+    yield from bridging(evidence, m, state, axes, part)
     yield from discreteness(evidence, part, m, state)

@@ -117,7 +117,10 @@ def panel_axes(evidence: Evidence, m: Mixture, part: Part, *, bins: int = BINS) 
     row, col = np.divmod(part[1], cols)
     mean, lit = m.of_main(m.mean), m.of_main(m.lit)
     contrast = _contrast(np.where(lit, mean, m.high).reshape(rows, cols)).ravel()[part[1]]
-    several = ((m.weight[0] > 0) & m.lit[0]).sum(axis=0)[part[1]]
+    seen = np.where((m.weight[0] > 0) & m.lit[0], m.surface[0], -1)[:, part[1]]
+    several = np.zeros(part[1].size, dtype=np.int64)
+    for number in range(int(seen.max(initial=-1)) + 1):
+        several += (seen == number).any(axis=0)
     ones = np.zeros(part[1].size, dtype=np.int64)
     yield Axis(name="all", unit="1", bin=ones, lower=np.zeros(1), upper=np.ones(1))
     yield _quantiles("range", "mm", mean[part[1]], shares)

@@ -4,7 +4,7 @@ Scores are blind there. Between two peaks the distribution function is flat, so 
 the nearer surface fills the pixel and not that it should not be there; over many pixels such scores cancel.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.special import ndtr
@@ -13,13 +13,14 @@ from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Part, State
 from tofmix.reconcile.mixture import Mixture
-from tofmix.reconcile.panel import Curve
+from tofmix.reconcile.panel import Axis, Curve
 
 _CLEAR = 4.5  # sigma from a surface, where its own samples end
+_ENOUGH = 100  # samples of a bin
 _LEAST_SHARE = 1e-3  # of the beam
 
 
-def bridging(evidence: Evidence, m: Mixture, state: State, part: Part) -> Iterator[Curve]:
+def bridging(evidence: Evidence, m: Mixture, state: State, axes: Sequence[Axis], part: Part) -> Iterator[Curve]:
     """Share of the samples of pixels that see two surfaces, between these, beyond those that are expected.
 
     Pixels next to one that sees a surface between are left out, for the share of a third surface may be too small
@@ -28,26 +29,27 @@ def bridging(evidence: Evidence, m: Mixture, state: State, part: Part) -> Iterat
     if len(m.weight) > 1 or state.bursts is not None:
         return
     low, high, two = _valleys(m)
-    use = np.zeros(two.size, dtype=bool)
-    use[part[1]] = True
-    use &= two & state.working & (high > low) & ~_between(m, evidence.image, low, high)
-    pixels = np.flatnonzero(use)
+    use = (two & state.working & (high > low) & ~_between(m, evidence.image, low, high))[part[1]]
+    pixels = part[1][use]
     if not pixels.size:
         return
     seen = evidence.samples[part[0]][:, pixels].astype(np.float64)
     moved = seen - m.frame_bias[part[0], None] - state.pixel_bias[pixels]
     valid = seen > 0
-    found = float((valid & (moved > low[pixels]) & (moved < high[pixels])).sum())
-    n = float(valid.sum())
-    expected = float((valid.sum(axis=0) * _chance(m, low, high)[pixels]).sum())
-    if n == 0:
-        return
+    inside = valid & (moved > low[pixels]) & (moved < high[pixels])
+    chance = valid.sum(axis=0) * _chance(m, low, high)[pixels]
+    axis = next(a for a in axes if a.name == "neighbour_contrast")
+    found, expected, n = (
+        np.bincount(axis.bin[use], by_pixel, minlength=axis.lower.size)
+        for by_pixel in (inside.sum(axis=0), chance, valid.sum(axis=0))
+    )
+    some = n >= _ENOUGH
+    found, expected, n = found[some], expected[some], n[some]
     # Few are expected, so that the square of their number's deviation is no chi-square: the larger of both counts
     # keeps it small
-    variance = (max(0.5 * (found + expected), expected) + 1.0) / n**2
-    yield Curve(statistic="bridging", axis="neighbour_contrast", lower=np.array([float((high - low)[pixels].min())]),
-                upper=np.array([float((high - low)[pixels].max())]), value=np.array([(found - expected) / n]),
-                variance=np.array([variance]), unit="mm", scale_mm=np.ones(1))  # fmt: skip
+    variance = (np.maximum(0.5 * (found + expected), expected) + 1.0) / n**2
+    yield Curve(statistic="bridging", axis=axis.name, lower=axis.lower[some], upper=axis.upper[some],
+                value=(found - expected) / n, variance=variance, unit=axis.unit, scale_mm=np.ones(n.size))  # fmt: skip
 
 
 def _valleys(m: Mixture) -> tuple[FloatArray, FloatArray, BoolArray]:

@@ -57,6 +57,8 @@ def where_text(place: Place, result: Reconciliation) -> str:
     if place.statistic == "memory":
         frames = f"{low:g} to {high:g} frames" if high > low else f"{low:g} frame{'s' if low > 1 else ''}"
         return f"between samples {frames} apart{within} ({size})"
+    if place.statistic == "bridging":
+        return f"between two surfaces that are in one pixel{within} ({place.size:+.3g} of its samples)"
     if place.axis == "all":
         return f"everywhere{within} ({size})"
     if place.axis == "surface":
