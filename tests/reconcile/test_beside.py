@@ -46,3 +46,15 @@ def test_a_pose_and_an_offset_are_no_pattern(model: Model, record: Record) -> No
     result = reconcile(model, record(*hidden), Settings(kinds=KINDS))
     assert result.verified.verdict == "explained"
     assert sorted(n.effect.kind for n in result.named) == ["range_offset", "surface_pose"]
+
+
+def test_what_changes_in_time_is_looked_at_though_it_is_far_behind_alone(model: Model, record: Record) -> None:
+    """Beside the pattern that a large pose looks like, a small drift is the first; alone, wider noise gains far more."""
+    hidden = (
+        MAKE["surface_pose"](surface="middle", shift_mm=90.0),
+        MAKE["temperature_drift"](amplitude_mm=-9.0, time_constant_s=2.0),
+    )
+    kinds = (*KINDS, "motion", "vignetting", "outliers")
+    result = reconcile(model, record(*hidden), Settings(kinds=kinds))
+    assert result.verified.verdict == "explained"
+    assert sorted(n.effect.kind for n in result.named) == ["surface_pose", "temperature_drift"]

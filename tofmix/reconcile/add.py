@@ -22,6 +22,7 @@ from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, recast, tolerated
 from tofmix.reconcile.refit import begin, refit, without
+from tofmix.reconcile.static_fits import STATIC
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
@@ -331,8 +332,29 @@ def _drop(search: _Search) -> None:
             continue
         rest = without(search.state, k)
         likelihood.scene.anchor(rest.effects)  # a pose that goes takes its edges with it
-        worth = likelihood.value(rest, part)
-        if whole - worth < PRICE_NATS * candidate.parameters:
-            search.state, whole = rest, worth
+        worth_ = likelihood.value(rest, part)
+        if whole - worth_ < PRICE_NATS * candidate.parameters or _is_pattern(search, k):
+            search.state, whole = rest, worth_
             del search.chosen[k], search.rivals[k]
     likelihood.scene.anchor(search.state.effects)
+
+
+def _is_pattern(search: _Search, number: int) -> bool:
+    """Whether a static effect is as well a part of the fixed pattern, whose map was found beside it.
+
+    The map has the opposite of what the effect has too much.
+    """
+    state, candidate = search.state, search.chosen[number]
+    pattern = next((k for k, c in enumerate(search.chosen) if c.kind == FixedPattern.kind), None)
+    if pattern is None or candidate.kind not in STATIC:
+        return False
+    likelihood, nothing = search.likelihood, np.zeros_like(state.pixel_bias)
+    bare = replace(without(state, pattern), pixel_bias=nothing, pixel_variance=nothing)
+    rest = without(bare, number - (pattern < number))
+    unseen = held_out(likelihood, search.settings)
+    values = []
+    for each in (bare, rest):
+        likelihood.scene.anchor(each.effects)
+        mixture = likelihood.scene.mixture(each.effects)
+        values.append(worth(likelihood, each, mixture, (unseen, unseen), patterned=True))
+    return values[0] - values[1] < PRICE_NATS * candidate.parameters

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 from tofmix.reconcile import links
-from tofmix.reconcile.fits import Fitted
+from tofmix.reconcile.fits import Fitted, fit
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial
@@ -25,7 +25,10 @@ if TYPE_CHECKING:
 ALIAS_NATS = 6.0
 """Gains that are nearer are not told apart."""
 
-_TRIED = 3  # of the best by biases, and as many of the best by themselves
+_PARTLY = ("temperature_drift", "motion")  # kinds of which a part is static
+_EACH = 3  # turns of them and the static effects
+_FAIR = 0.5  # share of the best score from which they are worth that
+_TRIED = 3  # of the best static ones
 _CLEAR_NATS, _CLEAR_SHARE = 10.0, 0.0001  # beyond what the pattern gains, for an effect that is put before it
 
 
@@ -48,12 +51,15 @@ def worth(
         Whether there is a pattern.
     """
     fit, test = parts
-    out = likelihood.value(state, test, mixture)
-    pattern = links.fit_pattern(likelihood, mixture, state, fit) if patterned else None
-    if pattern is not None:
-        biases = pixel_biases(likelihood, mixture, state, test)
-        out += with_pattern(biases, likelihood.evidence.image, spreads(pattern[0]))
-    return out
+    bare = likelihood.value(state, test, mixture)
+    if not patterned:
+        return bare
+    biases = pixel_biases(likelihood, mixture, state, test)
+    seen = biases if fit is test else pixel_biases(likelihood, mixture, state, fit)
+    pattern = links.fit_spreads(seen, likelihood.evidence.image)
+    if pattern is None:
+        return bare
+    return bare + with_pattern(biases, likelihood.evidence.image, spreads(pattern[0]))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -89,19 +95,20 @@ def best_beside(
     found : sequence of Candidate
         Its candidates, a fixed pattern first.
     parts : two of (frames, pixels)
-        As `worth` takes them.
+        What fits may see, and what they may not, of all pixels.
     near : State
         The model within its tolerance, where it fits best: what it explains beside the pattern needs no effect.
     """
     likelihood = trial.likelihood
     pattern, others = found[0], [c for c in found[1:] if c.fitted is not None]
-    nothing = worth(likelihood, trial.state, trial.mixture, parts, patterned=False)
+    unseen = parts[1], parts[1]  # three spreads for all pixels: fitted to what is unseen, they favour none of all these
+    nothing = worth(likelihood, trial.state, trial.mixture, unseen, patterned=False)
     about = links.fit_pattern(likelihood, trial.mixture, trial.state, parts[0])
     effect = cast("FixedPattern", pattern.effect) if about is None else about[0]
     fits = None if len(likelihood.scene.members) > 1 else _Fits(trial, chosen, parts[0], effect)
     settled = trial.state if fits is None else fits.settled()
     alone, tolerable = (
-        worth(likelihood, state, likelihood.scene.mixture(state.effects), parts, patterned=True)
+        worth(likelihood, state, likelihood.scene.mixture(state.effects), unseen, patterned=True)
         for state in (settled, near)
     )
     tried: list[tuple[float, Candidate]] = []
@@ -110,7 +117,7 @@ def best_beside(
         needed = price + _CLEAR_NATS + _CLEAR_SHARE * max(alone - nothing, 0.0)
         likelihood.scene.anchor(other.state.effects)  # a pose has edges of its own
         mixture = likelihood.scene.mixture(other.state.effects)
-        value = worth(likelihood, other.state, mixture, parts, patterned=True)
+        value = worth(likelihood, other.state, mixture, unseen, patterned=True)
         if value - alone > needed and value - price > tolerable:
             tried.append((value - price, other))
     likelihood.scene.anchor(trial.state.effects)
@@ -118,26 +125,32 @@ def best_beside(
         return None
     top, first = max(tried, key=lambda pair: pair[0])
     as_good = {c.kind: c for value, c in tried if value > top - ALIAS_NATS and c.kind != first.kind}
-    return Beside(first=first, patterned=_still_gains(trial, first, parts), rivals=tuple(as_good.values()))
+    return Beside(first=first, patterned=_still_gains(trial, first, unseen), rivals=tuple(as_good.values()))
 
 
-def _still_gains(trial: Trial, other: Candidate, parts: tuple[Part, Part]) -> bool:
+def _still_gains(trial: Trial, other: Candidate, unseen: tuple[Part, Part]) -> bool:
     """Whether a pattern clearly gains beside an effect, which has the numbers for that."""
     likelihood = trial.likelihood
     likelihood.scene.anchor(other.state.effects)
     mixture = likelihood.scene.mixture(other.state.effects)
     without, with_ = (
-        worth(likelihood, other.state, mixture, parts, patterned=patterned) for patterned in (False, True)
+        worth(likelihood, other.state, mixture, unseen, patterned=patterned) for patterned in (False, True)
     )
     likelihood.scene.anchor(trial.state.effects)
     return with_ - without > 3 * PRICE_NATS + _CLEAR_NATS
 
 
 def _worth_a_look(others: Sequence[Candidate], fits: "_Fits | None") -> list[Candidate]:
-    """The best by themselves, and the best by biases beside a pattern, with their numbers there."""
-    alone = [c for c in others if c.gain > PRICE_NATS * c.parameters + _CLEAR_NATS][:_TRIED]
-    if fits is None:
-        return alone  # biases differ from scene to scene, which tells a pattern from all else
+    """The static ones that are best by biases beside a pattern, with their numbers there; and the best by themselves.
+
+    Of those that are not static, the best of each kind: beside a pattern, by which all the others have lost more, one
+    that is far behind alone may be the first.
+    """
+    gaining = [c for c in others if c.gain > PRICE_NATS * c.parameters + _CLEAR_NATS]
+    moving = {c.kind: c for c in reversed(gaining) if c.kind not in STATIC}
+    if fits is None:  # biases differ from scene to scene, which tells a pattern from all else
+        return [*gaining[:_TRIED], *moving.values()]
+    alone = [*[c for c in gaining if c.kind in STATIC][:1], *moving.values()]
     moved = [fits.beside(c) for c in others if c.kind in STATIC]
     moved.sort(key=lambda pair: PRICE_NATS * pair[1].parameters - pair[0])
     return [c for gain, c in moved[:_TRIED] if gain > PRICE_NATS * c.parameters] + alone
@@ -195,13 +208,34 @@ def with_the_others(trial: Trial, chosen: Sequence[Candidate], found: Sequence[C
     fits = _Fits(trial, chosen, trial.fit_part)
     if not fits.old:
         return list(found)
+    fair = max((_FAIR * c.score for c in found[:1]), default=0.0)
     out = []
     for candidate in found:
         better = candidate
         if candidate.fitted is not None and candidate.kind in STATIC:
             moved = fits.beside(candidate)[1]
             gain = likelihood.value(moved.state, trial.test_part) - trial.base
-            if gain > candidate.gain:
-                better = replace(moved, gain=gain)
+            better = replace(moved, gain=gain) if gain > candidate.gain else candidate
+        elif candidate.fitted is not None and candidate.kind in _PARTLY and candidate.score > fair:
+            better = _by_turns(trial, chosen, candidate)
         out.append(better)
     return sorted(out, key=lambda c: -c.score)
+
+
+def _by_turns(trial: Trial, chosen: Sequence[Candidate], candidate: Candidate) -> Candidate:
+    """A candidate that changes in time, and the model's static effects, each fitted given the other."""
+    likelihood, best = trial.likelihood, candidate
+    for _ in range(_EACH):
+        if best.fitted is None:
+            break
+        mixture = likelihood.scene.mixture(best.state.effects)
+        now = replace(trial, state=best.state, mixture=mixture)
+        *others, _ = _Fits(now, chosen, trial.fit_part).settled().effects
+        rest = replace(trial.state, effects=tuple(others))
+        fitted = fit(best.fitted.problem, likelihood, rest, trial.fit_part, start=best.fitted.vector)
+        state = replace(best.state, effects=(*others, fitted.effect))
+        gain = likelihood.value(state, trial.test_part) - trial.base
+        if gain <= best.gain:
+            break
+        best = replace(best, effect=fitted.effect, fitted=fitted, state=state, gain=gain)
+    return best
