@@ -17,6 +17,7 @@ from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.memory import memory_left, memory_of
 from tofmix.reconcile.mixture import Scene
+from tofmix.reconcile.name import tolerated
 from tofmix.reconcile.nameless import better_law
 from tofmix.reconcile.panel import Curve
 from tofmix.reconcile.refit import begin
@@ -138,7 +139,9 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     parts = fit_part(likelihood, settings), held
     law = better_law(likelihood, added.state, added.chosen, parts, settings.tolerance)
     signed = law is None and _signed(likelihood, added, floor, settings)
-    enough = (not loud or gain >= EXPLAINED * (gain + left)) and _closes(before, added.panel, floor)
+    enough = (not loud or gain >= EXPLAINED * (gain + left)) and _closes_tolerably(
+        likelihood, added, (before, after, floor), settings
+    )
     verdict = _verdict(added, before, loud, enough=enough, signed=signed)
     if verdict == "explained" and _goes_on(added.state, loud, floor, gain):
         verdict = "partly_explained"
@@ -237,8 +240,20 @@ def _goes_on(state: State, loud: list[Curve], floor: Compared, gain: float) -> b
     return max(left, default=0.0) > IN_TIME * gain
 
 
+def _closes_tolerably(
+    likelihood: Likelihood, added: Added, panels: tuple[Compared, Compared, Compared], settings: Settings
+) -> bool:
+    """Whether the refined model, or one within the tolerance of it, closes most of the gap; over all pixels."""
+    before, after, floor = panels
+    if _closes(before, after, floor):
+        return True
+    held = held_out(likelihood, settings)
+    near = tolerated(likelihood, added.state, held, settings.tolerance)
+    return _closes(before, compare(likelihood, near, held, seed=settings.seed), floor)
+
+
 def _closes(before: Compared, after: Compared, floor: Compared) -> bool:
-    """Whether the refined model, within its tolerance, closes most of the gap above chance."""
+    """Whether a refined model closes most of the gap above chance."""
     chance = max(floor.gap, 1.0)
     return after.gap - chance <= (1 - CLOSED) * max(before.gap - chance, _WITHIN_CHANCE)
 
