@@ -207,7 +207,7 @@ def _round(search: _Search) -> bool:
     if not found:
         return False
     if found[0].score <= needed:
-        faint = _faint_pattern(search, trial, found, needed)
+        faint = _faint_pattern(search, found, near, needed)
         if faint is not None:
             _take(search, _Taken((faint,), ()), found)
         return faint is not None
@@ -218,7 +218,7 @@ def _round(search: _Search) -> bool:
     return True
 
 
-def _faint_pattern(search: _Search, trial: Trial, found: Sequence[Candidate], needed: float) -> Candidate | None:
+def _faint_pattern(search: _Search, found: Sequence[Candidate], near: State, needed: float) -> Candidate | None:
     """A fixed pattern that the held-out pixels are too few for, but which gains enough over all of them.
 
     Its values being integrated out, it needs no pixels that are held out, as laws of few numbers need none.
@@ -227,7 +227,6 @@ def _faint_pattern(search: _Search, trial: Trial, found: Sequence[Candidate], ne
     if pattern is None:
         return None
     parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
-    near = tolerated(search.likelihood, trial.state, parts[0], search.settings.tolerance)
     mixture = search.likelihood.scene.mixture(near.effects)
     bare, patterned = (worth(search.likelihood, near, mixture, parts, patterned=p) for p in (False, True))
     gain = patterned - bare - PRICE_NATS * pattern.parameters
@@ -260,7 +259,7 @@ def _take(search: _Search, taken: _Taken, found: Sequence[Candidate]) -> None:
         state = replace(state, effects=(*state.effects, candidate.effect))
     for candidate in best:
         search.chosen.append(candidate)
-        search.rivals.append(tuple(c for c in found if c.kind not in {b.kind for b in best}))
+        search.rivals.append(tuple(c for c in found if _name(c) not in {_name(b) for b in best}))
     search.state = state
     part = fit_part(search.likelihood, search.settings)
     search.state, search.chosen = refit(search.likelihood, search.state, search.chosen, part)
@@ -282,11 +281,11 @@ def _exchange(search: _Search, part: Part) -> None:
         rival = next(usable, None)
         if rival is None or old.score - rival.score >= later:
             continue
-        worth = likelihood.value(search.state, test) - PRICE_NATS * old.parameters
+        stood = likelihood.value(search.state, test) - PRICE_NATS * old.parameters
         effects = (*search.state.effects[:k], rival.effect, *search.state.effects[k + 1 :])
         trial = [*search.chosen[:k], rival, *search.chosen[k + 1 :]]
         state, trial = refit(likelihood, replace(search.state, effects=effects), trial, part)
-        if likelihood.value(state, test) - PRICE_NATS * rival.parameters > worth + PRICE_NATS:
+        if likelihood.value(state, test) - PRICE_NATS * rival.parameters > stood + PRICE_NATS:
             search.state, search.chosen = state, trial
         likelihood.scene.anchor(search.state.effects)
 
