@@ -1,5 +1,7 @@
 """Samples between two surfaces: as many as predicted where the model is right, more where pixels fly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from recordings import MAKE, Record
@@ -46,6 +48,13 @@ def test_outliers_between_are_expected_where_the_model_has_them(model: Model, re
     (without,) = bridging(likelihood.evidence, likelihood.scene.mixture(), state, axes, part)
     assert without.z > 6
     assert (np.abs(with_them.value) < 3 * np.sqrt(with_them.variance)).all()
+
+
+def test_a_lattice_moves_samples_between_the_surfaces(model: Model, record: Record) -> None:
+    coarse = MAKE["quantisation"](step_mm=80.0)
+    has = replace(model, effects=(coarse,))
+    (curve,) = _curves(has, record, coarse)
+    assert curve.z < 3
 
 
 def test_flying_pixels_are_found_where_scores_cancel(model: Model, record: Record) -> None:

@@ -25,6 +25,7 @@ from tofmix.reconcile.refit import begin, refit, without
 from tofmix.reconcile.static_fits import STATIC
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 
 CRUMB = 0.01
@@ -298,10 +299,12 @@ def _best(search: _Search, trial: Trial, found: Sequence[Candidate], near: State
     """The best candidate; before a fixed pattern, a structured effect that gains beside it.
 
     Before all of them pixels that hold one value: there is no doubt of them, and to a pattern they are large biases.
+    Only a lattice goes before these, which holds pixels at one value too.
     """
-    stuck = next((c for c in found if c.kind == StuckPixels.kind and c.score > 0), None)
-    if stuck is not None:
-        return _Taken((stuck,), _near(stuck, found))
+    sure = {c.kind: c for c in found if c.score > 0}
+    if StuckPixels.kind in sure:
+        first = sure.get(Quantisation.kind, sure[StuckPixels.kind])
+        return _Taken((first,), _near(first, found))
     if found[0].kind == FixedPattern.kind:
         parts = fit_part(search.likelihood, search.settings), held_out(search.likelihood, search.settings)
         beside = best_beside(trial, search.chosen, found, parts, near)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tofmix.arrays import FloatArray, IntArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import State
 from tofmix.simulation.effects.quantisation import Quantisation
@@ -11,12 +11,13 @@ _LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0
 _ON_LATTICE = 0.985
 _AS_MANY = 0.999
 _AROUND = 60  # lines of the spectrum on either side of a peak, which is wider than the lattice's step is sharp
+_MANY = 0.1  # share of the pixels
 _FULL = 5.0  # counts of a mm that has a density
 
 
 def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
     """A step of which nearly all stored values are rounded multiples, from the spectrum of their histogram."""
-    count = np.bincount(evidence.samples[:, state.working].ravel(), minlength=65_536).astype(np.float64)
+    count = np.bincount(evidence.samples[:, _telling(evidence, state)].ravel(), minlength=65_536).astype(np.float64)
     count[0] = 0
     total = count.sum()
     smooth = np.convolve(count, np.ones(9) / 9, mode="same")
@@ -41,6 +42,12 @@ def find_lattice(evidence: Evidence, state: State) -> Quantisation | None:
             near = [*(round(step, digits) for digits in (0, 1, 2, 3)), step]
             return Quantisation(step_mm=max(near, key=lambda s: _held(s, values, weights, slack=0.0)))
     return None
+
+
+def _telling(evidence: Evidence, state: State) -> BoolArray:
+    """The pixels (pixel,) that work and vary, if there are many: a stuck one's value lies on no lattice."""
+    varying = state.working & (evidence.samples != evidence.samples[0]).any(axis=0)
+    return varying if varying.sum() > _MANY * state.working.sum() else state.working
 
 
 def _sharpened(step: float, values: IntArray, weights: FloatArray) -> float:

@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
+from scipy.special import erf
+from scipy.stats import mode
 
-from tofmix.arrays import FloatArray, IntArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconcile.bursts import forward
 from tofmix.reconcile.joint import View, views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
@@ -22,9 +24,11 @@ from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 
-_MOST_STUCK = 0.05  # more constant pixels than this are no defect but a lattice
+_MANY_STUCK = 0.05  # share of pixels above which constant ones may be a lattice's
+_LATTICE = 0.9  # share of its samples that two values hold in a pixel which a lattice holds
 _UNLIKELY_NATS = 25.0  # a constant pixel that the model explains to within this is not stuck
 VALUE_NATS = math.log(65_534.0)  # price of a stuck pixel's value, any whole mm being as good
+_FAR = 10.0  # standard deviations
 _CHANCE = 2.0  # standard deviations
 _MOST_FRAMES = 0.9  # that bursts may fill
 _MOST_BURST_MM = 10_000.0  # the most that `interference` may have
@@ -36,7 +40,8 @@ def find_stuck(likelihood: Likelihood, mixture: Mixture, state: State) -> State 
     evidence = likelihood.evidence
     x = evidence.samples
     constant = (x == x[0]).all(axis=0) & (x[0] > 0)
-    if not constant.any() or constant.mean() > _MOST_STUCK:
+    known = mixture.step > 0  # a lattice, and what it makes of a pixel
+    if not constant.any() or (constant.mean() > _MANY_STUCK and not known and _on_lattice(x[:, ~constant])):
         return None
     whole = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
     best = sum((_constant_nats(view) for view in views(likelihood, mixture, whole)), np.zeros(whole[1].size))
@@ -48,11 +53,37 @@ def find_stuck(likelihood: Likelihood, mixture: Mixture, state: State) -> State 
     return replace(state, effects=(*state.effects, effect), stuck_mm=values)
 
 
+def _on_lattice(samples: IntArray) -> bool:
+    """Whether most pixels of (frame, pixel) samples show hardly more than two values.
+
+    A lattice so coarse that it holds other pixels at one value leaves these no more; a defect leaves them their noise.
+    """
+    if not samples.size:
+        return True
+    first, often = mode(samples, axis=0)
+    others = -1 - np.arange(samples.shape[0])  # of the first value's samples, each of them once
+    _, next_often = mode(np.where(samples == first, others[:, None], samples.astype(np.int64)), axis=0)
+    return bool(np.median(often + next_often) > _LATTICE * samples.shape[0])
+
+
 def _constant_nats(view: View) -> FloatArray:
-    """The most (pixel,) that a normal with the pixel's sigma, at any mean, gives to one whole mm again and again."""
+    """The most (pixel,) that a normal with the pixel's sigma, at any mean, gives to one value again and again."""
     spread = view.mixture.of_main(view.mixture.sigma)
-    best = np.log(np.minimum(1.0, 1.0 / np.sqrt(2 * np.pi * (spread**2 + 1 / 12))))
-    return np.asarray(best * view.evidence.shape[0])
+    cell = max(1.0, view.mixture.step)
+    best = np.log(erf(cell / np.sqrt(8 * (spread**2 + 1 / 12))))
+    return np.where(_beyond_lattice(view), -np.inf, best * view.evidence.shape[0])
+
+
+def _beyond_lattice(view: View) -> BoolArray:
+    """Whether a lattice makes no such value of the pixel (pixel,): on no step of it, or far from each surface.
+
+    A coarse lattice holds working pixels at one value as well, so that values which never change say nothing there.
+    """
+    m, value = view.mixture, view.evidence.samples[0].astype(np.float64)
+    if m.step <= 0:
+        return np.zeros(value.shape, dtype=bool)
+    near = np.where(m.weight > 0, np.abs(value - m.mean) - _FAR * m.sigma, np.inf).min(axis=(0, 1))
+    return (near > 2 * m.step) | (np.rint(np.rint(value / m.step) * m.step) != value)
 
 
 def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> Interference | None:

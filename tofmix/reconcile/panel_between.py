@@ -62,7 +62,7 @@ def _valleys(m: Mixture) -> tuple[FloatArray, FloatArray, BoolArray]:
     others = own | (m.surface[0] == m.surface[0][second, at])
     share = np.where(own, 0.0, weight).sum(axis=0)
     two = (share > _LEAST_SHARE) & (np.where(others, 0.0, weight).sum(axis=0) == 0)
-    mean, reach = m.mean[0], _CLEAR * m.sigma[0]
+    mean, reach = m.mean[0], _CLEAR * m.sigma[0] + m.step / 2
     near = np.where(mean[first, at] < mean[second, at], first, second)
     far = np.where(mean[first, at] < mean[second, at], second, first)
     return mean[near, at] + reach[near, at], mean[far, at] - reach[far, at], two
