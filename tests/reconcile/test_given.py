@@ -23,6 +23,10 @@ GIVEN: dict[str, Effect] = {name: effects[0] for name, effects in EFFECTS_OF.ite
     "fixed_pattern, map": MAKE["fixed_pattern"](map=PixelMap("biases.npy", BIASES)),
     "stuck_pixels": MAKE["stuck_pixels"](share=0.01),
     "stuck_pixels, map": MAKE["stuck_pixels"](map=PixelMap("stuck.npy", STUCK)),
+    "motion, fast": MAKE["motion"](surface="middle", velocity_mm_s=200.0),
+    "pixel_crosstalk, strong": MAKE["pixel_crosstalk"](share=0.15),
+    "temporal_correlation, strong": MAKE["temporal_correlation"](coefficient=0.9),
+    "quantisation, coarse": MAKE["quantisation"](step_mm=80.0),
 }
 RIVALS = ("range_offset", "surface_pose", "excess_noise", "fixed_pattern", "temporal_correlation", "temperature_drift")
 

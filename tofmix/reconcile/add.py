@@ -35,6 +35,7 @@ EXACT = ("phase_wrapping", "stuck_pixels", "quantisation")
 """Kinds whose law is exact. Each sample that they explain gains as much as many that are a little off, so that their
 gains say nothing of what is left."""
 
+_TRIED = 6  # rivals that are looked at with the model within its tolerance
 _FAIR = 0.5  # share of the best candidate's score from which another may begin a way
 
 _COVERED = 0.999  # share of the beam that surfaces fill
@@ -201,7 +202,7 @@ def _round(search: _Search) -> bool:
     near = tolerated(likelihood, search.state, fit_part(likelihood, settings), settings.tolerance)
     allowed = max(0.0, likelihood.value(near, trial.test_part) - trial.base)
     tried = candidates(trial, settings.kinds, search.tick)
-    found = _recast(trial, with_the_others(trial, search.chosen, tried))
+    found = _tolerant(search, trial, _recast(trial, with_the_others(trial, search.chosen, tried)))
     search.first = search.first or tuple(found)
     needed = allowed + math.log(max(len(found), 1) / settings.alpha)
     needed = max(needed, CRUMB * sum(c.gain for c in search.chosen if c.kind not in EXACT))
@@ -247,6 +248,27 @@ def _recast(trial: Trial, found: Sequence[Candidate]) -> list[Candidate]:
     fair = max((_FAIR * c.score for c in found[:1]), default=0.0)
     cast_ = [recast(trial, c) if c.score > fair else c for c in found]
     return sorted(cast_, key=lambda c: -c.score)
+
+
+def _tolerant(search: _Search, trial: Trial, found: list[Candidate]) -> list[Candidate]:
+    """The candidates, first the one that is best where the model may move within its tolerance.
+
+    A law of more numbers follows the errors of the model's poses too, by which it gains over the simple one that is
+    there; of a model that has taken them up already, it gains nothing.
+    """
+    likelihood, tolerance = search.likelihood, search.settings.tolerance
+    if tolerance <= 0 or not found or found[0].kind not in STATIC or found[0].fitted is None:
+        return found
+    part = fit_part(likelihood, search.settings)
+    rivals = [c for c in found if c.fitted is not None and c.parameters <= found[0].parameters]
+    scores = []
+    for c in rivals[:_TRIED]:
+        likelihood.scene.anchor(c.state.effects)
+        near = tolerated(likelihood, c.state, part, tolerance)
+        scores.append(likelihood.value(near, trial.test_part) - PRICE_NATS * c.parameters)
+    likelihood.scene.anchor(trial.state.effects)
+    best = rivals[int(np.argmax(scores))]
+    return [best, *(c for c in found if c is not best)]
 
 
 def _take(search: _Search, taken: _Taken, found: Sequence[Candidate]) -> None:
@@ -330,7 +352,15 @@ def _drop(search: _Search) -> None:
     whole = likelihood.value(search.state, part)
     for k in range(len(search.chosen) - 1, -1, -1):
         candidate = search.chosen[k]
-        if candidate.fitted is None or len(search.chosen) == 1:
+        if len(search.chosen) == 1:
+            break
+        if candidate.kind == FixedPattern.kind:
+            if not _pattern_gains(search, k):
+                search.state = _bare(search.state, k)
+                whole = likelihood.value(search.state, part)
+                del search.chosen[k], search.rivals[k]
+            continue
+        if candidate.fitted is None:
             continue
         rest = without(search.state, k)
         likelihood.scene.anchor(rest.effects)  # a pose that goes takes its edges with it
@@ -339,6 +369,24 @@ def _drop(search: _Search) -> None:
             search.state, whole = rest, worth_
             del search.chosen[k], search.rivals[k]
     likelihood.scene.anchor(search.state.effects)
+
+
+def _bare(state: State, pattern: int) -> State:
+    """The state without the fixed pattern that is the so-many-th of what was added, and without its map."""
+    nothing = np.zeros_like(state.pixel_bias)
+    return replace(without(state, pattern), pixel_bias=nothing, pixel_variance=nothing)
+
+
+def _pattern_gains(search: _Search, number: int) -> bool:
+    """Whether a fixed pattern, its values integrated out, still gains beside all else."""
+    bare, likelihood = _bare(search.state, number), search.likelihood
+    likelihood.scene.anchor(bare.effects)
+    unseen = held_out(likelihood, search.settings)
+    mixture = likelihood.scene.mixture(bare.effects)
+    alone, patterned = (
+        worth(likelihood, bare, mixture, (unseen, unseen), patterned=patterned) for patterned in (False, True)
+    )
+    return patterned - alone > PRICE_NATS * search.chosen[number].parameters
 
 
 def _is_pattern(search: _Search, number: int) -> bool:
@@ -350,8 +398,7 @@ def _is_pattern(search: _Search, number: int) -> bool:
     pattern = next((k for k, c in enumerate(search.chosen) if c.kind == FixedPattern.kind), None)
     if pattern is None or candidate.kind not in STATIC:
         return False
-    likelihood, nothing = search.likelihood, np.zeros_like(state.pixel_bias)
-    bare = replace(without(state, pattern), pixel_bias=nothing, pixel_variance=nothing)
+    likelihood, bare = search.likelihood, _bare(state, pattern)
     rest = without(bare, number - (pattern < number))
     unseen = held_out(likelihood, search.settings)
     values = []

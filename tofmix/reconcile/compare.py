@@ -91,7 +91,7 @@ def _curves(z: Float32Array, apart: Float32Array, view: View, state: State) -> I
     evidence, m, part = view.evidence, view.mixture, view.part
     axes = list(panel_axes(evidence, m, part))
     yield from shapes(z, axes, m, state, part)
-    yield from in_time(z, evidence, part, m)
+    yield from in_time(apart, evidence, part, m)
     if state.bursts is not None:
         yield from burst_share(state.disturbed[view.frames], state.bursts)
     yield from invalid(evidence, m, state, axes, part)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import erf
 from scipy.stats import mode
@@ -53,7 +54,7 @@ def find_stuck(likelihood: Likelihood, mixture: Mixture, state: State) -> State 
     return replace(state, effects=(*state.effects, effect), stuck_mm=values)
 
 
-def _on_lattice(samples: IntArray) -> bool:
+def _on_lattice(samples: NDArray[np.uint16]) -> bool:
     """Whether most pixels of (frame, pixel) samples show hardly more than two values.
 
     A lattice so coarse that it holds other pixels at one value leaves these no more; a defect leaves them their noise.
@@ -83,7 +84,7 @@ def _beyond_lattice(view: View) -> BoolArray:
     if m.step <= 0:
         return np.zeros(value.shape, dtype=bool)
     near = np.where(m.weight > 0, np.abs(value - m.mean) - _FAR * m.sigma, np.inf).min(axis=(0, 1))
-    return (near > 2 * m.step) | (np.rint(np.rint(value / m.step) * m.step) != value)
+    return np.asarray((near > 2 * m.step) | (np.rint(np.rint(value / m.step) * m.step) != value))
 
 
 def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> Interference | None:
@@ -108,8 +109,12 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
         found = minimize(cost, np.array(start, dtype=np.float64), method="Nelder-Mead", options=options)
         return -float(found.fun), make(found.x)
 
-    sizes = [min(sigma * 2.0**k, _MOST_BURST_MM / 2) for k in range(-4, 4)]
-    best = max((at(size, (-1.5, 1.2)) for size in sizes), key=lambda pair: pair[0])
+    best = max((at(sigma * 2.0**k, (-1.5, 1.2)) for k in range(-4, 4)), key=lambda pair: pair[0])
+    while 8.0 * sigma <= best[1].sigma_mm < _MOST_BURST_MM / 4:  # still more may be better
+        more = at(2 * best[1].sigma_mm, (-1.5, 1.2))
+        if more[0] <= best[0]:
+            break
+        best = more
     start = math.log(best[1].probability / (1 - best[1].probability)), math.log(max(best[1].burst_frames - 1, 0.14))
     middle = math.log(best[1].sigma_mm)
     finer: Any = minimize_scalar(

@@ -10,7 +10,8 @@ from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
-_MAIN = 0.95
+_MAIN, _ALONE = 0.95, 0.9995  # share of the beam
+_STRONG = 0.7  # coefficient
 _FAR = 5.0  # sigma: random values have no memory
 _LEAST_PAIRS = 1000
 _LAGS = 24  # frames
@@ -27,9 +28,12 @@ def whitened(z: Float32Array, mixture: Mixture, coefficient: float) -> Float32Ar
     """Scores (frame, pixel) given those of the frame before, where a pixel sees one surface.
 
     Whole mm add a noise that has no memory: the score of a sample of sigma s remembers its forerunner by
-    rho s^2 / (s^2 + 1/12).
+    rho s^2 / (s^2 + 1/12). A pixel that sees a little of another surface is left out, NaN, where memory is strong:
+    its scores neither forget the last sample nor follow it.
     """
     rho = np.where(one_surface(mixture), coefficient * attenuation(mixture), 0.0).astype(np.float32)
+    if abs(coefficient) > _STRONG:
+        z = np.where(one_surface(mixture) & ~one_surface(mixture, _ALONE), np.float32(np.nan), z)
     before = np.vstack([np.full((1, z.shape[1]), np.nan, dtype=np.float32), z[:-1]])
     known = np.isfinite(before)
     return np.where(known, (z - rho * np.where(known, before, 0)) / np.sqrt(1 - rho**2), z).astype(np.float32)
@@ -42,10 +46,10 @@ def attenuation(mixture: Mixture) -> FloatArray:
     return np.asarray(sigma**2 / (sigma**2 + cell**2 / 12))
 
 
-def one_surface(mixture: Mixture) -> BoolArray:
+def one_surface(mixture: Mixture, share: float = _MAIN) -> BoolArray:
     """Pixels (pixel,) that see one surface, of whose noise a score speaks and not of which surface was drawn."""
     total = 1.0 - mixture.invalid[0]
-    return np.asarray(mixture.of_main(mixture.weight) > _MAIN * np.maximum(total, 1e-9))
+    return np.asarray(mixture.of_main(mixture.weight) > share * np.maximum(total, 1e-9))
 
 
 def _pairs(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> _Pairs:

@@ -28,7 +28,8 @@ LINKS = ("interference", "fixed_pattern", "stuck_pixels", "temporal_correlation"
 
 _IN_TIME = ("temperature_drift", "motion")  # kinds of which `predict` knows one time
 
-_TIMES = 8  # at which a moving scene is worked out
+_TIMES, _MOST_TIMES = 8, 32  # at which a moving scene is worked out
+_STEP_MM = 15.0  # that a surface moves from one to the next, if there are enough of them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,6 +126,7 @@ class Scene:
         self._still = replace(model, effects=rest)
         self._cast: dict[tuple[float, ...], Truth] = {}
         self._anchor: list[tuple[float, ...]] = [(0.0,) * len(self.names)]
+        self._count = _TIMES
         self.distance = np.array([_plane_distance(s) for s in model.surfaces])
         self.truth((0.0,) * len(self.names))
 
@@ -147,6 +149,9 @@ class Scene:
     def anchor(self, effects: tuple[Effect, ...]) -> None:
         """Cast the scene where these effects put it; nearby places are then reached by shifting ranges alone."""
         effects = (*self._moving, *self.own(effects))
+        fastest = max((abs(e.velocity_mm_s) for e in effects if isinstance(e, Motion)), default=0.0)
+        way_mm = fastest * float(self.time_s[-1])
+        self._count = int(np.clip(np.ceil(way_mm / _STEP_MM), _TIMES, _MOST_TIMES))
         times = self._times(effects)
         self._anchor = [tuple(round(float(d), 3) for d in self._shifts(effects, t)) for t in times]
         self._cast = {a: self.truth(a) for a in [(0.0,) * len(self.names), *self._anchor]}
@@ -154,7 +159,7 @@ class Scene:
     def _times(self, effects: tuple[Effect, ...]) -> FloatArray:
         if not any(isinstance(e, Motion) for e in effects):
             return np.zeros(1)
-        edges = np.linspace(0.0, float(self.time_s[-1]), _TIMES + 1)
+        edges = np.linspace(0.0, float(self.time_s[-1]), self._count + 1)
         return np.asarray((edges[1:] + edges[:-1]) / 2)
 
     def _shifts(self, effects: tuple[Effect, ...], time_s: float) -> FloatArray:
@@ -206,10 +211,12 @@ class Scene:
             return out
 
         surface = stack("surface", -1).astype(np.int64)
-        velocity = np.zeros(len(self.names) + 1)
+        velocity = np.zeros((len(times), len(self.names) + 1))  # of each ray, per mm of its length
         for e in effects:
             if isinstance(e, Motion):
-                velocity[self.names.index(e.surface)] += e.velocity_mm_s / self.distance[self.names.index(e.surface)]
+                moved = np.array([self._shifts(effects, float(t)) for t in times])
+                at = self.names.index(e.surface)
+                velocity[:, at] += e.velocity_mm_s / (self.distance[at] + moved[:, at])
         key = np.clip(
             (self.time_s * len(times) / max(float(self.time_s[-1]), 1e-9)).astype(np.int64), 0, len(times) - 1
         )
@@ -219,10 +226,11 @@ class Scene:
         first, true_range = parts[0], stack("true_range_mm", 1.0)
         return Mixture(
             weight=stack("weight", 0.0), mean=stack("range_mm", 1.0), sigma=np.maximum(stack("sigma_mm", 1.0), 0.05),
-            rate=true_range * velocity[surface], lit=surface >= 0, surface=surface, amplitude=stack("amplitude", 0.0),
-            true_range=true_range, invalid=np.stack([p.invalid for p in parts]),
-            outlier=first.outlier, low=first.limits_mm[0], high=first.limits_mm[1], step=first.step_mm,
-            period=first.period_mm or 0.0, key=key, since=self.time_s - times[key], frame_bias=bias,
+            rate=true_range * np.take_along_axis(velocity[:, None], surface, axis=2), lit=surface >= 0,
+            surface=surface, amplitude=stack("amplitude", 0.0), true_range=true_range,
+            invalid=np.stack([p.invalid for p in parts]), outlier=first.outlier, low=first.limits_mm[0],
+            high=first.limits_mm[1], step=first.step_mm, period=first.period_mm or 0.0, key=key,
+            since=self.time_s - times[key], frame_bias=bias,
         )  # fmt: skip
 
 

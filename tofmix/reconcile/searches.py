@@ -28,6 +28,8 @@ _MOSTLY = 0.5
 _MOST_OUTLIERS = 0.5  # beyond, it is the rest that is odd
 _FLAT = 0.1  # exponent of a walk, below which it is an offset
 _AT_ONCE = 1.2  # of the shortest time constant, below which a drift is an offset
+_OUT_OF_SIGHT = 3.0  # sigma
+_GLANCE = 25  # frames of which medians are taken
 _LEAST_FRAMES = 3.0  # in which a drift falls by e: a faster one is an offset with a bad first frame
 
 
@@ -60,6 +62,20 @@ class Problem:
         return len(self.steps)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """A surface, by its pixels' medians."""
+
+    name: str
+    sigma: float  # mm
+    residual: float  # of what is measured from what is predicted, mm
+
+    @property
+    def far(self) -> bool:
+        """Whether it is measured where the likelihood has no slope towards it any more."""
+        return abs(self.residual) > _OUT_OF_SIGHT * self.sigma
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Setting:
     """What starts depend on."""
@@ -69,7 +85,7 @@ class Setting:
     turn: float  # d_u, mm
     duration: float  # s
     interval: float  # s, between frames
-    surfaces: tuple[tuple[str, float, float], ...]  # name, typical sigma, typical range, of those that fill pixels
+    surfaces: tuple["Seen", ...]  # those that fill pixels
     amplitudes: FloatArray
     shares: FloatArray  # of invalid samples by pixel
 
@@ -139,9 +155,11 @@ def _per_surface(kind: str, name: str, sizes: tuple[float, ...], *, by_time: boo
         return MAKE[kind](surface=surface, **{name: float(x[0]) * scale})
 
     def problems(s: Setting) -> Iterator[Problem]:
-        for surface, sigma, _ in s.surfaces:
-            scale = sigma / s.duration if by_time else sigma
-            yield Problem(make=partial(make, surface, scale), starts=tuple((v,) for v in sizes), steps=(0.3,))
+        for seen in s.surfaces:
+            scale = seen.sigma / s.duration if by_time else seen.sigma
+            there = (seen.residual / seen.sigma * (2.0 if by_time else 1.0),) if seen.far else ()
+            starts = tuple((v,) for v in (*sizes, *there))
+            yield Problem(make=partial(make, seen.name, scale), starts=starts, steps=(0.3,))
 
     return problems
 
@@ -154,11 +172,14 @@ def _multipath(s: Setting) -> Iterator[Problem]:
         share = _bounded(math.hypot(x[0], x[1]) * unit, 1e-4, 0.99)
         return MAKE["multipath"](surface=surface, share=share, extra_path_mm=path)
 
-    for surface, sigma, _ in s.surfaces:
-        unit = min(0.2, max(0.006, 2 * math.pi * sigma / s.turn))  # shifts the range by about sigma
+    for seen in s.surfaces:
+        unit = min(0.2, max(0.006, 2 * math.pi * seen.sigma / s.turn))  # shifts the range by about sigma
         turns = [math.pi * path for path in (0.15, 0.35, 0.6, 0.85, 1.15, 1.5, 1.85)]
-        starts = tuple((size * math.cos(t), size * math.sin(t)) for size in (1.5, 4.5) for t in turns)
-        yield Problem(make=partial(make, surface, unit), starts=starts, steps=(0.3, 0.3))
+        starts = [(size * math.cos(t), size * math.sin(t)) for size in (1.5, 4.5) for t in turns]
+        if seen.far:
+            slope = math.tan(2 * math.pi * min(max(seen.residual / s.turn, -0.2), 0.2))
+            starts += [(along / unit, (1 + along) * slope / unit) for along in (-0.3, 0.0, 0.3)]
+        yield Problem(make=partial(make, seen.name, unit), starts=tuple(starts), steps=(0.3, 0.3))
 
 
 def _vignetting(s: Setting) -> Iterator[Problem]:  # noqa: ARG001
@@ -238,12 +259,14 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
     """What the starts depend on, for a mixture."""
     whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
     pixels = [_main(view) for view in views(likelihood, mixture, whole)]
-    lit, sigma, mean, name, amplitude, lost = (np.concatenate(values) for values in zip(*pixels, strict=True))
-    names = []
+    lit, sigma, mean, name, amplitude, lost, median = (np.concatenate(values) for values in zip(*pixels, strict=True))
+    seen = []
     for surface in likelihood.scene.names:
         own = lit & (name == surface)
         if own.sum() >= _LEAST_PIXELS:
-            names.append((surface, float(np.median(sigma[own])), float(np.median(mean[own]))))
+            away = (median - mean)[own & ~np.isnan(median)]
+            residual = float(np.median(away)) if away.size else 0.0
+            seen.append(Seen(name=surface, sigma=float(np.median(sigma[own])), residual=residual))
     turn = likelihood.scene.model.sensor.modulation_frequency_hz
     return Setting(
         mixture=mixture,
@@ -251,18 +274,28 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
         turn=math.nan if turn is None else likelihood.scene.model.sensor.turn_mm("reconcile"),
         duration=max(float(likelihood.evidence.time_s.max()), 1e-3),
         interval=float(np.median(np.abs(np.diff(likelihood.evidence.time_s)))),
-        surfaces=tuple(names),
+        surfaces=tuple(seen),
         amplitudes=amplitude,
         shares=lost,
     )
 
 
 def _main(view: View) -> _Main:
-    """Of each pixel's main component (pixel,): is it lit, sigma, mean, surface's name, amplitude, share of lost."""
+    """Of each pixel (pixel,), by its main component: is it lit, sigma, mean, surface's name, amplitude.
+
+    And its share of lost samples, and the median of some of the others, NaN if there is none.
+    """
     m = view.mixture
     names = np.array([*view.scene.names, ""], dtype=object)[m.of_main(m.surface)]
-    lost = (view.evidence.samples == 0).mean(axis=0)
-    return m.of_main(m.lit).astype(bool), m.of_main(m.sigma), m.of_main(m.mean), names, m.of_main(m.amplitude), lost
+    samples = view.evidence.samples
+    lost = (samples == 0).mean(axis=0)
+    few = samples[:: max(1, len(samples) // _GLANCE)].astype(np.float64)
+    few[few == 0] = np.nan
+    some = ~np.isnan(few).all(axis=0)
+    median = np.full(lost.shape, np.nan)
+    median[some] = np.nanmedian(few[:, some], axis=0)
+    lit, sigma, mean = m.of_main(m.lit).astype(bool), m.of_main(m.sigma), m.of_main(m.mean)
+    return lit, sigma, mean, names, m.of_main(m.amplitude), lost, median
 
 
 def problems(kind: str, likelihood: Likelihood, mixture: Mixture) -> list[Problem]:
