@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tofmix.reconcile.beside import ALIAS_NATS, best_beside, with_the_others, worth
+from tofmix.reconcile.beside import ALIAS_NATS, best_beside, settled_within, with_the_others, worth
 from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
@@ -35,7 +35,7 @@ EXACT = ("phase_wrapping", "stuck_pixels", "quantisation")
 """Kinds whose law is exact. Each sample that they explain gains as much as many that are a little off, so that their
 gains say nothing of what is left."""
 
-_TRIED = 6  # rivals that are looked at with the model within its tolerance
+_TRIED = 4  # rivals that are looked at with the model within its tolerance
 _FAIR = 0.5  # share of the best candidate's score from which another may begin a way
 
 _COVERED = 0.999  # share of the beam that surfaces fill
@@ -151,7 +151,7 @@ def _followed(search: _Search) -> Added:
     while True:
         # The test asks whether any model within the tolerance agrees with these frames: fitted to others, it would
         # bring the chance of those along
-        near = tolerated(likelihood, search.state, held, settings.tolerance)
+        near = settled_within(likelihood, search.state, search.chosen, held, settings.tolerance)
         panel = compare(likelihood, near, _covered(likelihood, search.state, held), seed=settings.seed)
         if not disagreements(panel, settings.alpha) or len(search.chosen) >= settings.max_effects:
             break
@@ -264,7 +264,7 @@ def _tolerant(search: _Search, trial: Trial, found: list[Candidate]) -> list[Can
     scores = []
     for c in rivals[:_TRIED]:
         likelihood.scene.anchor(c.state.effects)
-        near = tolerated(likelihood, c.state, part, tolerance)
+        near = settled_within(likelihood, c.state, [*search.chosen, c], part, tolerance)
         scores.append(likelihood.value(near, trial.test_part) - PRICE_NATS * c.parameters)
     likelihood.scene.anchor(trial.state.effects)
     best = rivals[int(np.argmax(scores))]

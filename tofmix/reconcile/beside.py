@@ -14,7 +14,7 @@ from tofmix.reconcile import links
 from tofmix.reconcile.fits import Fitted, fit
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
-from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial
+from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, tolerated
 from tofmix.reconcile.pixel_pattern import pixel_biases, with_pattern
 from tofmix.reconcile.static_fits import STATIC, StaticFits, spreads
 from tofmix.simulation.effects.base import Effect
@@ -26,7 +26,7 @@ ALIAS_NATS = 6.0
 """Gains that are nearer are not told apart."""
 
 _PARTLY = ("temperature_drift", "motion")  # kinds of which a part is static
-_EACH = 3  # turns of them and the static effects
+_EACH = 3  # turns of them and the static effects, and of these and the model within its tolerance
 _FAIR = 0.5  # share of the best score from which they are worth that
 _TRIED = 3  # of the best static ones
 _CLEAR_NATS, _CLEAR_SHARE = 10.0, 0.0001  # beyond what the pattern gains, for an effect that is put before it
@@ -154,6 +154,46 @@ def _worth_a_look(others: Sequence[Candidate], fits: "_Fits | None") -> list[Can
     moved = [fits.beside(c) for c in others if c.kind in STATIC]
     moved.sort(key=lambda pair: PRICE_NATS * pair[1].parameters - pair[0])
     return [c for gain, c in moved[:_TRIED] if gain > PRICE_NATS * c.parameters] + alone
+
+
+def settled_within(
+    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part, tolerance: float
+) -> State:
+    """The model moved within its tolerance to where it fits best, the static effects' numbers fitted anew meanwhile.
+
+    Numbers that were fitted to the model as given have followed the errors of its poses: they may be off by more than
+    the tolerance leaves room for.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the recording.
+    state : State
+        The model as it stands.
+    chosen : sequence of Candidate
+        Its effects, in its order.
+    part : (frames, pixels)
+        What the fit may see.
+    tolerance : float
+        As for `tofmix.reconcile.name.tolerated`.
+    """
+    best = tolerated(likelihood, state, part, tolerance)
+    fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.kind in STATIC}
+    if tolerance <= 0 or not fits or len(likelihood.scene.members) > 1 or state.pixel_bias.any():
+        return best
+    *before, last = fits
+    value, near = likelihood.value(best, part), best
+    for _ in range(_EACH):
+        static = StaticFits(likelihood, near, likelihood.scene.mixture(near.effects), part)
+        _, fitted, others = static.fitted(fits[last], {k: fits[k] for k in before}, place=last)
+        fits = {**others, last: fitted}
+        effects = tuple(fits[k].effect if k in fits else e for k, e in enumerate(state.effects))
+        near = tolerated(likelihood, replace(state, effects=effects), part, tolerance)
+        now = likelihood.value(near, part)
+        if now <= value:
+            break
+        value, best = now, near
+    return best
 
 
 class _Fits:

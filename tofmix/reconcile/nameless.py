@@ -6,6 +6,7 @@ as those did among themselves: fitted to the same data, paying for their numbers
 A fixed pattern among the effects is put under the law too, so that it tips no scale.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -14,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.reconcile.beside import worth
+from tofmix.reconcile.beside import settled_within, worth
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
-from tofmix.reconcile.name import PRICE_NATS, Candidate, tolerated
+from tofmix.reconcile.name import PRICE_NATS, Candidate
 from tofmix.reconcile.pattern_errors import pattern_of
 from tofmix.reconcile.pixel_pattern import pixel_biases
 from tofmix.reconcile.static_fits import STATIC
@@ -64,8 +65,11 @@ def better_law(
     bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias), pixel_variance=np.zeros_like(state.pixel_bias))
     named = replace(bare, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
     rest = replace(bare, effects=tuple(e for e in state.effects if not _stays(e, duration)))
-    price = PRICE_NATS * sum(c.parameters for c in static if c.kind != FixedPattern.kind)
-    near = tolerated(likelihood, named, parts[0], tolerance)
+    # What stands is here to be overthrown by what has no name, for which the price by the data's size is the safer one
+    each = max(PRICE_NATS, 0.5 * math.log(max(len(parts[1][0]) * len(parts[1][1]), 1)))
+    price = each * sum(c.parameters for c in static if c.kind != FixedPattern.kind)
+    others = [c for c in chosen if c.kind != FixedPattern.kind]
+    near = settled_within(likelihood, named, others, parts[0], tolerance)
     moved = _KNOWN * PRICE_NATS * (len(near.effects) - len(named.effects))
     at, about = (
         worth(likelihood, s, likelihood.scene.mixture(s.effects), parts, patterned=patterned) for s in (named, near)
@@ -79,7 +83,7 @@ def better_law(
     for axis, law in _LAWS.items():
         bent = law(likelihood, rest, mixture, parts[0])
         if bent is not None:
-            found[axis] = worth(likelihood, *bent[:2], parts, patterned=patterned) - PRICE_NATS * bent[2]
+            found[axis] = worth(likelihood, *bent[:2], parts, patterned=patterned) - each * bent[2]
     likelihood.scene.anchor(state.effects)
     best = max(found, key=lambda axis: found[axis])
     return best if found[best] > needed else None

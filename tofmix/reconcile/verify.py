@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.reconcile import links
 from tofmix.reconcile.add import EXACT, Added, Settings, fit_part, held_out
+from tofmix.reconcile.beside import settled_within
 from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.memory import memory_left, memory_of
 from tofmix.reconcile.mixture import Scene
-from tofmix.reconcile.name import tolerated
 from tofmix.reconcile.nameless import better_law
 from tofmix.reconcile.panel import Curve
 from tofmix.reconcile.refit import begin
@@ -248,7 +248,7 @@ def _closes_tolerably(
     if _closes(before, after, floor):
         return True
     held = held_out(likelihood, settings)
-    near = tolerated(likelihood, added.state, held, settings.tolerance)
+    near = settled_within(likelihood, added.state, added.chosen, held, settings.tolerance)
     return _closes(before, compare(likelihood, near, held, seed=settings.seed), floor)
 
 
