@@ -26,6 +26,7 @@ from tofmix.reconcile.static_fits import STATIC
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.quantisation import Quantisation
+from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 
 CRUMB = 0.01
@@ -202,19 +203,21 @@ def _round(search: _Search) -> bool:
     near = tolerated(likelihood, search.state, fit_part(likelihood, settings), settings.tolerance)
     allowed = max(0.0, likelihood.value(near, trial.test_part) - trial.base)
     tried = candidates(trial, settings.kinds, search.tick)
-    found = _tolerant(search, trial, _recast(trial, with_the_others(trial, search.chosen, tried)))
+    found = _recast(trial, with_the_others(trial, search.chosen, tried))
+    chance = math.log(max(len(found), 1) / settings.alpha)
+    crumb = CRUMB * sum(c.gain for c in search.chosen if c.kind not in EXACT)
+    needed = max(allowed + chance, crumb)
+    found, beyond = _tolerant(search, trial, found, near)
     search.first = search.first or tuple(found)
-    needed = allowed + math.log(max(len(found), 1) / settings.alpha)
-    needed = max(needed, CRUMB * sum(c.gain for c in search.chosen if c.kind not in EXACT))
     if not found:
         return False
-    if found[0].score <= needed:
+    if found[0].score <= needed and beyond <= max(chance, crumb):
         faint = _faint_pattern(search, found, near, needed)
         if faint is not None:
             _take(search, _Taken((faint,), ()), found)
         return faint is not None
     taken = _best(search, trial, found, near, needed)
-    if max(c.score for c in taken.best) <= needed:
+    if len(taken.best) == 1 and taken.best[0].score <= needed:
         taken = _Taken((found[0],), _near(found[0], found))
     _take(search, taken, found)
     return True
@@ -250,25 +253,32 @@ def _recast(trial: Trial, found: Sequence[Candidate]) -> list[Candidate]:
     return sorted(cast_, key=lambda c: -c.score)
 
 
-def _tolerant(search: _Search, trial: Trial, found: list[Candidate]) -> list[Candidate]:
-    """The candidates, first the one that is best where the model may move within its tolerance.
+def _tolerant(search: _Search, trial: Trial, found: list[Candidate], near: State) -> tuple[list[Candidate], float]:
+    """The candidates, first the one that is best in a model that may move within its tolerance; what it gains there.
 
     A law of more numbers follows the errors of the model's poses too, by which it gains over the simple one that is
     there; of a model that has taken them up already, it gains nothing.
     """
     likelihood, tolerance = search.likelihood, search.settings.tolerance
-    if tolerance <= 0 or not found or found[0].kind not in STATIC or found[0].fitted is None:
-        return found
-    part = fit_part(likelihood, search.settings)
-    rivals = [c for c in found if c.fitted is not None and c.parameters <= found[0].parameters]
-    scores = []
-    for c in rivals[:_TRIED]:
+    if tolerance <= 0 or not found or found[0].kind not in STATIC:
+        return found, -math.inf
+    part, test = fit_part(likelihood, search.settings), trial.test_part
+    static = [c for c in found if c.kind in STATIC and c.fitted is not None and c.gain > 0]
+    simple = [c for c in static if c.parameters <= found[0].parameters]
+    offset = [c for c in simple[_TRIED:] if c.kind == RangeOffset.kind]
+    scored = []
+    for c in (*simple[:_TRIED], *offset):
         likelihood.scene.anchor(c.state.effects)
-        near = settled_within(likelihood, c.state, [*search.chosen, c], part, tolerance)
-        scores.append(likelihood.value(near, trial.test_part) - PRICE_NATS * c.parameters)
+        moved = settled_within(likelihood, c.state, [*search.chosen, c], part, tolerance)
+        scored.append((likelihood.value(moved, test) - PRICE_NATS * c.parameters, c))
     likelihood.scene.anchor(trial.state.effects)
-    best = rivals[int(np.argmax(scores))]
-    return [best, *(c for c in found if c is not best)]
+    if not scored:
+        return found, -math.inf
+    score, best = max(scored, key=lambda pair: pair[0])
+    beyond = score - likelihood.value(near, test)
+    if found[0].fitted is None:
+        return found, beyond
+    return [best, *(c for c in found if c is not best)], beyond
 
 
 def _take(search: _Search, taken: _Taken, found: Sequence[Candidate]) -> None:
@@ -293,22 +303,24 @@ def _take(search: _Search, taken: _Taken, found: Sequence[Candidate]) -> None:
 def _exchange(search: _Search, part: Part) -> None:
     """Put the closest rival in the place of an earlier effect where it does better beside what has come since.
 
-    A rival is worth the trial if it was no further behind than what the later effects have gained.
+    A rival is worth the trial if it was no further behind than what the later effects have gained. What has become flat
+    beside them, with numbers at a bound, is an offset.
     """
     likelihood = search.likelihood
     test = likelihood.evidence.part(fit=False, split=search.settings.split)
-    for k, old in enumerate(search.chosen[:-1]):
+    for k, old in enumerate(search.chosen):
+        flat = old.fitted is not None and old.fitted.at_a_bound
         later = sum(c.gain for c in search.chosen[k + 1 :])
         names = [_name(c) for c in search.chosen]
         usable = (c for c in search.rivals[k] if c.fitted is not None and _name(c) not in names)
-        rival = next(usable, None)
-        if rival is None or old.score - rival.score >= later:
+        rival = next((c for c in usable if not flat or c.kind == RangeOffset.kind), None)
+        if rival is None or (not flat and old.score - rival.score >= later):
             continue
         stood = likelihood.value(search.state, test) - PRICE_NATS * old.parameters
         effects = (*search.state.effects[:k], rival.effect, *search.state.effects[k + 1 :])
         trial = [*search.chosen[:k], rival, *search.chosen[k + 1 :]]
         state, trial = refit(likelihood, replace(search.state, effects=effects), trial, part)
-        if likelihood.value(state, test) - PRICE_NATS * rival.parameters > stood + PRICE_NATS:
+        if likelihood.value(state, test) - PRICE_NATS * rival.parameters > stood + (0.0 if flat else PRICE_NATS):
             search.state, search.chosen = state, trial
         likelihood.scene.anchor(search.state.effects)
 
@@ -332,9 +344,24 @@ def _best(search: _Search, trial: Trial, found: Sequence[Candidate], near: State
         beside = best_beside(trial, search.chosen, found, parts, near)
         if beside is not None:
             # The pattern's turn comes when no more gain beside it, unless it hides the effect
-            both = beside.patterned and beside.first.score <= needed
-            return _Taken((beside.first, found[0]) if both else (beside.first,), beside.rivals)
+            if not beside.patterned or beside.first.score > needed:
+                return _Taken((beside.first,), beside.rivals)
+            return _Taken((beside.first, _second(search, trial, found, beside.first, parts)), beside.rivals)
     return _Taken((found[0],), _near(found[0], found))
+
+
+def _second(
+    search: _Search, trial: Trial, found: Sequence[Candidate], first: Candidate, parts: tuple[Part, Part]
+) -> Candidate:
+    """What goes with an effect that a fixed pattern hides: another effect that gains beside both, or the pattern."""
+    likelihood = trial.likelihood
+    likelihood.scene.anchor(first.state.effects)
+    now = replace(trial, state=first.state, mixture=likelihood.scene.mixture(first.state.effects))
+    near = tolerated(likelihood, first.state, parts[0], search.settings.tolerance)
+    rest = [c for c in found if c.kind in STATIC and _name(c) != _name(first)]
+    beside = best_beside(now, [*search.chosen, first], rest, parts, near)
+    likelihood.scene.anchor(trial.state.effects)
+    return found[0] if beside is None else beside.first
 
 
 def _near(best: Candidate, found: Sequence[Candidate]) -> tuple[Candidate, ...]:

@@ -105,8 +105,8 @@ def best_beside(
     nothing = worth(likelihood, trial.state, trial.mixture, unseen, patterned=False)
     about = links.fit_pattern(likelihood, trial.mixture, trial.state, parts[0])
     effect = cast("FixedPattern", pattern.effect) if about is None else about[0]
-    fits = None if len(likelihood.scene.members) > 1 else _Fits(trial, chosen, parts[0], effect)
-    settled = trial.state if fits is None else fits.settled()
+    fits = _Fits(trial, chosen, parts[0], effect)
+    settled = fits.settled()
     alone, tolerable = (
         worth(likelihood, state, likelihood.scene.mixture(state.effects), unseen, patterned=True)
         for state in (settled, near)
@@ -140,7 +140,7 @@ def _still_gains(trial: Trial, other: Candidate, unseen: tuple[Part, Part]) -> b
     return with_ - without > 3 * PRICE_NATS + _CLEAR_NATS
 
 
-def _worth_a_look(others: Sequence[Candidate], fits: "_Fits | None") -> list[Candidate]:
+def _worth_a_look(others: Sequence[Candidate], fits: "_Fits") -> list[Candidate]:
     """The static ones that are best by biases beside a pattern, with their numbers there; and the best by themselves.
 
     Of those that are not static, the best of each kind: beside a pattern, by which all the others have lost more, one
@@ -148,8 +148,6 @@ def _worth_a_look(others: Sequence[Candidate], fits: "_Fits | None") -> list[Can
     """
     gaining = [c for c in others if c.gain > PRICE_NATS * c.parameters + _CLEAR_NATS]
     moving = {c.kind: c for c in reversed(gaining) if c.kind not in STATIC}
-    if fits is None:  # biases differ from scene to scene, which tells a pattern from all else
-        return [*gaining[:_TRIED], *moving.values()]
     alone = [*[c for c in gaining if c.kind in STATIC][:1], *moving.values()]
     moved = [fits.beside(c) for c in others if c.kind in STATIC]
     moved.sort(key=lambda pair: PRICE_NATS * pair[1].parameters - pair[0])
@@ -179,7 +177,7 @@ def settled_within(
     """
     best = tolerated(likelihood, state, part, tolerance)
     fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.kind in STATIC}
-    if tolerance <= 0 or not fits or len(likelihood.scene.members) > 1 or state.pixel_bias.any():
+    if tolerance <= 0 or not fits or state.pixel_bias.any():
         return best
     *before, last = fits
     value, near = likelihood.value(best, part), best
@@ -243,7 +241,7 @@ def with_the_others(trial: Trial, chosen: Sequence[Candidate], found: Sequence[C
         This round's candidates.
     """
     likelihood, state = trial.likelihood, trial.state
-    if len(likelihood.scene.members) > 1 or state.pixel_bias.any():
+    if state.pixel_bias.any():
         return list(found)
     fits = _Fits(trial, chosen, trial.fit_part)
     if not fits.old:

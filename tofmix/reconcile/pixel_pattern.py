@@ -13,6 +13,7 @@ from tofmix.reconcile.memory import inflation
 from tofmix.reconcile.mixture import Mixture
 
 _STEPS = 6  # of the iteration for pixels' biases
+_LEAST_INFORMATION = 1e-10  # 1/mm2: a bias of which less is known is not known
 _LEAST_MM = 1e-6  # a spread that counts as none
 
 
@@ -51,7 +52,7 @@ def pixel_biases(likelihood: Likelihood, mixture: Mixture, state: State, part: P
         sums = likelihood.sums(mixture, state, part, bias=bias)
     inside = np.zeros(bias.size, dtype=bool)
     inside[part[1]] = True
-    inside &= state.working & (sums.by_pixel[:, 2] > 0)
+    inside &= state.working & (sums.by_pixel[:, 2] > _LEAST_INFORMATION)
     overstated = inflation(likelihood, mixture, state, part)
     return PixelBiases(
         bias=np.where(inside, bias - state.pixel_bias, 0.0),
@@ -150,6 +151,7 @@ class PatternLines:
 
     def __init__(self, information: FloatArray, image: tuple[int, int], pixel_sigma_mm: float) -> None:
         self.rows, self.cols = image
+        self.information = information
         self.use = np.flatnonzero(information > 0)
         self.row, self.col = np.divmod(self.use, self.cols)
         self.noise = 1.0 / information[self.use]

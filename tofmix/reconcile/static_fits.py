@@ -13,9 +13,10 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.reconcile.fits import Fitted
+from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
-from tofmix.reconcile.pixel_pattern import PatternLines, PixelBiases, pixel_biases
+from tofmix.reconcile.pixel_pattern import PatternLines, pixel_biases
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
@@ -38,7 +39,7 @@ class StaticFits:
     Parameters
     ----------
     likelihood : Likelihood
-        Of one recording: biases differ from scene to scene.
+        Of one recording or several: a pixel has a bias in each, and one pattern in all.
     state : State
         The model as it stands.
     mixture : Mixture
@@ -54,12 +55,18 @@ class StaticFits:
     ) -> None:
         self._scene = likelihood.scene
         self._effects = state.effects
-        self._main = mixture.main
-        found: PixelBiases = pixel_biases(likelihood, mixture, state, part)
+        seen = list(views(likelihood, mixture, part))
+        found = [pixel_biases(likelihood, mixture, state, view.part_of_all) for view in seen]
+        self._frames = [view.frames for view in seen]
+        self._main = [view.mixture.main for view in seen]
+        self._use = [np.flatnonzero(f.information > 0) for f in found]
+        self._pixel = np.concatenate(self._use)
+        self._weight = np.concatenate([f.information[use] for f, use in zip(found, self._use, strict=True)])
         own = (0.0, 0.0, 0.0) if pattern is None else spreads(pattern)
-        self._lines = PatternLines(found.information, likelihood.evidence.image, own[0])
+        whole = np.sum([f.information for f in found], axis=0)
+        self._lines = PatternLines(whole, likelihood.evidence.image, own[0])
         self._root = None if pattern is None else self._lines.factor(*own[1:])[0]
-        self._bias = found.bias[self._lines.use]
+        self._bias = np.concatenate([f.bias[use] for f, use in zip(found, self._use, strict=True)])
         self._at_rest = self._means(state.effects)
         self._none = float(self._products(self._bias[None])[0, 0])
 
@@ -103,7 +110,7 @@ class StaticFits:
         return 0.5 * (self._none - left), ends[-1], dict(zip(places[:-1], ends[:-1], strict=True))
 
     def _moves(self, places: Sequence[int], fits: Sequence[Fitted], x: FloatArray) -> FloatArray | None:
-        """What numbers move the pixels by (used pixel,), mm; None out of their bounds."""
+        """What numbers move each recording's pixels by (used pixel,), mm; None out of their bounds."""
         try:
             made = [f.problem.make(v) for f, v in zip(fits, _cut(fits, x), strict=True)]
             for effect in made:
@@ -114,8 +121,12 @@ class StaticFits:
         return self._means(tuple(effects.values())) - self._at_rest
 
     def _means(self, effects: tuple[Effect, ...]) -> FloatArray:
-        mean = self._scene.mixture(effects).mean[0]
-        return np.asarray(np.take_along_axis(mean, self._main[None], axis=0)[0][self._lines.use])
+        mixture = self._scene.mixture(effects)
+        means = []
+        for frames, main, use in zip(self._frames, self._main, self._use, strict=True):
+            mean = mixture.of_frames(frames).mean[0]
+            means.append(np.take_along_axis(mean, main[None], axis=0)[0][use])
+        return np.concatenate(means)
 
     def _left(self, places: Sequence[int], fits: Sequence[Fitted], x: FloatArray) -> float:
         """Twice the nats that the biases are from what the numbers make of them."""
@@ -135,7 +146,19 @@ class StaticFits:
         return np.asarray(step @ nudges)
 
     def _products(self, vectors: FloatArray) -> FloatArray:
-        """Products (n, n) of vectors (n, used pixel) by the inverse covariance."""
+        """Products (n, n) of vectors (n, used pixel) by the inverse covariance.
+
+        A pixel's recordings differ by noise alone; their mean, weighted by what each knows, has the pattern in it.
+        """
+        if len(self._use) == 1:
+            return self._products_of_means(vectors)
+        size = self._lines.information.size
+        sums = np.stack([np.bincount(self._pixel, self._weight * v, minlength=size) for v in vectors])
+        means = sums[:, self._lines.use] / self._lines.information[self._lines.use]
+        apart = vectors - np.stack([np.bincount(self._lines.use, m, minlength=size) for m in means])[:, self._pixel]
+        return np.asarray((apart * self._weight) @ apart.T + self._products_of_means(means))
+
+    def _products_of_means(self, vectors: FloatArray) -> FloatArray:
         weighted = vectors / self._lines.variance
         products = weighted @ vectors.T
         if self._root is not None:
