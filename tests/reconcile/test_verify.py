@@ -11,10 +11,8 @@ from tofmix.reconcile.compare import compare
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.name import KINDS
-from tofmix.reconcile.verify import _smooth, verify
+from tofmix.reconcile.verify import _smooth, _tilted, verify
 from tofmix.reconcile.workflow import reconcile
-from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.model import Model
 
 SETTINGS = Settings(kinds=KINDS)
@@ -53,8 +51,20 @@ def test_a_pattern_is_smooth_where_a_lens_bends_it(
     values += {"pixels": 0.0, "columns": rng.normal(0, 3, 44), "lens": 4 * np.hypot(row, col) ** 4}[kind]
     boards = np.where(col < 0, row < 0.3, row > -0.3)
     known = boards | everywhere
-    effect = FixedPattern(map=PixelMap("fixed_pattern.npy", np.where(known, values, 0.0)))
-    assert _smooth(effect, known) == smooth
+    assert _smooth(np.where(known, values, 0.0), known) == smooth
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_tilted_board_is_told_from_columns(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    row, col = np.mgrid[:30, :40]
+    board = (np.abs(row - 12) < 6) & (np.abs(col - 20) < 6)
+    values = rng.normal(0, 1, row.shape) + rng.normal(0, 3, 40)
+    known = np.ones(row.shape, dtype=bool)
+    assert not _tilted(values, known, board.astype(np.int64))
+    tilt = np.where(board, 1.2 * (col - 20), 0.0) + rng.normal(0, 1, row.shape)
+    assert _tilted(tilt, known, board.astype(np.int64))
+    assert not _tilted(tilt, known & ~board, board.astype(np.int64))
 
 
 @pytest.mark.parametrize("frame_rate_hz", [4.0, 10.0])

@@ -141,6 +141,8 @@ def _read_all(files: "Files") -> list[tuple["Model", "Evidence"]]:
 
 
 def _read(scene: "Model", measured: Path) -> "Evidence":
+    import numpy as np
+
     from tofmix.errors import BadInputError
     from tofmix.io.recording_file import open_recording
     from tofmix.reconcile.evidence import make_evidence
@@ -160,7 +162,8 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
             if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):
                 click.echo(f"tofmix: {measured}: sensor: {name} is {own:g}, the model's is {models:g}", err=True)
     if time_s is not None and time_s[-1] > time_s[0]:
-        own, models = (len(time_s) - 1) / float(time_s[-1] - time_s[0]), scene.recording.frame_rate_hz
+        steps = np.diff(time_s)
+        own, models = 1.0 / float(np.median(steps[steps > 0])), scene.recording.frame_rate_hz  # whatever the pauses
         if not math.isclose(own, models, rel_tol=_SAME_RATE):
             click.echo(f"tofmix: {measured}: time: {own:.4g} Hz, the model's frame_rate_hz is {models:g}", err=True)
     if any(effect.kind == "fixed_pattern" and getattr(effect, "map", None) is None for effect in scene.effects):

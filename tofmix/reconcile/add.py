@@ -36,6 +36,9 @@ EXACT = ("phase_wrapping", "stuck_pixels", "quantisation")
 """Kinds whose law is exact. Each sample that they explain gains as much as many that are a little off, so that their
 gains say nothing of what is left."""
 
+LOST = ("dropout", "saturation")
+"""Kinds that lose samples. What they gain, a sample each, says nothing of the ranges of the others."""
+
 _TRIED = 4  # rivals that are looked at with the model within its tolerance
 _FAIR = 0.5  # share of the best candidate's score from which another may begin a way
 
@@ -205,7 +208,9 @@ def _round(search: _Search) -> bool:
     tried = candidates(trial, settings.kinds, search.tick)
     found = _recast(trial, with_the_others(trial, search.chosen, tried))
     chance = math.log(max(len(found), 1) / settings.alpha)
-    crumb = CRUMB * sum(c.gain for c in search.chosen if c.kind not in EXACT)
+    crumb = CRUMB * sum(c.gain for c in search.chosen if c.kind not in (*EXACT, *LOST))
+    lost = CRUMB * sum(c.gain for c in search.chosen if c.kind not in EXACT)
+    found = [c for c in found if c.kind not in LOST or c.score > lost]
     needed = max(allowed + chance, crumb)
     found, beyond = _tolerant(search, trial, found, near)
     search.first = search.first or tuple(found)

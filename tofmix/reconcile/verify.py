@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import BoolArray, FloatArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.reconcile import links
-from tofmix.reconcile.add import EXACT, Added, Settings, fit_part, held_out
+from tofmix.reconcile.add import EXACT, LOST, Added, Settings, fit_part, held_out
 from tofmix.reconcile.beside import settled_within
 from tofmix.reconcile.compare import Compared, compare
+from tofmix.reconcile.joint import views
 from tofmix.reconcile.likelihood import Likelihood, State
 from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.memory import memory_left, memory_of
@@ -70,6 +71,10 @@ ECHO = 0.1
 SMOOTH = 0.2
 """Correlation of neighbours in a map above which it is no pattern of pixels."""
 
+TILTED = 0.8
+"""Share of what a map has on one surface, of a plane above which it is no pattern of pixels."""
+
+_PLANE_LINES = 8
 _FEW = 0.1
 _SWEEPS = 30  # over columns and rows in turn, where not all pixels are known
 _SEEDS_APART = 1000
@@ -139,7 +144,7 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     parts = fit_part(likelihood, settings), held
     law = better_law(likelihood, added.state, added.chosen, parts, settings.tolerance)
     signed = law is None and _signed(likelihood, added, floor, settings)
-    enough = (not loud or gain >= EXPLAINED * (gain + left)) and _closes_tolerably(
+    enough = _outweighs(added, loud, floor, _scale(likelihood, settings)) and _closes_tolerably(
         likelihood, added, (before, after, floor), settings
     )
     verdict = _verdict(added, before, loud, enough=enough, signed=signed)
@@ -173,6 +178,17 @@ def _scale(likelihood: Likelihood, settings: Settings) -> float:
     return len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1)
 
 
+def _outweighs(added: Added, loud: list[Curve], floor: Compared, scale: float) -> bool:
+    """Whether effects gained far more than what is left: those that lose samples of lost ones, the others of ranges."""
+    for lost in (True, False):
+        left = max((_weight(c, floor) for c in loud if (c.statistic == "invalid") == lost), default=0.0)
+        telling = (c for c in added.chosen if c.kind not in EXACT and (lost or c.kind not in LOST))
+        gain = scale * sum(c.gain for c in telling)
+        if left and gain < EXPLAINED * (gain + left):
+            return False
+    return True
+
+
 def _weight(curve: Curve, floor: Compared) -> float:
     """What a curve that is left counts for, nats.
 
@@ -199,18 +215,40 @@ def _signed(likelihood: Likelihood, added: Added, floor: Compared, settings: Set
     if coefficient and memory_left(likelihood, added.state, coefficient, settings.seed) > ECHO:
         return False
     known = (added.state.pixel_variance > 0).reshape(likelihood.evidence.image)
-    return not any(isinstance(e, FixedPattern) and _smooth(e, known) for e in added.state.effects)
+    maps = [e.map for e in added.state.effects if isinstance(e, FixedPattern) and e.map is not None]
+    if not maps or not known.any():
+        return True
+    mixture = likelihood.scene.mixture(added.state.effects)
+    held = held_out(likelihood, settings)
+    surfaces = [v.mixture.of_main(v.mixture.surface).reshape(known.shape) for v in views(likelihood, mixture, held)]
+    values = [m.values.astype(np.float64) for m in maps]
+    return not any(_smooth(v, known) or any(_tilted(v, known, s) for s in surfaces) for v in values)
 
 
-def _smooth(effect: FixedPattern, known: BoolArray) -> bool:
-    """Whether a map, columns and rows taken out, runs smoothly over the image: a pattern of pixels does not.
+def _tilted(values: FloatArray, known: BoolArray, surface: IntArray) -> bool:
+    """Whether a map (row, col) runs as a plane over a surface, which is then tilted.
 
-    Of the pixels (row, col) whose bias is known: the map has 0 where nothing returns, which would else leave of a
-    column what its lit part has.
+    Of a surface of so many rows and columns: those of a pattern would be in order by chance once in some thousands.
     """
-    if effect.map is None or not known.any():
-        return False
-    rest = np.where(known, effect.map.values.astype(np.float64), 0.0)
+    for number in range(int(surface.max()) + 1):
+        row, col = np.nonzero(known & (surface == number))
+        if min(np.unique(row).size, np.unique(col).size) < _PLANE_LINES:
+            continue
+        value = values[row, col] - values[row, col].mean()
+        slopes = np.stack([row - row.mean(), col - col.mean()], axis=1)
+        plane = slopes @ np.linalg.lstsq(slopes, value, rcond=None)[0]
+        if float((plane**2).sum()) > TILTED * float((value**2).sum()) > 0:
+            return True
+    return False
+
+
+def _smooth(values: FloatArray, known: BoolArray) -> bool:
+    """Whether a map (row, col), columns and rows taken out, runs smoothly over the image: a pattern of pixels does not.
+
+    Of the pixels whose bias is known: the map has 0 where nothing returns, which would else leave of a column what its
+    lit part has.
+    """
+    rest = np.where(known, values, 0.0)
     for _ in range(_SWEEPS):
         for axis in (0, 1):
             mean = rest.sum(axis=axis, keepdims=True) / np.maximum(known.sum(axis=axis, keepdims=True), 1)

@@ -5,9 +5,13 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from tofmix.reconcile.localise import Place
 from tofmix.reconcile.workflow import NamedEffect, Reconciliation
 from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
 
 _TITLES = {
     "agree": "Simulation and measurement agree",
@@ -37,7 +41,9 @@ def headline(result: Reconciliation) -> str:
     verb = "explain" if len(result.named) > 1 else "explains"
     part = "it" if v.verdict == "explained" else "a part of it"
     fall = f"the gap falls from {v.before.gap:.1f} to {v.after.gap:.1f}, chance is {v.floor.gap:.1f}"
-    return f"Simulation and measurement disagree most {place}. {effects} {verb} {part}; {fall}."
+    wider = v.verdict == "explained" and not result.left and v.after.gap > _WIDER * max(v.floor.gap, 1.0)
+    within = ", and what is between is within the tolerance" if wider else ""
+    return f"Simulation and measurement disagree most {place}. {effects} {verb} {part}; {fall}{within}."
 
 
 def in_words(effect: Effect) -> str:
@@ -83,7 +89,17 @@ def effect_text(named: NamedEffect, result: Reconciliation) -> str:
         for name, value in named.parameters.items()
         if isinstance(value, str) or value or named.stderr.get(name)  # what is not there needs no words
     ]
+    shown += _size_of_map(named.effect)
     return f"{named.effect.kind} ({', '.join(shown)}){within}" if shown else named.effect.kind
+
+
+def _size_of_map(effect: Effect) -> list[str]:
+    """How large a pattern is, or how many pixels are stuck; a file's name says neither."""
+    if isinstance(effect, FixedPattern) and effect.map is not None:
+        return [f"{np.sqrt(np.mean(effect.map.values.astype(np.float64) ** 2)):.3g} mm rms"]
+    if isinstance(effect, StuckPixels) and effect.map is not None:
+        return [f"{int(np.isfinite(effect.map.values).sum())} pixels"]
+    return []
 
 
 def _with_error(name: str, value: float, error: float | None) -> str:
