@@ -1,5 +1,7 @@
 """Effects that came first give way where a rival does better beside what came later."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from recordings import MAKE, Record
@@ -36,6 +38,55 @@ def test_pixels_that_hold_one_value_do_not_hide_an_offset_in_a_pattern(model: Mo
     result = reconcile(model, record(*hidden), Settings(kinds=kinds))
     assert result.verified.verdict == "explained"
     assert sorted(n.effect.kind for n in result.named) == ["range_offset", "stuck_pixels"]
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        MAKE["surface_pose"](surface="middle", shift_mm=150.0),
+        MAKE["surface_pose"](surface="middle", shift_mm=-300.0),
+        MAKE["multipath"](surface="middle", share=0.7, extra_path_mm=2500.0),
+    ],
+    ids=str,
+)
+def test_a_surface_that_is_measured_far_away_is_found_there(model: Model, record: Record, hidden: Effect) -> None:
+    """Where the likelihood has no slope: a pattern of pixels, or random values, would take it all."""
+    kinds = ("surface_pose", "multipath", "fixed_pattern", "outliers", "motion")
+    result = reconcile(model, record(hidden), Settings(kinds=kinds))
+    assert result.verified.verdict == "explained"
+    (named,) = result.named
+    assert named.effect.kind == hidden.kind
+    truth = numeric(hidden)
+    assert all(abs(named.parameters[name] - truth[name]) < 4 * named.stderr[name] for name in truth)
+
+
+def test_lost_samples_do_not_hide_a_bias(model: Model, record: Record) -> None:
+    """What lost samples gain is a thousand times what a wave does, of which it says nothing."""
+    hidden = MAKE["dropout"](probability=0.7), MAKE["wiggling"](amplitude_mm=9.0, phase_rad=0.8)
+    kinds = ("dropout", "wiggling", "range_offset", "saturation", "fixed_pattern")
+    result = reconcile(model, record(*hidden), Settings(kinds=kinds))
+    assert result.verified.verdict == "explained"
+    assert sorted(n.effect.kind for n in result.named) == ["dropout", "wiggling"]
+
+
+@pytest.mark.parametrize("shifts_mm", [(0.5, -0.7, 1.4), (-0.6, 0.6, -1.5)])
+def test_an_offset_keeps_its_name_where_poses_are_nearly_right(
+    model: Model, record: Record, shifts_mm: tuple[float, ...]
+) -> None:
+    """A walk follows the errors of the poses too, by a tenth of sigma at most, which are taken as right."""
+    nearly = replace(
+        model,
+        surfaces=tuple(
+            replace(s, center_mm=(*s.center_mm[:2], s.center_mm[2] + d))
+            for s, d in zip(model.surfaces, shifts_mm, strict=True)
+        ),
+    )
+    offset = MAKE["range_offset"](offset_mm=7.0)
+    kinds = ("range_offset", "amplitude_walk", "wiggling", "scattering", "fixed_pattern")
+    recorded = record(offset)
+    result = reconcile(nearly, replace(recorded), Settings(kinds=kinds))
+    assert result.verified.verdict == "explained"
+    assert [n.effect.kind for n in result.named] == ["range_offset"]
 
 
 def _stuck(every: int) -> Effect:

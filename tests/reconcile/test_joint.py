@@ -120,6 +120,23 @@ def test_a_second_distance_tells_an_offset_from_a_pose(model: Model) -> None:
     assert abs(numeric(both.named[0].effect)["offset_mm"] - 1.5) < 4 * both.named[0].stderr["offset_mm"]
 
 
+@pytest.mark.parametrize(("offset_mm", "shift_mm"), [(5.0, -10.0), (-8.0, 20.0)])
+def test_an_offset_beside_a_surface_that_stands_elsewhere_in_one(
+    model: Model, other: Model, offset_mm: float, shift_mm: float
+) -> None:
+    """The pose, taken first, has a part of the offset; a constant is no pattern of pixels."""
+    offset, moved = MAKE["range_offset"](offset_mm=offset_mm), MAKE["surface_pose"](surface="box", shift_mm=shift_mm)
+    kinds = (*KINDS, "multipath", "amplitude_walk", "scattering")
+    second = other, recorded(other, offset, moved, seed=6)
+    result = reconcile(model, recorded(model, offset), Settings(kinds=kinds), also=[second])
+    assert result.verified.verdict == "explained"
+    assert sorted(_kinds(result)) == ["range_offset", "surface_pose"]
+    truth = {"range_offset": ("offset_mm", offset_mm), "surface_pose": ("shift_mm", shift_mm)}
+    for named in result.named:
+        name, value = truth[named.effect.kind]
+        assert abs(named.parameters[name] - value) < 4 * named.stderr[name]
+
+
 def test_what_belongs_to_one_scene_stays_there(model: Model, other: Model) -> None:
     moved = MAKE["surface_pose"](surface="wall", shift_mm=15.0)
     result = reconcile(model, recorded(model), Settings(kinds=KINDS), also=[(other, recorded(other, moved, seed=6))])

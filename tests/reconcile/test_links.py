@@ -47,6 +47,15 @@ def test_bursts_that_are_quieter_than_empty_pixels_have_their_own_sigma(
     assert found.sigma_mm == pytest.approx(4.0, rel=0.05)
 
 
+def test_bursts_of_many_sigma_have_their_own_too(model: Model, record: Record) -> None:
+    evidence = record(MAKE["interference"](probability=0.3, sigma_mm=400.0, burst_frames=4.0))
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
+    found = fit_interference(likelihood, likelihood.scene.mixture(()), likelihood.start(), everything)
+    assert found is not None
+    assert found.sigma_mm == pytest.approx(400.0, rel=0.05)
+
+
 def test_the_noise_of_bursts_is_at_the_top_of_its_likelihood(model: Model, record: Record) -> None:
     """To a third of a standard error: a twentieth of a nat."""
     evidence = record(MAKE["interference"](probability=0.25, sigma_mm=23.0, burst_frames=5.0))

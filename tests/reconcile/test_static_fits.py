@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from recordings import MAKE, Record
 
-from tofmix.reconcile.joint import joint_likelihood
+from tofmix.reconcile.joint import joint_likelihood, views
 from tofmix.reconcile.name import Trial, begin_trial, candidates
 from tofmix.reconcile.pixel_pattern import pixel_biases
 from tofmix.reconcile.profiles import numeric
@@ -34,6 +34,33 @@ def test_an_offset_is_the_weighted_mean_of_biases(model: Model, record: Record, 
     covariance += spread[1] ** 2 * (col[:, None] == col) + spread[2] ** 2 * (row[:, None] == row)
     lit = trial.mixture.of_main(trial.mixture.lit)[use].astype(float)
     weighed = np.linalg.solve(covariance, np.stack([lit, found.bias[use]], axis=1))
+    mean = (lit @ weighed[:, 1]) / (lit @ weighed[:, 0])
+    assert numeric(fitted.effect)["offset_mm"] == pytest.approx(mean, abs=1e-3)
+    assert gain == pytest.approx(0.5 * mean**2 * (lit @ weighed[:, 0]), rel=1e-3)
+
+
+def test_two_recordings_have_biases_of_their_own_and_one_pattern(model: Model, record: Record) -> None:
+    """Against the covariance of all biases, written out."""
+    pattern, (pixel, column, row_) = FixedPattern(pixel_sigma_mm=3.0, column_sigma_mm=5.0, row_sigma_mm=2.0), (3, 5, 2)
+    hidden = MAKE["range_offset"](offset_mm=9.0)
+    pairs = [(model, record(hidden, seed=seed)) for seed in (5, 6)]
+    likelihood = joint_likelihood(pairs)
+    trial = begin_trial(likelihood, likelihood.start(), "frames,pixels", 1)
+    (offset,) = candidates(trial, ("range_offset",))
+    assert offset.fitted is not None
+    gain, fitted, _ = StaticFits(likelihood, trial.state, trial.mixture, trial.fit_part, pattern).fitted(offset.fitted)
+    found = [
+        pixel_biases(likelihood, trial.mixture, trial.state, view.part_of_all)
+        for view in views(likelihood, trial.mixture, trial.fit_part)
+    ]
+    use = [np.flatnonzero(f.information > 0) for f in found]
+    at = np.concatenate(use)
+    row, col = np.divmod(at, likelihood.evidence.image[1])
+    covariance = np.diag(np.concatenate([1 / f.information[u] for f, u in zip(found, use, strict=True)]))
+    covariance += pixel**2 * (at[:, None] == at) + column**2 * (col[:, None] == col) + row_**2 * (row[:, None] == row)
+    lit = trial.mixture.of_main(trial.mixture.lit)[at].astype(float)
+    bias = np.concatenate([f.bias[u] for f, u in zip(found, use, strict=True)])
+    weighed = np.linalg.solve(covariance, np.stack([lit, bias], axis=1))
     mean = (lit @ weighed[:, 1]) / (lit @ weighed[:, 0])
     assert numeric(fitted.effect)["offset_mm"] == pytest.approx(mean, abs=1e-3)
     assert gain == pytest.approx(0.5 * mean**2 * (lit @ weighed[:, 0]), rel=1e-3)

@@ -319,7 +319,8 @@ def _exchange(search: _Search, part: Part) -> None:
         names = [_name(c) for c in search.chosen]
         usable = (c for c in search.rivals[k] if c.fitted is not None and _name(c) not in names)
         rival = next((c for c in usable if not flat or c.kind == RangeOffset.kind), None)
-        if rival is None or (not flat and old.score - rival.score >= later):
+        newest = k == len(search.chosen) - 1
+        if rival is None or (not flat and (newest or old.score - rival.score >= later)):
             continue
         stood = likelihood.value(search.state, test) - PRICE_NATS * old.parameters
         effects = (*search.state.effects[:k], rival.effect, *search.state.effects[k + 1 :])
