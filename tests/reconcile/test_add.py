@@ -62,18 +62,18 @@ def test_a_surface_that_is_measured_far_away_is_found_there(model: Model, record
 
 def test_lost_samples_do_not_hide_a_bias(model: Model, record: Record) -> None:
     """What lost samples gain is a thousand times what a wave does, of which it says nothing."""
-    hidden = MAKE["dropout"](probability=0.7), MAKE["wiggling"](amplitude_mm=9.0, phase_rad=0.8)
+    hidden = MAKE["dropout"](probability=0.7), MAKE["wiggling"](amplitude_mm=2.5, phase_rad=0.8)
     kinds = ("dropout", "wiggling", "range_offset", "saturation", "fixed_pattern")
     result = reconcile(model, record(*hidden), Settings(kinds=kinds))
     assert result.verified.verdict == "explained"
     assert sorted(n.effect.kind for n in result.named) == ["dropout", "wiggling"]
 
 
-@pytest.mark.parametrize("shifts_mm", [(0.5, -0.7, 1.4), (-0.6, 0.6, -1.5)])
+@pytest.mark.parametrize("shifts_mm", [(0.4, -0.7, 1.6), (0.63, -1.75, -2.23)])
 def test_an_offset_keeps_its_name_where_poses_are_nearly_right(
     model: Model, record: Record, shifts_mm: tuple[float, ...]
 ) -> None:
-    """A walk follows the errors of the poses too, by a tenth of sigma at most, which are taken as right."""
+    """A walk follows the errors of the poses too: by a tenth of sigma, which is taken as right, or up to two."""
     nearly = replace(
         model,
         surfaces=tuple(
@@ -83,8 +83,7 @@ def test_an_offset_keeps_its_name_where_poses_are_nearly_right(
     )
     offset = MAKE["range_offset"](offset_mm=7.0)
     kinds = ("range_offset", "amplitude_walk", "wiggling", "scattering", "fixed_pattern")
-    recorded = record(offset)
-    result = reconcile(nearly, replace(recorded), Settings(kinds=kinds))
+    result = reconcile(nearly, record(offset, seed=14), Settings(kinds=kinds))
     assert result.verified.verdict == "explained"
     assert [n.effect.kind for n in result.named] == ["range_offset"]
 
