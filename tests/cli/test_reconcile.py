@@ -190,6 +190,14 @@ def test_it_says_when_the_file_is_of_another_frame_rate(
     assert done.err == f"tofmix: {files[1]}: time: 10 Hz, the model's frame_rate_hz is 25\n"
 
 
+def test_a_pause_is_no_other_frame_rate(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
+    with h5py.File(files[1], "r+") as file:
+        time_s = file["time"][...]
+        file["time"][...] = np.where(np.arange(time_s.size) < time_s.size // 2, time_s, time_s + 20.0)
+    done = tofmix("reconcile", *files, "-o", tmp_path / "gap", "--max-effects", "0")
+    assert (done.code, done.err) == (0, "")
+
+
 def test_it_says_that_a_pattern_without_a_map_may_be_anything(
     tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path
 ) -> None:
