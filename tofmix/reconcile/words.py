@@ -42,7 +42,7 @@ def headline(result: Reconciliation) -> str:
     part = "it" if v.verdict == "explained" else "a part of it"
     fall = f"the gap falls from {v.before.gap:.1f} to {v.after.gap:.1f}, chance is {v.floor.gap:.1f}"
     wider = v.verdict == "explained" and not result.left and v.after.gap > _WIDER * max(v.floor.gap, 1.0)
-    within = ", and what is between is within the tolerance" if wider else ""
+    within = ", and what is between is within the tolerance, which errors do not hold" if wider else ""
     return f"Simulation and measurement disagree most {place}. {effects} {verb} {part}; {fall}{within}."
 
 
