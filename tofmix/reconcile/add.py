@@ -293,7 +293,7 @@ def _take(search: _Search, taken: _Taken, found: Sequence[Candidate]) -> None:
     if taken.aliases:
         search.aliases.append((best[0], *taken.aliases))
     state = best[0].state
-    for candidate in best[1:]:  # a pattern, whose values are found anew
+    for candidate in best[1:]:  # one that goes with it: all are fitted anew
         state = replace(state, effects=(*state.effects, candidate.effect))
     for candidate in best:
         search.chosen.append(candidate)

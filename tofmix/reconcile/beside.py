@@ -162,18 +162,7 @@ def settled_within(
     Numbers that were fitted to the model as given have followed the errors of its poses: they may be off by more than
     the tolerance leaves room for.
 
-    Parameters
-    ----------
-    likelihood : Likelihood
-        Of the recording.
-    state : State
-        The model as it stands.
-    chosen : sequence of Candidate
-        Its effects, in its order.
-    part : (frames, pixels)
-        What the fit may see.
-    tolerance : float
-        As for `tofmix.reconcile.name.tolerated`.
+    Parameters as of `tofmix.reconcile.name.tolerated`, and `chosen`: the state's effects, in its order.
     """
     best = tolerated(likelihood, state, part, tolerance)
     fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.kind in STATIC}

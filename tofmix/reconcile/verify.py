@@ -140,15 +140,16 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     floor = _floor(likelihood, added.state, settings)
     loud = _beyond(disagreements(added.panel, settings.alpha), floor)
     left = max((_weight(c, floor) for c in loud), default=0.0)
-    gain = _gain(likelihood, added, settings)
+    scale = _scale(likelihood, settings)
+    gain = scale * _gain(added, lost=True)
     parts = fit_part(likelihood, settings), held
     law = better_law(likelihood, added.state, added.chosen, parts, settings.tolerance)
     signed = law is None and _signed(likelihood, added, floor, settings)
-    enough = _outweighs(added, loud, floor, _scale(likelihood, settings)) and _closes_tolerably(
+    enough = _outweighs(added, loud, floor, scale) and _closes_tolerably(
         likelihood, added, (before, after, floor), settings
     )
     verdict = _verdict(added, before, loud, enough=enough, signed=signed)
-    if verdict == "explained" and _goes_on(added.state, loud, floor, gain):
+    if verdict == "explained" and _goes_on(added.state, loud, floor, scale * _gain(added, lost=False)):
         verdict = "partly_explained"
     state = added.state
     if added.chosen and verdict in ("agree", "unexplained"):
@@ -164,15 +165,16 @@ def _beyond(loud: list[Curve], floor: Compared) -> list[Curve]:
     return [c for c in loud if _weight(c, floor) > _SIMULATED * c.excess_nats]
 
 
-def _gain(likelihood: Likelihood, added: Added, settings: Settings) -> float:
-    """Gains by candidates, which count latent states and memory too, scaled from the part they were scored on.
+def _gain(added: Added, *, lost: bool) -> float:
+    """Gains by candidates, which count latent states and memory too; with or without those of lost samples.
 
     Without those of exact laws, which are no measure of what is left.
     """
-    return _scale(likelihood, settings) * sum(c.gain for c in added.chosen if c.kind not in EXACT)
+    return sum(c.gain for c in added.chosen if c.kind not in EXACT and (lost or c.kind not in LOST))
 
 
 def _scale(likelihood: Likelihood, settings: Settings) -> float:
+    """How many times the part that candidates were scored on is in all that is held out."""
     part = likelihood.evidence.part(fit=False, split=settings.split)
     held = held_out(likelihood, settings)
     return len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1)
@@ -182,8 +184,7 @@ def _outweighs(added: Added, loud: list[Curve], floor: Compared, scale: float) -
     """Whether effects gained far more than what is left: those that lose samples of lost ones, the others of ranges."""
     for lost in (True, False):
         left = max((_weight(c, floor) for c in loud if (c.statistic == "invalid") == lost), default=0.0)
-        telling = (c for c in added.chosen if c.kind not in EXACT and (lost or c.kind not in LOST))
-        gain = scale * sum(c.gain for c in telling)
+        gain = scale * _gain(added, lost=lost)
         if left and gain < EXPLAINED * (gain + left):
             return False
     return True

@@ -96,7 +96,8 @@ def effect_text(named: NamedEffect, result: Reconciliation) -> str:
 def _size_of_map(effect: Effect) -> list[str]:
     """How large a pattern is, or how many pixels are stuck; a file's name says neither."""
     if isinstance(effect, FixedPattern) and effect.map is not None:
-        return [f"{np.sqrt(np.mean(effect.map.values.astype(np.float64) ** 2)):.3g} mm rms"]
+        known = effect.map.values[effect.map.values != 0].astype(np.float64)  # 0 where nothing returns
+        return [f"{np.sqrt((known**2).mean()):.3g} mm rms"] if known.size else []
     if isinstance(effect, StuckPixels) and effect.map is not None:
         return [f"{int(np.isfinite(effect.map.values).sum())} pixels"]
     return []
