@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 from recordings import MAKE
 
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.curvature import Numbers
 from tofmix.reconcile.evidence import Evidence, make_evidence
 from tofmix.reconcile.fits import Fitted, fit
@@ -16,6 +15,7 @@ from tofmix.reconcile.profiles import numeric
 from tofmix.reconcile.refit import latent_states, settle
 from tofmix.reconcile.searches import problems
 from tofmix.reconcile.standard_errors import standard_errors
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.workflow import reconcile
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.registry import load_profile

@@ -29,9 +29,9 @@ from blind.write import model_text, write_recording
 
 from tofmix.io.model_file import load_model
 from tofmix.io.recording_file import open_recording
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.evidence import Evidence, make_evidence
 from tofmix.reconcile.name import KINDS as TRIED
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.model import Model
 

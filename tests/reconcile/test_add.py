@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.profiles import numeric
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.parameter import PixelMap

@@ -3,8 +3,8 @@
 import pytest
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.profiles import numeric
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model

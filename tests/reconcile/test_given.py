@@ -7,7 +7,7 @@ import pytest
 from reconcile_errors import EFFECTS_OF
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import Settings
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.parameter import PixelMap

@@ -7,12 +7,12 @@ import pytest
 from recordings import MAKE
 
 from tofmix.errors import BadInputError
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.evidence import Evidence, make_evidence
 from tofmix.reconcile.joint import Recording, check_camera, joint_likelihood, tell_apart, views
 from tofmix.reconcile.likelihood import Likelihood, Part
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.profiles import numeric
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.words import summary_lines
 from tofmix.reconcile.workflow import Reconciliation, reconcile
 from tofmix.simulation.cast import cast_scene

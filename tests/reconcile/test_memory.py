@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.memory import attenuation, fit_memory, inflation
 from tofmix.reconcile.mixture import Scene
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.model import Model
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import Settings
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.model import Model
 

@@ -7,8 +7,8 @@ import pytest
 from recordings import MAKE, Record
 
 from tofmix.arrays import FloatArray
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.evidence import Evidence
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.words import headline
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.effects import Effect

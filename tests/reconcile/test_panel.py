@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.compare import compare
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.joint import joint_likelihood
 from tofmix.reconcile.panel import Curve
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.model import Model
 

@@ -7,11 +7,11 @@ import pytest
 from recordings import MAKE, Record
 from scipy.stats import norm
 
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.compare import compare
 from tofmix.reconcile.joint import joint_likelihood
 from tofmix.reconcile.panel import Curve, panel_axes
 from tofmix.reconcile.panel_between import bridging
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model

@@ -7,7 +7,6 @@ import pytest
 from reconcile_errors import EFFECTS_OF, FRAMES, MEMORY, deviations, scene
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.curvature import Numbers
 from tofmix.reconcile.fits import Fitted
 from tofmix.reconcile.likelihood import Likelihood
@@ -17,6 +16,7 @@ from tofmix.reconcile.profiles import numeric
 from tofmix.reconcile.refit import latent_states
 from tofmix.reconcile.searches import problems
 from tofmix.reconcile.standard_errors import polish, standard_errors
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import Added, Settings, held_out, ways
+from tofmix.reconcile.add import Added, ways
 from tofmix.reconcile.compare import compare
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.name import KINDS
 from tofmix.reconcile.verify import _smooth, _tilted, verify
+from tofmix.reconcile.way import Settings, held_out
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.model import Model
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from recordings import MAKE
 
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.curvature import Numbers
 from tofmix.reconcile.evidence import Evidence, make_evidence
 from tofmix.reconcile.fits import fit
@@ -15,6 +14,7 @@ from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.profiles import numeric
 from tofmix.reconcile.searches import problems
 from tofmix.reconcile.standard_errors import standard_errors
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.witnesses import (
     SeenAmplitude,
     amplitude_witnesses,

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import Settings
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.words import headline, summary_lines
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.effects.parameter import PixelMap

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from recordings import MAKE, Record
 
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.localise import localise
 from tofmix.reconcile.name import KINDS
 from tofmix.reconcile.profiles import numeric
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.words import headline
 from tofmix.reconcile.workflow import Reconciliation, reconcile
 from tofmix.simulation.cast import cast_scene

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tofmix.reconcile.add import Settings
 from tofmix.reconcile.evidence import make_evidence
+from tofmix.reconcile.way import Settings
 from tofmix.reconcile.words import in_words
 from tofmix.reconcile.workflow import Reconciliation, reconcile
 from tofmix.report.gap_page import render_gap

@@ -80,7 +80,7 @@ def reconcile(
     the output.
     """
     from tofmix.io.reconciliation import claimed_folder, model_names
-    from tofmix.reconcile.add import Settings
+    from tofmix.reconcile.way import Settings
     from tofmix.reconcile.words import summary_lines
     from tofmix.reconcile.workflow import reconcile as run
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.reconcile.add import Added, Settings, fit_part, ways
+from tofmix.reconcile.add import Added, ways
 from tofmix.reconcile.aliases import separate_by
 from tofmix.reconcile.compare import Compared
 from tofmix.reconcile.evidence import Evidence
@@ -22,6 +22,7 @@ from tofmix.reconcile.name import Candidate
 from tofmix.reconcile.refit import latent_states, numbers
 from tofmix.reconcile.standard_errors import standard_errors
 from tofmix.reconcile.verify import Verified, verify
+from tofmix.reconcile.way import Settings, fit_part
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.parameter import PixelMap
