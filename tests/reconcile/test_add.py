@@ -121,3 +121,17 @@ def test_stuck_pixels_are_found_on_a_lattice(model: Model, record: Record, step_
     found = next(n.effect for n in result.named if isinstance(n.effect, StuckPixels))
     assert found.map is not None
     assert np.isfinite(found.map.values).ravel().nonzero()[0].tolist() == list(range(0, IMAGE[0] * IMAGE[1], 33))
+
+
+@pytest.mark.parametrize("spread", [{"pixel_sigma_mm": 1.0}, {"column_sigma_mm": 0.5}], ids=str)
+def test_a_pattern_is_found_that_the_held_out_pixels_are_too_few_for(
+    model: Model, record: Record, spread: dict[str, float]
+) -> None:
+    """A tenth of sigma: the panel sees it, since it looks at all pixels."""
+    kinds = ("fixed_pattern", "range_offset", "excess_noise", "stuck_pixels")
+    result = reconcile(model, record(MAKE["fixed_pattern"](**spread)), Settings(kinds=kinds))
+    assert result.verified.verdict == "explained"
+    (named,) = result.named
+    assert named.effect.kind == "fixed_pattern"
+    found = numeric(named.effect)
+    assert all(found[name] == pytest.approx(value, rel=0.3) for name, value in spread.items())
