@@ -71,7 +71,7 @@ def test_the_curve_is_right_to_5_per_cent(rng: np.random.Generator, sensor: Sens
 def test_200_pixels_are_enough(rng: np.random.Generator, sensor: Sensor) -> None:
     assert sensor.noise is not None
     errors = []
-    for _ in range(sized(10, 2)):
+    for _ in range(sized(5, 2)):
         seen = rng.uniform(1480.0, 1520.0, 200)
         measured = measure_noise(recording(pixels_at(rng, sensor, seen, multi=0.4)))
         errors.append(float(measured.curve.sigma(1500.0) / sensor.noise.sigma(1500.0)) - 1.0)

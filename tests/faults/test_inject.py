@@ -15,7 +15,7 @@ from faults.pool import Pool
 @pytest.mark.parametrize(
     ("case", "failure", "most"),
     [
-        ("estimate", "write: disk full", 8),
+        ("estimate", "write: disk full", 5),
         ("estimate", "write: a part only", 4),
         ("estimate", "fsync: I/O error", 5),
         ("estimate", "rename: I/O error", 1),
@@ -23,13 +23,13 @@ from faults.pool import Pool
         ("estimate", "read: I/O error", 6),
         ("estimate", "allocation", 3),
         ("estimate", "allocation, and all after", 6),
-        ("estimate", "killed after a write", 8),
+        ("estimate", "killed after a write", 5),
         ("estimate", "killed after rename", 1),
-        ("estimate a part", "write: disk full", 9),
+        ("estimate a part", "write: disk full", 5),
         ("estimate a part", "rename: I/O error", 1),
         ("map", "rename: I/O error", 3),
-        ("map", "allocation", 6),
-        ("verify", "read: I/O error", 12),
+        ("map", "allocation", 4),
+        ("verify", "read: I/O error", 6),
         ("simulate", "write: disk full", 4),
     ],
 )
@@ -115,6 +115,6 @@ def test_runs_side_by_side_do_not_disturb_each_other() -> None:
 
 def test_memory_does_not_grow_over_many_recordings() -> None:
     faults: list[str] = []
-    said = load.soak(40, report=faults.append)
+    said = load.soak(20, report=faults.append)
     assert not faults, faults
-    assert said.startswith("40 recordings in one process")
+    assert said.startswith("20 recordings in one process")

@@ -7,7 +7,7 @@ A fixed pattern among the effects is put under the law too, so that it tips no s
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -79,14 +79,14 @@ def better_law(
     mixture = likelihood.scene.mixture(rest.effects)
     nothing = worth(likelihood, rest, mixture, parts, patterned=False)
     needed = stood + max(CLEARLY_NATS, CLEARLY_SHARE * (stood - nothing))
-    found = {}
-    for axis, law in _LAWS.items():
+    found = []
+    for axis, law in _LAWS:
         bent = law(likelihood, rest, mixture, parts[0])
         if bent is not None:
-            found[axis] = worth(likelihood, *bent[:2], parts, patterned=patterned) - each * bent[2]
+            found.append((worth(likelihood, *bent[:2], parts, patterned=patterned) - each * bent[2], axis))
     likelihood.scene.anchor(state.effects)
-    best = max(found, key=lambda axis: found[axis])
-    return best if found[best] > needed else None
+    value, best = max(found)
+    return best if value > needed else None
 
 
 def _stays(effect: Effect, duration_s: float) -> bool:
@@ -100,12 +100,21 @@ _Bent = tuple[State, Mixture, int]
 """What a law makes of state and prediction, and how many numbers it has."""
 
 
-def _by_place(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent:
+def _by_plane(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent:
+    """A polynomial of first degree in row and column."""
+    return _polynomial(likelihood, state, mixture, part, 1)
+
+
+def _by_bowl(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent:
     """A polynomial of second degree in row and column."""
+    return _polynomial(likelihood, state, mixture, part, 2)
+
+
+def _polynomial(likelihood: Likelihood, state: State, mixture: Mixture, part: Part, degree: int) -> _Bent:
     rows, cols = likelihood.evidence.image
     row, col = np.divmod(np.arange(rows * cols), cols)
     v, u = 2 * row / max(rows - 1, 1) - 1, 2 * col / max(cols - 1, 1) - 1
-    columns = np.stack([np.ones(rows * cols), u, v, u * u, u * v, v * v], axis=1)
+    columns = np.stack([u**i * v**j for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
     everywhere = np.ones(rows * cols, dtype=bool)
     for _ in range(_PASSES):
         numbers = _fitted(likelihood, state, mixture, part, (columns, everywhere))
@@ -133,10 +142,11 @@ def _by_range(likelihood: Likelihood, state: State, mixture: Mixture, part: Part
     return state, mixture, 3
 
 
-_LAWS: Mapping[str, Callable[[Likelihood, State, Mixture, Part], _Bent | None]] = {
-    "place in the image": _by_place,
-    "range": _by_range,
-}
+_LAWS: Sequence[tuple[str, Callable[[Likelihood, State, Mixture, Part], _Bent | None]]] = (
+    ("place in the image", _by_plane),
+    ("place in the image", _by_bowl),
+    ("range", _by_range),
+)
 
 
 def _fitted(

@@ -152,7 +152,7 @@ class PatternLines:
     def __init__(self, information: FloatArray, image: tuple[int, int], pixel_sigma_mm: float) -> None:
         self.rows, self.cols = image
         self.information = information
-        self.use = np.flatnonzero(information > 0)
+        self.use = np.flatnonzero(information > _LEAST_INFORMATION)
         self.row, self.col = np.divmod(self.use, self.cols)
         self.noise = 1.0 / information[self.use]
         self.own = max(float(pixel_sigma_mm), _LEAST_MM) ** 2
