@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tofmix.reconcile.beside import ALIAS_NATS, best_beside, settled_within, with_the_others, worth
+from tofmix.reconcile.beside import ALIAS_NATS, best_beside, settled_within, together, with_the_others, worth
 from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.drop import drop, exchange
 from tofmix.reconcile.joint import views
@@ -40,6 +40,9 @@ gains say nothing of what is left."""
 
 LOST = ("dropout", "saturation")
 """Kinds that lose samples. What they gain, a sample each, says nothing of the ranges of the others."""
+
+_PARTNER = {"temperature_drift": "range_offset", "motion": "surface_pose"}
+"""What is static in an effect that changes in time, by whose numbers it may pass for a part of it."""
 
 _TRIED = 4  # rivals that are looked at with the model within its tolerance
 _FAIR = 0.5  # share of the best candidate's score from which another may begin a way
@@ -171,7 +174,7 @@ def _round(way: Way) -> bool:
     taken = _best(way, trial, found, near, needed)
     if len(taken.best) == 1 and taken.best[0].score <= needed:
         taken = _Taken((found[0],), _near(found[0], found))
-    _take(way, taken, found)
+    _take(way, _with_partner(way, trial, taken, max(chance, crumb)), found)
     return True
 
 
@@ -196,6 +199,31 @@ class _Taken:
 
     best: tuple[Candidate, ...]
     aliases: tuple[Candidate, ...]
+
+
+def _with_partner(way: Way, trial: Trial, taken: _Taken, needed: float) -> _Taken:
+    """An effect that changes in time, and with it its static partner, where that gains beside it as any other would.
+
+    Alone, the effect may take up so much of both that the panel agrees, with the wrong numbers.
+    """
+    first, likelihood = taken.best[0], trial.likelihood
+    if len(taken.best) > 1 or first.kind not in _PARTNER or first.fitted is None:
+        return taken
+    likelihood.scene.anchor(first.state.effects)
+    mixture = likelihood.scene.mixture(first.state.effects)
+    base = likelihood.value(first.state, trial.test_part, mixture)
+    now = replace(trial, state=first.state, mixture=mixture, base=base)
+    surface = getattr(first.effect, "surface", "")
+    found = (c for c in candidates(now, (_PARTNER[first.kind],)) if getattr(c.effect, "surface", "") == surface)
+    both = [together(now, [*(first.others or way.chosen), first], c) for c in found]
+    near = tolerated(likelihood, first.state, fit_part(likelihood, way.settings), way.settings.tolerance)
+    allowed = max(0.0, likelihood.value(near, trial.test_part) - base)
+    likelihood.scene.anchor(trial.state.effects)
+    if not both or not both[0].others or both[0].score <= allowed + needed:
+        return taken
+    *others, first = both[0].others
+    state = replace(both[0].state, effects=both[0].state.effects[:-1])
+    return _Taken((replace(first, state=state, others=tuple(others)), both[0]), taken.aliases)
 
 
 def _recast(trial: Trial, found: Sequence[Candidate]) -> list[Candidate]:
@@ -242,6 +270,7 @@ def _take(way: Way, taken: _Taken, found: Sequence[Candidate]) -> None:
     state = best[0].state
     for candidate in best[1:]:  # one that goes with it: all are fitted anew
         state = replace(state, effects=(*state.effects, candidate.effect))
+    way.chosen = list(best[0].others) or way.chosen
     for candidate in best:
         way.chosen.append(candidate)
         way.rivals.append(tuple(c for c in found if name_of(c) not in {name_of(b) for b in best}))

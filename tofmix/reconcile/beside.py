@@ -16,8 +16,11 @@ from tofmix.reconcile.likelihood import Likelihood, Part, State
 from tofmix.reconcile.mixture import Mixture
 from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, tolerated
 from tofmix.reconcile.pixel_pattern import pixel_biases, with_pattern
+from tofmix.reconcile.refit import refit
 from tofmix.reconcile.static_fits import STATIC, StaticFits, spreads
 from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.motion import Motion
+from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 
 if TYPE_CHECKING:
     from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -25,9 +28,11 @@ if TYPE_CHECKING:
 ALIAS_NATS = 6.0
 """Gains that are nearer are not told apart."""
 
-_PARTLY = ("temperature_drift", "motion")  # kinds of which a part is static
-_EACH = 3  # turns of them and the static effects, and of these and the model within its tolerance
-_FAIR = 0.5  # share of the best score from which they are worth that
+PARTLY = ("temperature_drift", "motion")
+"""Kinds that change in time, and of which a part is static."""
+
+_EACH = 3  # turns of the static effects and the model within its tolerance
+_FAIR = 0.5  # share of the best score from which what changes in time is worth a fit with all the others
 _TRIED = 3  # of the best static ones
 _CLEAR_NATS, _CLEAR_SHARE = 10.0, 0.0001  # beyond what the pattern gains, for an effect that is put before it
 
@@ -215,10 +220,10 @@ class _Fits:
 
 
 def with_the_others(trial: Trial, chosen: Sequence[Candidate], found: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates, best first, static ones scored with the static effects that the model has fitted anew.
+    """The candidates, best first, scored with those effects of the model fitted anew that may have a part of theirs.
 
-    What stands may have taken a part of what a candidate is: a surface's pose, of an offset. With that kept, another
-    candidate that spares the surface would do better.
+    What stands may have taken a part of what a candidate is: a surface's pose, of an offset; a drift, of whatever is
+    static. With that kept, another candidate that spares the surface would do better.
 
     Parameters
     ----------
@@ -233,36 +238,63 @@ def with_the_others(trial: Trial, chosen: Sequence[Candidate], found: Sequence[C
     if state.pixel_bias.any():
         return list(found)
     fits = _Fits(trial, chosen, trial.fit_part)
-    if not fits.old:
-        return list(found)
-    fair = max((_FAIR * c.score for c in found[:1]), default=0.0)
     out = []
     for candidate in found:
         better = candidate
-        if candidate.fitted is not None and candidate.kind in STATIC:
+        if fits.old and candidate.fitted is not None and candidate.kind in STATIC:
             moved = fits.beside(candidate)[1]
             gain = likelihood.value(moved.state, trial.test_part) - trial.base
             better = replace(moved, gain=gain) if gain > candidate.gain else candidate
-        elif candidate.fitted is not None and candidate.kind in _PARTLY and candidate.score > fair:
-            better = _by_turns(trial, chosen, candidate)
         out.append(better)
-    return sorted(out, key=lambda c: -c.score)
+    fair = max((_FAIR * c.score for c in found[:1]), default=0.0)
+    static = sorted((c for c in out if c.kind in STATIC and c.score > 0), key=lambda c: -c.score)[:_TRIED]
+    worthy = [c for c in out if c in static or (c.kind in PARTLY and c.score > fair)]
+    return sorted((together(trial, chosen, c) if c in worthy else c for c in out), key=lambda c: -c.score)
 
 
-def _by_turns(trial: Trial, chosen: Sequence[Candidate], candidate: Candidate) -> Candidate:
-    """A candidate that changes in time, and the model's static effects, each fitted given the other."""
-    likelihood, best = trial.likelihood, candidate
+def together(trial: Trial, chosen: Sequence[Candidate], candidate: Candidate) -> Candidate:
+    """A candidate fitted with all that the model has, where one of both changes in time and the other is static.
+
+    A drift is static in part, and so is a motion. Fitted first, it took up what is static too, and a static effect that
+    came first what it has of that.
+
+    Parameters
+    ----------
+    trial : Trial
+        The round.
+    chosen : sequence of Candidate
+        The state's effects, in its order.
+    candidate : Candidate
+        One of this round.
+    """
+    if candidate.fitted is None or not any(c.fitted is not None and _share(c, candidate) for c in chosen):
+        return candidate
+    likelihood, best, now = trial.likelihood, candidate, [*chosen, candidate]
     for _ in range(_EACH):
-        if best.fitted is None:
-            break
-        mixture = likelihood.scene.mixture(best.state.effects)
-        now = replace(trial, state=best.state, mixture=mixture)
-        *others, _ = _Fits(now, chosen, trial.fit_part).settled().effects
-        rest = replace(trial.state, effects=tuple(others))
-        fitted = fit(best.fitted.problem, likelihood, rest, trial.fit_part, start=best.fitted.vector)
-        state = replace(best.state, effects=(*others, fitted.effect))
+        state, now = refit(likelihood, replace(trial.state, effects=tuple(c.effect for c in now)), now, trial.fit_part)
         gain = likelihood.value(state, trial.test_part) - trial.base
-        if gain <= best.gain:
+        if gain > best.gain:
+            best = replace(now[-1], state=state, gain=gain, others=tuple(now[:-1]))
+        drift = next((k for k, c in enumerate(now) if c.kind == TemperatureDrift.kind), None)
+        if drift is None:
             break
-        best = replace(best, effect=fitted.effect, fitted=fitted, state=state, gain=gain)
+        now[drift] = _begun_anew(trial, now, drift)
+    likelihood.scene.anchor(trial.state.effects)
     return best
+
+
+def _begun_anew(trial: Trial, now: Sequence[Candidate], number: int) -> Candidate:
+    """One of the candidates, searched for from all its starts beside the others, by which it has another shape."""
+    old = now[number]
+    if old.fitted is None:
+        return old
+    rest = replace(trial.state, effects=tuple(c.effect for k, c in enumerate(now) if k != number))
+    fitted = fit(old.fitted.problem, trial.likelihood, rest, trial.fit_part)
+    return replace(old, effect=fitted.effect, fitted=fitted)
+
+
+def _share(old: Candidate, new: Candidate) -> bool:
+    """Whether one of two effects is static and the other in part, of the same surface if a motion came first."""
+    if old.kind == Motion.kind:
+        return new.kind in STATIC and getattr(old.effect, "surface", "") == getattr(new.effect, "surface", None)
+    return (old.kind in PARTLY and new.kind in STATIC) or (old.kind in STATIC and new.kind in PARTLY)

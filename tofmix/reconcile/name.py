@@ -58,6 +58,8 @@ class Candidate:
         The model with it.
     fitted : Fitted or None
         The search, where there was one.
+    others : tuple of Candidate
+        The model's earlier effects, where they were fitted anew together with it; else none.
     """
 
     effect: Effect
@@ -65,6 +67,7 @@ class Candidate:
     parameters: int
     state: State
     fitted: Fitted | None = None
+    others: tuple["Candidate", ...] = ()
 
     @property
     def kind(self) -> str:
@@ -189,8 +192,9 @@ def recast(trial: Trial, candidate: Candidate) -> Candidate:
     likelihood = trial.likelihood
     likelihood.scene.anchor(candidate.state.effects)
     problem, start = candidate.fitted.problem, candidate.fitted.vector
-    fitted = fit(problem, likelihood, trial.state, trial.fit_part, start=start)
-    state = replace(candidate.state, effects=(*trial.state.effects, fitted.effect))
+    others = candidate.state.effects[:-1]
+    fitted = fit(problem, likelihood, replace(candidate.state, effects=others), trial.fit_part, start=start)
+    state = replace(candidate.state, effects=(*others, fitted.effect))
     gain = likelihood.value(state, trial.test_part) - trial.base
     likelihood.scene.anchor(trial.state.effects)
     return replace(candidate, effect=fitted.effect, gain=gain, state=state, fitted=fitted)

@@ -43,7 +43,7 @@ def polish(numbers: Numbers) -> Numbers:
         if pattern is not None:
             under = _under(numbers, about, pattern)
             slope, curvature = under.slope(), under.curvature(pattern.column_sigma_mm, pattern.row_sigma_mm)
-        if 0.5 * float(slope @ inverse(curvature) @ slope) < _ENOUGH:
+        if 0 <= 0.5 * float(slope @ inverse(curvature) @ slope) < _ENOUGH:  # less than 0: far from any top
             break
         better = _climbed(numbers, about.steps, (slope, curvature), pattern)
         if better is None:
