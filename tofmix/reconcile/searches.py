@@ -30,6 +30,7 @@ _FLAT = 0.1  # exponent of a walk, below which it is an offset
 _AT_ONCE = 1.2  # of the shortest time constant, below which a drift is an offset
 _OUT_OF_SIGHT = 3.0  # sigma
 _GLANCE = 25  # frames of which medians are taken
+_PAUSED = 1.5  # times what its frames take, beyond which a recording has pauses
 _LEAST_FRAMES = 3.0  # in which a drift falls by e: a faster one is an offset with a bad first frame
 
 
@@ -84,6 +85,7 @@ class Setting:
     sigma: float  # typical, mm
     turn: float  # d_u, mm
     duration: float  # s
+    recorded: float  # s of it, without pauses
     interval: float  # s, between frames
     surfaces: tuple["Seen", ...]  # those that fill pixels
     amplitudes: FloatArray
@@ -138,14 +140,15 @@ def _walk(s: Setting) -> Iterator[Problem]:
 
 
 def _drift(s: Setting) -> Iterator[Problem]:
-    fastest = max(s.duration / 100, _LEAST_FRAMES * s.interval)
+    fastest = max(s.recorded / 100, _LEAST_FRAMES * s.interval)
 
     def make(x: FloatArray) -> Effect:
         tau = math.exp(_bounded(x[1], math.log(fastest), math.log(s.duration * 30)))
         reached = -math.expm1(-s.duration / tau)  # searched by what is reached, which tau does not change
         return MAKE["temperature_drift"](amplitude_mm=float(x[0]) * s.sigma / reached, time_constant_s=tau)
 
-    taus = sorted({max(part * s.duration, 1.1 * fastest) for part in (0.1, 0.4, 1.5)})
+    spans = {s.recorded, s.duration} if s.duration > _PAUSED * s.recorded else {s.duration}
+    taus = sorted({max(part * span, 1.1 * fastest) for part in (0.1, 0.4, 1.5) for span in spans})
     starts = tuple((size, math.log(tau)) for size in (-1.0, 1.0) for tau in taus)
     yield Problem(make=make, starts=starts, steps=(0.3, 0.4), other=lambda x: bool(x[1] < math.log(_AT_ONCE * fastest)))
 
@@ -268,12 +271,14 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
             residual = float(np.median(away)) if away.size else 0.0
             seen.append(Seen(name=surface, sigma=float(np.median(sigma[own])), residual=residual))
     turn = likelihood.scene.model.sensor.modulation_frequency_hz
+    interval = float(np.median(np.abs(np.diff(likelihood.evidence.time_s))))
     return Setting(
         mixture=mixture,
         sigma=float(np.median(sigma[lit])) if lit.any() else float(np.median(sigma)),
         turn=math.nan if turn is None else likelihood.scene.model.sensor.turn_mm("reconcile"),
         duration=max(float(likelihood.evidence.time_s.max()), 1e-3),
-        interval=float(np.median(np.abs(np.diff(likelihood.evidence.time_s)))),
+        recorded=max(interval * max(f.stop - f.start for f in likelihood.evidence.recordings), 1e-3),
+        interval=interval,
         surfaces=tuple(seen),
         amplitudes=amplitude,
         shares=lost,

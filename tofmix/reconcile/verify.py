@@ -81,6 +81,7 @@ _SWEEPS = 30  # over columns and rows in turn, where not all pixels are known
 _SEEDS_APART = 1000
 _SIMULATED = 0.1
 _WITHIN_CHANCE = 0.15  # of a gap
+_SANE = 1.5  # times chance, which the refined model's own simulation may be from it, where the recording is no further
 _SETTLED, _UNTOUCHED = 0.97, 0.7
 
 
@@ -102,6 +103,8 @@ class Verified:
         The largest disagreement that is left, nats.
     law : str or None
         Of what a smooth law, which no effect is, fits better than the effects that were found.
+    own : Effect or None
+        The model's own effect with other numbers, which fits better than the effects that were found.
     """
 
     verdict: str
@@ -112,6 +115,7 @@ class Verified:
     gain: float
     left: float
     law: str | None = None
+    own: Effect | None = None
 
     @property
     def closed(self) -> float | None:
@@ -149,16 +153,22 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     enough = _outweighs(added, loud, floor, scale) and _closes_tolerably(
         likelihood, added, (before, after, floor), settings
     )
-    verdict = _verdict(added, before, loud, enough=enough, signed=signed)
+    sane = floor.gap <= max(before.gap, _SANE)
+    verdict = _verdict(added, before, loud, enough=enough, signed=signed and sane)
     if verdict == "explained" and _goes_on(added.state, loud, floor, scale * _gain(added, lost=False)):
         verdict = "partly_explained"
-    state = added.state
-    if added.chosen and verdict in ("agree", "unexplained"):
-        likelihood.scene.anchor(start.effects)
-        state, after, floor = start, before, _floor(likelihood, start, settings)
-    return Verified(
-        verdict=verdict, state=state, before=before, after=after, floor=floor, gain=gain, left=left, law=law
+    found = Verified(
+        verdict=verdict, state=added.state, before=before, after=after, floor=floor, gain=gain, left=left, law=law
     )
+    return revoked(likelihood, found, settings) if added.chosen and verdict in ("agree", "unexplained") else found
+
+
+def revoked(likelihood: Likelihood, found: Verified, settings: Settings) -> Verified:
+    """What verification says where no effect stands: the model as given."""
+    likelihood.scene.anchor(())
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+    likelihood.scene.anchor(start.effects)
+    return replace(found, state=start, after=found.before, floor=_floor(likelihood, start, settings))
 
 
 def _beyond(loud: list[Curve], floor: Compared) -> list[Curve]:

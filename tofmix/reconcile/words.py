@@ -36,6 +36,9 @@ def headline(result: Reconciliation) -> str:
     if v.verdict == "unexplained":
         stays = result.where[0].statistic in ("bias", "pattern")  # what goes with time is no matter of that law
         law = f"; a smooth law of {v.law}, which none of them is, fits better" if v.law and stays else ""
+        if v.own is not None:
+            own = f"the model's own effect fits better with other numbers: {in_words(v.own)}"
+            return f"Simulation and measurement disagree most {place}. None of the other effects explains it; {own}."
         return f"Simulation and measurement disagree most {place}. None of the known effects explains it{law}."
     effects = " and ".join(effect_text(n, result) for n in result.named)
     verb = "explain" if len(result.named) > 1 else "explains"

@@ -19,9 +19,10 @@ from tofmix.reconcile.latent_errors import latent_errors
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.localise import Place, localise
 from tofmix.reconcile.name import Candidate
+from tofmix.reconcile.own import better_own
 from tofmix.reconcile.refit import latent_states, numbers
 from tofmix.reconcile.standard_errors import standard_errors
-from tofmix.reconcile.verify import Verified, verify
+from tofmix.reconcile.verify import Verified, revoked, verify
 from tofmix.reconcile.way import Settings, fit_part
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -204,6 +205,13 @@ def reconcile(
     models = tuple(model for model, _ in recordings)
     likelihood = joint_likelihood(recordings)
     added, verified = _searched(likelihood, settings, tick)
+    if verified.verdict != "agree":
+        likelihood.scene.anchor(added.state.effects)
+        test = likelihood.evidence.part(fit=False, split=settings.split)
+        stands = likelihood.value(added.state, test), added.chosen
+        own = better_own(recordings, likelihood, stands, settings)
+        if own is not None:
+            verified = replace(revoked(likelihood, verified, settings), verdict="unexplained", own=own)
     where = tuple(localise(verified.before, settings.alpha)) if verified.verdict != "agree" else ()
     left = tuple(localise(added.panel, settings.alpha)) if verified.verdict != "agree" else ()
     if verified.verdict == "partly_explained":
