@@ -20,7 +20,16 @@ def test_a_small_part_is_built_and_scored_once(
     Started again, the command finds nothing left to do.
     """
     monkeypatch.setenv("PYTHONPATH", f"{TESTS}:{TESTS.parent}")
-    arguments = ["--output", str(tmp_path), "--select", "wiggling-clear-0-0", "--small", "--processes", "1", "--no-ceiling"]
+    arguments = [
+        "--output",
+        str(tmp_path),
+        "--select",
+        "wiggling-clear-0-0",
+        "--small",
+        "--processes",
+        "1",
+        "--no-ceiling",
+    ]
     bench.main(arguments)
     (wiggling,) = bench.read_results(tmp_path / "results.jsonl")
     assert (wiggling["verdict"], wiggling["named"]) == ("explained", ["wiggling"])

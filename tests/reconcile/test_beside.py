@@ -55,3 +55,31 @@ def test_what_changes_in_time_is_looked_at_though_it_is_far_behind_alone(model: 
     result = reconcile(model, record(*hidden), Settings(kinds=kinds))
     assert result.verified.verdict == "explained"
     assert sorted(n.effect.kind for n in result.named) == ["surface_pose", "temperature_drift"]
+
+
+TOGETHER = (
+    (MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=2.0), MAKE["range_offset"](offset_mm=-8.0)),
+    (MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=2.0), MAKE["range_offset"](offset_mm=8.0)),
+    (MAKE["motion"](surface="near", velocity_mm_s=-3.0), MAKE["surface_pose"](surface="near", shift_mm=15.0)),
+)
+
+
+@pytest.mark.parametrize("hidden", TOGETHER, ids=["away from it", "with it", "of one surface"])
+def test_what_changes_in_time_is_told_from_what_is_static(
+    model: Model, record: Record, hidden: tuple[Effect, ...]
+) -> None:
+    """Alone, what changes takes up a part of what does not, and has numbers that no step leads away from."""
+    kinds = ("temperature_drift", "range_offset", "motion", "surface_pose", "multipath", "wiggling", "fixed_pattern")
+    result = reconcile(model, record(*hidden), Settings(kinds=kinds))
+    assert result.verified.verdict == "explained"
+    assert sorted(n.effect.kind for n in result.named) == sorted(e.kind for e in hidden)
+    for effect in hidden:
+        own = next(n for n in result.named if n.effect.kind == effect.kind)
+        truth, found = numeric(effect), numeric(own.effect)
+        assert all(abs(found[name] - truth[name]) < 4 * own.stderr[name] for name in truth)
+
+
+def test_a_drift_and_nothing_else_has_no_offset_beside(model: Model, record: Record) -> None:
+    hidden = MAKE["temperature_drift"](amplitude_mm=40.0, time_constant_s=2.0)
+    result = reconcile(model, record(hidden), Settings(kinds=KINDS))
+    assert [n.effect.kind for n in result.named] == ["temperature_drift"]

@@ -37,6 +37,17 @@ def test_a_law_that_no_effect_is_gets_no_name(model: Model, record: Record, law:
     assert f"a smooth law of {law}" in headline(result)
 
 
+def test_a_bias_that_rises_from_column_to_column_is_no_pattern(model: Model, record: Record) -> None:
+    """A faint one: a law of six numbers would pay too much for it."""
+    evidence = record()
+    cols = evidence.image[1]
+    result = reconcile(
+        model, _moved(evidence, 4.0 * (np.arange(evidence.shape[1]) % cols / cols - 0.5)), Settings(kinds=KINDS)
+    )
+    assert (result.verified.verdict, result.named) == ("unexplained", ())
+    assert result.verified.law == "place in the image"
+
+
 TRUE = (
     MAKE["range_offset"](offset_mm=8.0),
     MAKE["amplitude_walk"](scale_mm=8.0, reference_amplitude=100.0, exponent=0.8),

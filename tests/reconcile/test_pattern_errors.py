@@ -111,6 +111,18 @@ def test_with_few_lines_and_no_noise_it_is_students_law(rng: np.random.Generator
     assert found.covariance[0, 0] == pytest.approx(columns.var(ddof=1) / n * (n - 1) / (n - 3), rel=0.02)
 
 
+def test_pixels_of_which_nothing_is_known_count_for_nothing(rng: np.random.Generator) -> None:
+    noise, spreads = rng.uniform(0.5, 2.0, PIXELS), (2.0, 1.0, 0.7)
+    blind = rng.random(PIXELS) < 0.2
+    biases = np.where(blind, 0.0, draw(rng, spreads, noise))
+    found = [
+        under(biases, np.where(blind, far, noise), spreads, np.where(blind, 0.0, np.ones((1, PIXELS)))).averaged()
+        for far in (1e11, 1e306)
+    ]
+    np.testing.assert_array_equal(found[0].covariance, found[1].covariance)
+    np.testing.assert_array_equal(found[0].spreads_mm, found[1].spreads_mm)
+
+
 def fit_constant(biases: FloatArray, noise: FloatArray) -> tuple[float, tuple[float, float, float]]:
     """The constant and the spreads in turn, each given the other, as the search does."""
     constant, spreads = 0.0, (1.0, 1.0, 1.0)

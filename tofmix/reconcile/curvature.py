@@ -106,7 +106,10 @@ class Parabola:
 
 
 def parabola(numbers: Numbers) -> Parabola | None:
-    """The log-likelihood about the numbers, by differences; None where they are no inner point of their bounds."""
+    """The log-likelihood about the numbers, by differences; None where none of them is inside its bounds.
+
+    Those that are not are taken as given: no slope, no curvature.
+    """
     x = numbers.vector
     top = numbers.at(x)
     if top is None or not math.isfinite(top.total):
@@ -114,10 +117,13 @@ def parabola(numbers: Numbers) -> Parabola | None:
     steps = np.array([_unit_drop(numbers, x, k, step, top.total) for k, step in enumerate(numbers.first_steps)])
     unit = np.diag(steps)
     above, below = ([numbers.at(x + s * unit[k]) for k in range(x.size)] for s in (1, -1))
-    up, down = [s for s in above if s is not None], [s for s in below if s is not None]
-    if len(up) < x.size or len(down) < x.size:
+    free = np.array([a is not None and b is not None for a, b in zip(above, below, strict=True)], dtype=bool)
+    if x.size and not free.any():
         return None
+    unit[~free] = 0.0
+    up, down = ([top if s is None or not free[k] else s for k, s in enumerate(ends)] for ends in (above, below))
     hessian = _hessian(numbers, x, unit, top.total, ([s.total for s in up], [s.total for s in down]))
+    hessian[~free], hessian[:, ~free] = 0.0, 0.0
     if not np.isfinite(hessian).all():
         hessian = np.diag(np.where(np.isfinite(np.diag(hessian)), np.diag(hessian), 1.0))
     pairs = list(zip(up, down, strict=True))
@@ -138,7 +144,10 @@ def _table(rows: list[FloatArray], like: FloatArray) -> FloatArray:
 
 def inverse(hessian: FloatArray) -> FloatArray:
     """The covariance that goes with a curvature; 0 for numbers that nothing depends on."""
-    return np.asarray(np.linalg.pinv(hessian + SOFT * np.eye(len(hessian)), hermitian=True))
+    acts = np.ix_(hessian.any(axis=1), hessian.any(axis=1))
+    covariance = np.zeros_like(hessian)
+    covariance[acts] = np.linalg.pinv(hessian[acts] + SOFT * np.eye(len(hessian[acts])), hermitian=True)
+    return covariance
 
 
 def _hessian(

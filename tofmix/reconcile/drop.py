@@ -6,38 +6,53 @@ import numpy as np
 
 from tofmix.reconcile.beside import worth
 from tofmix.reconcile.likelihood import Part, State
-from tofmix.reconcile.name import PRICE_NATS
+from tofmix.reconcile.name import PRICE_NATS, Candidate
 from tofmix.reconcile.refit import refit, without
 from tofmix.reconcile.static_fits import STATIC
 from tofmix.reconcile.way import Way, held_out, name_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.effects.surface_pose import SurfacePose
 
 
 def exchange(way: Way, part: Part) -> None:
-    """Put the closest rival in the place of an earlier effect where it does better beside what has come since.
-
-    A rival is worth the trial if it was no further behind than what the later effects have gained. What has become flat
-    beside them, with numbers at a bound, is an offset.
-    """
+    """Put a rival in the place of an earlier effect where it does better beside what has come since."""
     likelihood = way.likelihood
     test = likelihood.evidence.part(fit=False, split=way.settings.split)
-    for k, old in enumerate(way.chosen):
-        flat = old.fitted is not None and old.fitted.at_a_bound
-        later = sum(c.gain for c in way.chosen[k + 1 :])
-        names = [name_of(c) for c in way.chosen]
-        usable = (c for c in way.rivals[k] if c.fitted is not None and name_of(c) not in names)
-        rival = next((c for c in usable if not flat or c.kind == RangeOffset.kind), None)
-        newest = k == len(way.chosen) - 1
-        if rival is None or (not flat and (newest or old.score - rival.score >= later)):
-            continue
-        stood = likelihood.value(way.state, test) - PRICE_NATS * old.parameters
-        effects = (*way.state.effects[:k], rival.effect, *way.state.effects[k + 1 :])
-        trial = [*way.chosen[:k], rival, *way.chosen[k + 1 :]]
-        state, trial = refit(likelihood, replace(way.state, effects=effects), trial, part)
-        if likelihood.value(state, test) - PRICE_NATS * rival.parameters > stood + (0.0 if flat else PRICE_NATS):
-            way.state, way.chosen = state, trial
-        likelihood.scene.anchor(way.state.effects)
+    for k in range(len(way.chosen)):
+        for rival, needed in _worth_a_trial(way, k):
+            old = way.chosen[k]
+            stood = likelihood.value(way.state, test) - PRICE_NATS * old.parameters
+            effects = (*way.state.effects[:k], rival.effect, *way.state.effects[k + 1 :])
+            trial = [*way.chosen[:k], rival, *way.chosen[k + 1 :]]
+            state, trial = refit(likelihood, replace(way.state, effects=effects), trial, part)
+            if likelihood.value(state, test) - PRICE_NATS * rival.parameters > stood + needed:
+                way.state, way.chosen = state, trial
+            likelihood.scene.anchor(way.state.effects)
+
+
+def _worth_a_trial(way: Way, number: int) -> list[tuple[Candidate, float]]:
+    """Rivals of an effect that was added, and by how much each must do better.
+
+    The closest one, if it was no further behind than what the later effects have gained. What has become flat beside
+    them, with numbers at a bound, is an offset; and a second path that moves a surface is a pose, if that does as well.
+    """
+    old = way.chosen[number]
+    flat = old.fitted is not None and old.fitted.at_a_bound
+    newest = number == len(way.chosen) - 1
+    names = [name_of(c) for c in way.chosen]
+    usable = [c for c in way.rivals[number] if c.fitted is not None and name_of(c) not in names]
+    if flat:
+        return [(c, 0.0) for c in usable if c.kind == RangeOffset.kind][:1]
+    if newest:
+        return []
+    later = sum(c.gain for c in way.chosen[number + 1 :])
+    found = [(c, PRICE_NATS) for c in usable[:1] if old.score - c.score < later]
+    if isinstance(old.effect, Multipath):
+        pose = SurfacePose.kind, old.effect.surface
+        found += [(c, 0.0) for c in usable if name_of(c) == pose and c not in [f for f, _ in found]]
+    return found
 
 
 def drop(way: Way) -> None:

@@ -32,6 +32,7 @@ VALUE_NATS = math.log(65_534.0)  # price of a stuck pixel's value, any whole mm 
 _FAR = 10.0  # standard deviations
 _CHANCE = 2.0  # standard deviations
 _MOST_FRAMES = 0.9  # that bursts may fill
+_LONGEST = 0.3  # of the frames, beyond which a burst is something that came or went once
 _MOST_BURST_MM = 10_000.0  # the most that `interference` may have
 _NEXT = math.log(2.0)  # from one size of bursts that is tried first to the next
 
@@ -122,7 +123,8 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
         bounds=(middle - _NEXT, middle + _NEXT), method="bounded", options={"xatol": 2e-3, "maxiter": 12},
     )  # fmt: skip
     best = max(best, at(math.exp(float(finer.x)), start), key=lambda pair: pair[0])
-    return best[1] if best[1].probability < _MOST_FRAMES else None
+    lasting = best[1].burst_frames > _LONGEST * len(likelihood.evidence.samples)
+    return None if lasting or best[1].probability > _MOST_FRAMES else best[1]
 
 
 def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: State, effect: Interference) -> FloatArray:

@@ -124,7 +124,8 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
     For each number the largest of three: by the curvature (Fisher), and by slopes summed over blocks of pixels, and
     over blocks of frames, between the curvature's inverses (the sandwich). Under a fixed pattern, the errors by
     curvature are averaged over what its spreads may be, and blocks of pixels, which share it, are left out. Without
-    one, all are stretched where the profile likelihood is no parabola.
+    one, all are stretched where the profile likelihood is no parabola. Numbers at their bounds are taken as given and
+    have none.
 
     References
     ----------
@@ -155,10 +156,11 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
             parameter = Parameter(name=name, fitted=fitted, own=own, steps=about.steps)
             largest = max(parabola_error(parameter, covariance) for covariance in found)
             known_shape = 1.0 if pattern is not None else stretch(parameter, known, partial(_value, numbers, about))
-            out[number][name] = largest * known_shape
+            if largest > 0:  # none of a number at its bound, which is taken as given
+                out[number][name] = largest * known_shape
         if isinstance(fitted.effect, Saturation):
             least = _half_gap(numbers, fitted.effect.full_well_amplitude)
-            out[number]["full_well_amplitude"] = max(out[number]["full_well_amplitude"], least)
+            out[number]["full_well_amplitude"] = max(out[number].get("full_well_amplitude", 0.0), least)
     return out
 
 

@@ -280,14 +280,19 @@ def _mean_product(a: FloatArray, b: FloatArray, both: BoolArray) -> float:
 
 
 def _goes_on(state: State, loud: list[Curve], floor: Compared, gain: float) -> bool:
-    """Whether the means of frames still change in time: laws in time are exact, so that something else is there.
+    """Whether means of frames or pixels still change in time: laws in time are exact, so that something else is there.
 
     Where frames are disturbed, or noise has a memory, these means have that in them.
     """
     if state.bursts is not None or memory_of(state):
         return False
     left = (_weight(c, floor) for c in loud if (c.statistic, c.axis) in (("trend", "time"), ("common_mode", "frame")))
-    return max(left, default=0.0) > IN_TIME * gain
+    # One frame is like the next where a bias stays, which shows in the biases, and where it slowly changes
+    same, stays = (
+        max((_weight(c, floor) for c in loud if c.statistic in some), default=0.0)
+        for some in (("memory",), ("bias", "pattern"))
+    )
+    return max(left, default=0.0) > IN_TIME * gain or same > max(IN_TIME * gain, stays)
 
 
 def _closes_tolerably(
