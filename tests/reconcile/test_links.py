@@ -8,6 +8,7 @@ import pytest
 from recordings import MAKE, Record
 from scipy.optimize import minimize_scalar
 
+from tofmix.arrays import FloatArray
 from tofmix.reconcile.bursts import forward
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Likelihood
@@ -72,3 +73,23 @@ def test_the_noise_of_bursts_is_at_the_top_of_its_likelihood(model: Model, recor
     at = found.sigma_mm
     best = minimize_scalar(lambda size: -value(size), bounds=(0.9 * at, 1.1 * at), method="bounded")
     assert value(at) > -float(best.fun) - 0.05
+
+
+def _noisier(evidence: Evidence, sigma_mm: FloatArray) -> Evidence:
+    """The recording with more noise, of so many mm by frame."""
+    more = np.random.default_rng(3).standard_normal(evidence.samples.shape) * sigma_mm[:, None]
+    return replace(
+        evidence, samples=np.where(evidence.samples > 0, np.rint(evidence.samples + more), 0).astype(np.uint16)
+    )
+
+
+def test_noise_of_all_frames_is_no_bursts(model: Model, record: Record) -> None:
+    """A little more in some than in others, by chance, or the more from a third of the recording on."""
+    evidence = record()
+    frames = np.arange(evidence.shape[0])
+    everywhere = np.random.default_rng(4).uniform(0.3, 1.7, frames.size)
+    for sigma_mm, bursts in ((5.0 * everywhere, False), (8.0 * (frames > 40), False), (8.0 * (frames % 9 < 3), True)):
+        likelihood = Likelihood(_noisier(evidence, sigma_mm), Scene(model, evidence.time_s))
+        part = frames, np.arange(evidence.shape[1])
+        found = fit_interference(likelihood, likelihood.scene.mixture(), likelihood.start(), part)
+        assert (found is not None) == bursts

@@ -32,6 +32,7 @@ VALUE_NATS = math.log(65_534.0)  # price of a stuck pixel's value, any whole mm 
 _FAR = 10.0  # standard deviations
 _CHANCE = 2.0  # standard deviations
 _MOST_FRAMES = 0.9  # that bursts may fill
+_BEYOND = 0.1  # of what bursts gain, which noise in all frames must leave
 _LONGEST = 0.3  # of the frames, beyond which a burst is something that came or went once
 _MOST_BURST_MM = 10_000.0  # the most that `interference` may have
 _NEXT = math.log(2.0)  # from one size of bursts that is tried first to the next
@@ -124,7 +125,11 @@ def fit_interference(likelihood: Likelihood, mixture: Mixture, state: State, par
     )  # fmt: skip
     best = max(best, at(math.exp(float(finer.x)), start), key=lambda pair: pair[0])
     lasting = best[1].burst_frames > _LONGEST * len(likelihood.evidence.samples)
-    return None if lasting or best[1].probability > _MOST_FRAMES else best[1]
+    if lasting or best[1].probability > _MOST_FRAMES:
+        return None
+    # As much noise in all frames must not do as well: of what bursts gain, it has their share of the frames, at most
+    calm, disturbed = (float(np.sum(x)) for x in likelihood.frame_pair(mixture, state, part, best[1].sigma_mm)[:2])
+    return best[1] if best[0] - disturbed > _BEYOND * (best[0] - calm) else None
 
 
 def disturbed_frames(likelihood: Likelihood, mixture: Mixture, state: State, effect: Interference) -> FloatArray:
