@@ -102,6 +102,17 @@ def test_a_map_given_the_data_is_shrunk_as_its_covariance_says(rng: np.random.Ge
     np.testing.assert_allclose(marginal_pattern(found, (rows, cols), (2.0, 1.0, 0.7))[1], wanted, rtol=1e-9)
 
 
+def test_a_number_at_its_bound_has_no_error_and_takes_none_from_others(model: Model, record: Record) -> None:
+    """All samples are lost by their amplitude, none by chance."""
+    hidden = MAKE["dropout"](probability=0.0, threshold=15.0, threshold_noise=2.0), MAKE["range_offset"](offset_mm=9.0)
+    result = reconcile(model, record(*hidden), Settings(kinds=("dropout", "range_offset", "saturation")))
+    lost, offset = sorted(result.named, key=lambda named: named.effect.kind)
+    assert set(lost.stderr) == {"threshold", "threshold_noise"}
+    assert lost.parameters["probability"] < 1e-4
+    for named, truth in ((lost, hidden[0]), (offset, hidden[1])):
+        assert all(abs(named.parameters[k] - getattr(truth, k)) < 4 * error for k, error in named.stderr.items())
+
+
 def test_nothing_tells_where_a_well_is_full_between_two_amplitudes(model: Model, record: Record) -> None:
     """Beside samples that are lost by chance too; the error is of the gap between the amplitudes."""
     hidden = MAKE["saturation"](full_well_amplitude=FULL), MAKE["dropout"](probability=0.01)

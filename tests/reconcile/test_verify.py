@@ -17,6 +17,7 @@ from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.model import Model
 
 SETTINGS = Settings(kinds=KINDS)
+PATTERN = MAKE["fixed_pattern"](pixel_sigma_mm=5.0)
 
 
 def test_a_pose_that_was_tried_leaves_no_trace_in_the_gaps(model: Model, record: Record) -> None:
@@ -91,3 +92,29 @@ def test_a_change_in_time_that_no_law_has_leaves_a_drift_a_part_of_the_explanati
     )
     assert result.verified.verdict != "explained"
     assert result.where[0].axis in ("time", "frame")
+
+
+def test_a_pattern_that_grows_is_a_pattern_in_part(model: Model, record: Record, rng: np.random.Generator) -> None:
+    """What is left of each pixel changes slowly: one frame is like the next, and no bias stays."""
+    evidence = record()
+    growing = evidence.time_s[:, None] / evidence.time_s[-1] * rng.normal(0.0, 8.0, evidence.shape[1])
+    moved = np.where(evidence.samples > 0, np.rint(evidence.samples + growing), 0).astype(np.uint16)
+    kinds = ("fixed_pattern", "interference", "excess_noise", "temporal_correlation", "temperature_drift", "outliers")
+    result = reconcile(model, replace(evidence, samples=moved), Settings(kinds=kinds))
+    assert result.verified.verdict in ("partly_explained", "unexplained")
+    assert {n.effect.kind for n in result.named} <= {"fixed_pattern"}
+    assert reconcile(model, record(PATTERN), Settings(kinds=kinds)).verified.verdict == "explained"
+
+
+def test_a_model_whose_own_simulation_is_far_from_it_explains_nothing(
+    model: Model, record: Record, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evidence = record(MAKE["range_offset"](offset_mm=8.0))
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    (added, *_) = ways(likelihood, SETTINGS)
+    assert verify(likelihood, added, SETTINGS).verdict == "explained"
+    far = record(MAKE["range_offset"](offset_mm=80.0))
+    other = Likelihood(far, Scene(model, far.time_s))
+    panel = compare(other, other.start(), held_out(other, SETTINGS), seed=1)
+    monkeypatch.setattr("tofmix.reconcile.verify._floor", lambda *_: panel)
+    assert verify(likelihood, added, SETTINGS).verdict == "unexplained"

@@ -52,6 +52,16 @@ def _few(kind: str) -> tuple[str, ...]:
     return tuple(k for k in KINDS if k in rivals)
 
 
+def test_a_drift_is_found_before_a_pause(model: Model, record: Record) -> None:
+    """A minute and a half after 6 s, in which it came to its end."""
+    evidence = record(MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=1.0))
+    paused = replace(evidence, time_s=evidence.time_s + np.where(evidence.time_s > 6.0, 98.0, 0.0))
+    result = reconcile(model, paused, Settings(kinds=("temperature_drift", "range_offset", "motion")))
+    (drift,) = result.named
+    assert drift.effect.kind == "temperature_drift"
+    assert abs(drift.parameters["time_constant_s"] - 1.0) < 4 * drift.stderr["time_constant_s"]
+
+
 def test_a_right_model_is_left_alone(model: Model, record: Record) -> None:
     result = reconcile(model, record(), Settings(kinds=KINDS))
     assert result.verified.verdict == "agree"
