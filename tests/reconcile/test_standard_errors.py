@@ -1,13 +1,16 @@
 """Standard errors cover the truth, also where noise is shared; the last step finds the top."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from reconcile_errors import EFFECTS_OF, FRAMES, MEMORY, deviations, scene
 from recordings import MAKE, Record
 
-from tofmix.reconcile.curvature import Numbers
+from tofmix.arrays import FloatArray
+from tofmix.reconcile.curvature import Numbers, Value, inverse, parabola
 from tofmix.reconcile.fits import Fitted
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Scene
@@ -119,3 +122,33 @@ def test_nothing_tells_where_a_well_is_full_between_two_amplitudes(model: Model,
     result = reconcile(model, record(*hidden), Settings(kinds=("saturation", "dropout")))
     own = next(n for n in result.named if n.effect.kind == "saturation")
     assert abs(numeric(own.effect)["full_well_amplitude"] - FULL) < 3 * own.stderr["full_well_amplitude"]
+
+
+class _Saddle:
+    """Two numbers whose log-likelihood is bent both ways between its tops, at (1, 1) and (-1, -1)."""
+
+    first_steps = (0.3, 0.3)
+    state = SimpleNamespace(effects=(), linking=())
+    likelihood = None
+
+    def __init__(self, *vector: float) -> None:
+        self.vector = np.array(vector)
+
+    def moved(self, x: FloatArray) -> "_Saddle":
+        return _Saddle(*x)
+
+    def at(self, x: FloatArray) -> Value:
+        along, across = x[0] + x[1], x[0] - x[1]
+        nothing = np.zeros((1, 4))
+        return Value(total=-50.0 * (along**2 - 4.0) ** 2 / 16.0 - 20.0 * across**2, by_pixel=nothing, by_frame=nothing)
+
+
+def test_newtons_steps_go_on_where_no_top_is_near() -> None:
+    """What they promise there is less than nothing, which is no sign of having arrived."""
+    start = _Saddle(0.3, 0.2)
+    about = parabola(cast("Numbers", start))
+    assert about is not None
+    assert 0.5 * float(about.slope @ inverse(about.hessian) @ about.slope) < 0
+    end = cast("_Saddle", polish(cast("Numbers", start)))
+    assert end.at(end.vector).total > start.at(start.vector).total + 30
+    assert (end.vector > 0.7).all()
