@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from recordings import MAKE, Record
 from scipy.optimize import minimize_scalar
 
-from tofmix.arrays import FloatArray
 from tofmix.reconcile.bursts import forward
 from tofmix.reconcile.evidence import Evidence
 from tofmix.reconcile.likelihood import Likelihood
@@ -75,7 +76,7 @@ def test_the_noise_of_bursts_is_at_the_top_of_its_likelihood(model: Model, recor
     assert value(at) > -float(best.fun) - 0.05
 
 
-def _noisier(evidence: Evidence, sigma_mm: FloatArray) -> Evidence:
+def _noisier(evidence: Evidence, sigma_mm: NDArray[Any]) -> Evidence:
     """The recording with more noise, of so many mm by frame."""
     more = np.random.default_rng(3).standard_normal(evidence.samples.shape) * sigma_mm[:, None]
     return replace(
