@@ -17,7 +17,6 @@ from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.model import Model
 
 SETTINGS = Settings(kinds=KINDS)
-PATTERN = MAKE["fixed_pattern"](pixel_sigma_mm=5.0)
 
 
 def test_a_pose_that_was_tried_leaves_no_trace_in_the_gaps(model: Model, record: Record) -> None:
@@ -99,11 +98,10 @@ def test_a_pattern_that_grows_is_a_pattern_in_part(model: Model, record: Record,
     evidence = record()
     growing = evidence.time_s[:, None] / evidence.time_s[-1] * rng.normal(0.0, 8.0, evidence.shape[1])
     moved = np.where(evidence.samples > 0, np.rint(evidence.samples + growing), 0).astype(np.uint16)
-    kinds = ("fixed_pattern", "interference", "excess_noise", "temporal_correlation", "temperature_drift", "outliers")
+    kinds = ("fixed_pattern", "interference", "temporal_correlation", "temperature_drift")
     result = reconcile(model, replace(evidence, samples=moved), Settings(kinds=kinds))
     assert result.verified.verdict in ("partly_explained", "unexplained")
     assert {n.effect.kind for n in result.named} <= {"fixed_pattern"}
-    assert reconcile(model, record(PATTERN), Settings(kinds=kinds)).verified.verdict == "explained"
 
 
 def test_a_model_whose_own_simulation_is_far_from_it_explains_nothing(
