@@ -120,7 +120,7 @@ def test_a_second_distance_tells_an_offset_from_a_pose(model: Model) -> None:
     assert abs(numeric(both.named[0].effect)["offset_mm"] - 1.5) < 4 * both.named[0].stderr["offset_mm"]
 
 
-@pytest.mark.parametrize(("offset_mm", "shift_mm"), [(5.0, -10.0), (-8.0, 20.0)])
+@pytest.mark.parametrize(("offset_mm", "shift_mm"), [(-8.0, 20.0)])
 def test_an_offset_beside_a_surface_that_stands_elsewhere_in_one(
     model: Model, other: Model, offset_mm: float, shift_mm: float
 ) -> None:
