@@ -28,10 +28,8 @@ if TYPE_CHECKING:
 ALIAS_NATS = 6.0
 """Gains that are nearer are not told apart."""
 
-PARTLY = ("temperature_drift", "motion")
-"""Kinds that change in time, and of which a part is static."""
-
-_EACH = 3  # turns of the static effects and the model within its tolerance
+_PARTLY = ("temperature_drift", "motion")  # kinds that change in time, and of which a part is static
+_EACH = 3  # turns of static effects and the model within its tolerance, and of a drift begun anew beside the others
 _FAIR = 0.5  # share of the best score from which what changes in time is worth a fit with all the others
 _TRIED = 3  # of the best static ones
 _CLEAR_NATS, _CLEAR_SHARE = 10.0, 0.0001  # beyond what the pattern gains, for an effect that is put before it
@@ -248,7 +246,7 @@ def with_the_others(trial: Trial, chosen: Sequence[Candidate], found: Sequence[C
         out.append(better)
     fair = max((_FAIR * c.score for c in found[:1]), default=0.0)
     static = sorted((c for c in out if c.kind in STATIC and c.score > 0), key=lambda c: -c.score)[:_TRIED]
-    worthy = [c for c in out if c in static or (c.kind in PARTLY and c.score > fair)]
+    worthy = [c for c in out if c in static or (c.kind in _PARTLY and c.score > fair)]
     return sorted((together(trial, chosen, c) if c in worthy else c for c in out), key=lambda c: -c.score)
 
 
@@ -297,4 +295,4 @@ def _share(old: Candidate, new: Candidate) -> bool:
     """Whether one of two effects is static and the other in part, of the same surface if a motion came first."""
     if old.kind == Motion.kind:
         return new.kind in STATIC and getattr(old.effect, "surface", "") == getattr(new.effect, "surface", None)
-    return (old.kind in PARTLY and new.kind in STATIC) or (old.kind in STATIC and new.kind in PARTLY)
+    return (old.kind in _PARTLY and new.kind in STATIC) or (old.kind in STATIC and new.kind in _PARTLY)

@@ -39,10 +39,7 @@ def better_own(
     value, chosen = added
     best, top = None, value - PRICE_NATS * sum(c.parameters for c in chosen) + CLEARLY_NATS
     for effect in dict.fromkeys(e for e in likelihood.scene.effects if e.kind in PROBLEMS):
-        bare = [
-            (replace(m, effects=tuple(e for e in m.effects if e != effect)), evidence) for m, evidence in recordings
-        ]
-        without = joint_likelihood(bare)
+        without = joint_likelihood([(_less(model, effect), evidence) for model, evidence in recordings])
         part = fit_part(without, settings)
         trial = begin_trial(without, begin(without, part[0], settings.tolerance), settings.split, settings.seed)
         for candidate in candidates(trial, (effect.kind,)):
