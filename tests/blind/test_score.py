@@ -11,9 +11,11 @@ import pytest
 
 from blind import effects as fx
 from blind.bench import read_results
+from blind.camera import Recording
 from blind.cases import OPEN_SEED, Built, all_cases, build
 from blind.judge import judge
-from blind.score import Plan, score, true_effects
+from blind.panel import compare, gap
+from blind.score import SIMULATIONS, Plan, score, true_effects
 from blind.summary import summary
 
 pytestmark = pytest.mark.usefixtures("quick_calibration")
@@ -57,6 +59,22 @@ def test_a_reconcile_that_is_handed_the_truth_scores_at_the_ceiling(fake: tuple[
     line.write_text(json.dumps(result | {"master": OPEN_SEED}) + "\n")
     text = summary(read_results(line))
     assert "pairs: both | 1/1 (100 %)" in text
+
+
+def test_where_bursts_come_by_luck_simulations_are_averaged(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    built = _built("interference-clear-0-0", 16, 20, 40)
+    seeds: list[int] = []
+
+    def simulate(_model: Path, seed: int) -> Recording:
+        seeds.append(seed)
+        return built.record(0, ideal=len(seeds) % 2 == 1)
+
+    monkeypatch.setattr("blind.score.simulate", simulate)
+    result = score(built, tmp_path, Plan(reconcile=None))
+    assert len(set(seeds)) == len(seeds) == 1 + SIMULATIONS["interference"]
+    gaps = [gap(compare(built.record(2), built.record(0, ideal=ideal))) for ideal in (True, False)]
+    assert result["before"] == gaps[0]
+    assert result["ceiling"] == pytest.approx(((gaps[0] - gaps[1]) / 2) / (gaps[0] - result["floor"]))
 
 
 def test_a_command_that_fails_is_a_failed_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
