@@ -11,7 +11,8 @@ from tofmix.reconcile.compare import compare
 from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.name import KINDS
-from tofmix.reconcile.verify import _smooth, _tilted, verify
+from tofmix.reconcile.panel import Curve
+from tofmix.reconcile.verify import _goes_on, _smooth, _tilted, verify
 from tofmix.reconcile.way import Settings, held_out
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.model import Model
@@ -116,3 +117,35 @@ def test_a_model_whose_own_simulation_is_far_from_it_explains_nothing(
     panel = compare(other, other.start(), held_out(other, SETTINGS), seed=1)
     monkeypatch.setattr("tofmix.reconcile.verify._floor", lambda *_: panel)
     assert verify(likelihood, added, SETTINGS).verdict == "unexplained"
+
+
+@pytest.mark.parametrize(
+    ("left", "goes_on"),
+    [
+        ({"memory": 80.0}, True),
+        ({"memory": 80.0, "bias": 60.0}, True),
+        ({"memory": 60.0, "pattern": 80.0}, False),  # one frame is like the next as a bias stays
+        ({"memory": 4.0}, False),  # too little of what was gained
+        ({"pattern": 80.0}, False),
+    ],
+)
+def test_what_makes_a_frame_like_the_next_changes_unless_it_is_a_bias(
+    left: dict[str, float], goes_on: bool, model: Model, record: Record
+) -> None:
+    evidence = record()
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    floor = compare(likelihood, likelihood.start(), held_out(likelihood, SETTINGS), seed=1)
+    loud = [_curve(statistic, z) for statistic, z in left.items()]
+    assert _goes_on(likelihood.start(), loud, floor, 2000.0) == goes_on
+    remembers = replace(likelihood.start(), effects=(MAKE["temporal_correlation"](coefficient=0.5),))
+    assert not _goes_on(remembers, loud, floor, 2000.0)
+
+
+def _curve(statistic: str, nats: float) -> Curve:
+    """A curve of one bin that is left with so many nats."""
+    axis = {"memory": "frame"}.get(statistic, "all")
+    one = np.ones(1)
+    return Curve(
+        statistic=statistic, axis=axis, lower=one, upper=one, value=np.sqrt(2 * nats + one), variance=one, unit="",
+        scale_mm=0 * one,
+    )  # fmt: skip
