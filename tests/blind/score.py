@@ -28,6 +28,7 @@ from blind.write import model_text, read_recording, write_recording
 SIMULATE = (sys.executable, "-m", "tofmix", "simulate")
 RECONCILE = (sys.executable, "-m", "tofmix", "reconcile")
 _LIMIT_S = 1800
+_SEED = 102  # of the true effect's simulations and of the refined one's: both have the same luck
 # A recording holds few bursts, so that one simulation comes near another recording or not by luck: more are averaged.
 SIMULATIONS = {"interference": 6}
 
@@ -99,7 +100,7 @@ def _score(built: Built, folder: Path, plan: Plan) -> dict[str, Any]:
         true_model = folder / "true.toml"
         text = model_text(built.device, built.models[0], built.noise, effects=true_effects(built, folder))
         true_model.write_text(text, encoding="utf-8")
-        panels = _panels(third, true_model, built, seed=102)
+        panels = _panels(third, true_model, built, seed=_SEED)
         out["ceiling"] = _closed(out["before"], _mean_gap(panels), out["floor"])
         out["ceiling_rest"] = _largest(panels[0])
     if plan.reconcile is not None:
@@ -159,7 +160,7 @@ def _reconcile(built: Built, folder: Path, plan: Plan, third: Recording, gaps: t
     if not out["named"]:
         return out | {"after": gaps[0], "closed": _closed(gaps[0], gaps[0], gaps[1])}
     try:
-        out["after"] = _mean_gap(_panels(third, result / "model.toml", built, seed=103))
+        out["after"] = _mean_gap(_panels(third, result / "model.toml", built, seed=_SEED))
         out["closed"] = _closed(gaps[0], out["after"], gaps[1])
         if plan.second:
             out["second_scene"] = _second_scene(built, result)
