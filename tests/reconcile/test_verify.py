@@ -12,7 +12,7 @@ from tofmix.reconcile.likelihood import Likelihood
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.name import KINDS
 from tofmix.reconcile.panel import Curve
-from tofmix.reconcile.verify import _goes_on, _smooth, _tilted, verify
+from tofmix.reconcile.verify import _goes_on, verify
 from tofmix.reconcile.way import Settings, held_out
 from tofmix.reconcile.workflow import reconcile
 from tofmix.simulation.model import Model
@@ -41,32 +41,6 @@ def test_the_tolerance_brings_no_chance_of_other_frames_along(model: Model, reco
         (added,) = ways(Likelihood(one, Scene(model, one.time_s)), replace(SETTINGS, max_effects=0))
         panels.append({c.name: c.chi2 for c in added.panel.curves})
     assert panels[0] == panels[1]
-
-
-@pytest.mark.parametrize("everywhere", [True, False], ids=["lit", "two boards"])
-@pytest.mark.parametrize(("kind", "smooth"), [("pixels", False), ("columns", False), ("lens", True)])
-def test_a_pattern_is_smooth_where_a_lens_bends_it(
-    kind: str, smooth: bool, everywhere: bool, rng: np.random.Generator
-) -> None:
-    row, col = np.mgrid[-1:1:36j, -1:1:44j]
-    values = rng.normal(0, 0.5, row.shape)
-    values += {"pixels": 0.0, "columns": rng.normal(0, 3, 44), "lens": 4 * np.hypot(row, col) ** 4}[kind]
-    boards = np.where(col < 0, row < 0.3, row > -0.3)
-    known = boards | everywhere
-    assert _smooth(np.where(known, values, 0.0), known) == smooth
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_a_tilted_board_is_told_from_columns(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    row, col = np.mgrid[:30, :40]
-    board = (np.abs(row - 12) < 6) & (np.abs(col - 20) < 6)
-    values = rng.normal(0, 1, row.shape) + rng.normal(0, 3, 40)
-    known = np.ones(row.shape, dtype=bool)
-    assert not _tilted(values, known, board.astype(np.int64))
-    tilt = np.where(board, 1.2 * (col - 20), 0.0) + rng.normal(0, 1, row.shape)
-    assert _tilted(tilt, known, board.astype(np.int64))
-    assert not _tilted(tilt, known & ~board, board.astype(np.int64))
 
 
 @pytest.mark.parametrize("frame_rate_hz", [4.0, 10.0])

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.arrays import FloatArray
 from tofmix.reconcile import links
 from tofmix.reconcile.add import EXACT, LOST, Added
 from tofmix.reconcile.beside import settled_within
@@ -21,6 +21,7 @@ from tofmix.reconcile.memory import memory_left, memory_of
 from tofmix.reconcile.mixture import Scene
 from tofmix.reconcile.nameless import better_law
 from tofmix.reconcile.panel import Curve
+from tofmix.reconcile.pattern_shape import smooth, tilted
 from tofmix.reconcile.refit import begin
 from tofmix.reconcile.way import Settings, fit_part, held_out
 from tofmix.simulation.cast import cast_scene
@@ -69,15 +70,7 @@ IN_TIME = 0.005
 ECHO = 0.1
 """Correlation, at any lag, that a memory of one frame may leave."""
 
-SMOOTH = 0.2
-"""Correlation of neighbours in a map above which it is no pattern of pixels."""
-
-TILTED = 0.8
-"""Share of what a map has on one surface, of a plane above which it is no pattern of pixels."""
-
-_PLANE_LINES = 8
 _FEW = 0.1
-_SWEEPS = 30  # over columns and rows in turn, where not all pixels are known
 _SEEDS_APART = 1000
 _SIMULATED = 0.1
 _WITHIN_CHANCE = 0.15  # of a gap
@@ -234,49 +227,7 @@ def _signed(likelihood: Likelihood, added: Added, floor: Compared, settings: Set
     held = held_out(likelihood, settings)
     surfaces = [v.mixture.of_main(v.mixture.surface).reshape(known.shape) for v in views(likelihood, mixture, held)]
     values = [m.values.astype(np.float64) for m in maps]
-    return not any(_smooth(v, known) or any(_tilted(v, known, s) for s in surfaces) for v in values)
-
-
-def _tilted(values: FloatArray, known: BoolArray, surface: IntArray) -> bool:
-    """Whether a map (row, col) runs as a plane over a surface, which is then tilted.
-
-    Of a surface of so many rows and columns: those of a pattern would be in order by chance once in some thousands.
-    """
-    for number in range(int(surface.max()) + 1):
-        row, col = np.nonzero(known & (surface == number))
-        if min(np.unique(row).size, np.unique(col).size) < _PLANE_LINES:
-            continue
-        value = values[row, col] - values[row, col].mean()
-        slopes = np.stack([row - row.mean(), col - col.mean()], axis=1)
-        plane = slopes @ np.linalg.lstsq(slopes, value, rcond=None)[0]
-        if float((plane**2).sum()) > TILTED * float((value**2).sum()) > 0:
-            return True
-    return False
-
-
-def _smooth(values: FloatArray, known: BoolArray) -> bool:
-    """Whether a map (row, col), columns and rows taken out, runs smoothly over the image: a pattern of pixels does not.
-
-    Of the pixels whose bias is known: the map has 0 where nothing returns, which would else leave of a column what its
-    lit part has.
-    """
-    rest = np.where(known, values, 0.0)
-    for _ in range(_SWEEPS):
-        for axis in (0, 1):
-            mean = rest.sum(axis=axis, keepdims=True) / np.maximum(known.sum(axis=axis, keepdims=True), 1)
-            rest -= np.where(known, mean, 0.0)
-    power = float((rest**2).sum()) / known.sum()
-    if power == 0:
-        return False
-    near = 0.5 * (
-        _mean_product(rest[1:], rest[:-1], known[1:] & known[:-1])
-        + _mean_product(rest[:, 1:], rest[:, :-1], known[:, 1:] & known[:, :-1])
-    )
-    return bool(near > SMOOTH * power)
-
-
-def _mean_product(a: FloatArray, b: FloatArray, both: BoolArray) -> float:
-    return float((a * b).sum() / max(int(both.sum()), 1))
+    return not any(smooth(v, known) or any(tilted(v, known, s) for s in surfaces) for v in values)
 
 
 def _goes_on(state: State, loud: list[Curve], floor: Compared, gain: float) -> bool:
