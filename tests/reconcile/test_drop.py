@@ -16,6 +16,7 @@ WAVE = MAKE["wiggling"](amplitude_mm=12.0, phase_rad=0.7)
 COLUMNS = MAKE["fixed_pattern"](pixel_sigma_mm=2.0, column_sigma_mm=10.0, row_sigma_mm=2.0)
 OFFSET = MAKE["range_offset"](offset_mm=6.0)
 NOISE = MAKE["excess_noise"](factor=1.3)
+LARGE, LITTLE = MAKE["wiggling"](amplitude_mm=60.0, phase_rad=0.7), MAKE["excess_noise"](factor=1.05)
 
 
 def added(model: Model, record: Record, hidden: tuple[Effect, ...], kinds: tuple[str, ...]) -> Way:
@@ -41,6 +42,9 @@ def added(model: Model, record: Record, hidden: tuple[Effect, ...], kinds: tuple
         ((COLUMNS,), ("range_offset", "fixed_pattern"), ["fixed_pattern"]),
         ((OFFSET,), ("range_offset", "excess_noise"), ["range_offset"]),
         ((OFFSET, NOISE), ("excess_noise", "range_offset"), ["excess_noise", "range_offset"]),
+        ((LITTLE,), ("excess_noise",), ["excess_noise"]),
+        ((OFFSET, LITTLE), ("excess_noise", "range_offset"), ["excess_noise", "range_offset"]),
+        ((LARGE, LITTLE), ("excess_noise", "wiggling"), ["wiggling"]),  # a crumb of what the wave gains
     ],
 )  # fmt: skip
 def test_what_is_not_hidden_is_dropped(

@@ -24,22 +24,12 @@ from tofmix.reconcile.localise import disagreements
 from tofmix.reconcile.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, recast, tolerated
 from tofmix.reconcile.refit import begin, refit
 from tofmix.reconcile.static_fits import STATIC
-from tofmix.reconcile.way import Settings, Way, fit_part, held_out, name_of
+from tofmix.reconcile.way import CRUMB, EXACT, LOST, Settings, Way, fit_part, held_out, name_of
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
-
-CRUMB = 0.01
-"""Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
-
-EXACT = ("phase_wrapping", "stuck_pixels", "quantisation")
-"""Kinds whose law is exact. Each sample that they explain gains as much as many that are a little off, so that their
-gains say nothing of what is left."""
-
-LOST = ("dropout", "saturation")
-"""Kinds that lose samples. What they gain, a sample each, says nothing of the ranges of the others."""
 
 _PARTNER = {"temperature_drift": "range_offset", "motion": "surface_pose"}
 """What is static in an effect that changes in time, by whose numbers it may pass for a part of it."""

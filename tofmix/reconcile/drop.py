@@ -9,7 +9,7 @@ from tofmix.reconcile.likelihood import Part, State
 from tofmix.reconcile.name import PRICE_NATS, Candidate
 from tofmix.reconcile.refit import refit, without
 from tofmix.reconcile.static_fits import STATIC
-from tofmix.reconcile.way import Way, held_out, name_of
+from tofmix.reconcile.way import CRUMB, EXACT, LOST, Way, held_out, name_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.range_offset import RangeOffset
@@ -77,10 +77,21 @@ def drop(way: Way) -> None:
         rest = without(way.state, k)
         likelihood.scene.anchor(rest.effects)  # a pose that goes takes its edges with it
         worth_ = likelihood.value(rest, part)
-        if whole - worth_ < PRICE_NATS * candidate.parameters or _is_pattern(way, k):
+        if whole - worth_ < max(PRICE_NATS * candidate.parameters, _crumb(way, k)) or _is_pattern(way, k):
             way.state, whole = rest, worth_
             del way.chosen[k], way.rivals[k]
     likelihood.scene.anchor(way.state.effects)
+
+
+def _crumb(way: Way, number: int) -> float:
+    """What noise, or a change in time, must gain beside the others: what it would have to, were it added after them.
+
+    A static effect may be hidden in a fixed pattern, which gains far more than it.
+    """
+    if way.chosen[number].kind in (*STATIC, *EXACT, *LOST):
+        return 0.0
+    others = (*way.chosen[:number], *way.chosen[number + 1 :])
+    return CRUMB * sum(c.gain for c in others if c.kind not in (FixedPattern.kind, *EXACT, *LOST))
 
 
 def _bare(state: State, pattern: int) -> State:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.reconcile import links
-from tofmix.reconcile.add import EXACT, LOST, Added
+from tofmix.reconcile.add import Added
 from tofmix.reconcile.beside import settled_within
 from tofmix.reconcile.compare import Compared, compare
 from tofmix.reconcile.joint import views
@@ -23,7 +23,7 @@ from tofmix.reconcile.nameless import better_law
 from tofmix.reconcile.panel import Curve
 from tofmix.reconcile.pattern_shape import smooth, tilted
 from tofmix.reconcile.refit import begin
-from tofmix.reconcile.way import Settings, fit_part, held_out
+from tofmix.reconcile.way import EXACT, LOST, Settings, fit_part, held_out
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
