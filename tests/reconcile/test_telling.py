@@ -55,6 +55,13 @@ def test_what_is_planted_is_told_first(name: str, rng: np.random.Generator) -> N
     assert f"{statistic} of {axis}" == name
 
 
+def test_a_bias_beyond_where_scores_end_is_no_matter_of_tails(rng: np.random.Generator) -> None:
+    far = rng.normal(0, 5, COLS)[COL] + rng.normal(0, 0.3, ROWS * COLS)
+    told = telling(scored(np.clip(rng.normal(size=(FRAMES, ROWS * COLS)) + far, -4, 4)))
+    assert max(told, key=lambda key: told[key]) == ("bias", "col")
+    assert max(value for (statistic, _), value in told.items() if statistic in ("spread", "skew", "tails")) < 100
+
+
 def test_nothing_is_told_of_chance(rng: np.random.Generator) -> None:
     assert max(telling(scored(rng.normal(size=(FRAMES, ROWS * COLS)))).values()) < 12  # of 26 gains
 

@@ -7,7 +7,7 @@ bins, whose variance is free: an axis of many bins has to explain more.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ STRUCTURED = 0.15
 FINE = 48
 """Bins of axes that are cut by quantiles: what varies within a bin is lost."""
 
+_REACH = 2.0  # of means, in sigma: scores beyond 4 count as 4
 _TENTHS = 10
 _LAGS = (1, 2, 3)
 _LEAST = 1e-9
@@ -84,6 +85,7 @@ def telling(s: Scored) -> Telling:
     mass = (seen.sum(axis=0, dtype=np.float64), seen.sum(axis=1, dtype=np.float64))
     pull = s.z * weight
     out |= _over("bias", s, pull, mass, names=("common_mode", "trend"))
+    s = _within_reach(s)
     rest = _without_means(s, weight)
     count = (s.ok.sum(axis=0).astype(np.float64), s.ok.sum(axis=1).astype(np.float64))
     square = np.where(s.ok, (rest * rest - 1) / np.float32(np.sqrt(2)), np.float32(0))
@@ -133,6 +135,13 @@ def _chi2(total: FloatArray, mass: FloatArray) -> tuple[float, int]:
 
 def _binned(bins: IntArray, total: FloatArray, mass: FloatArray) -> tuple[float, int]:
     return _chi2(np.bincount(bins, total).astype(np.float64), np.bincount(bins, mass).astype(np.float64))
+
+
+def _within_reach(s: Scored) -> Scored:
+    """Without pixels far off: scores end where they count as no more, and what is beyond has no spread."""
+    mean = np.abs(s.z.sum(axis=0)) / np.maximum(s.ok.sum(axis=0), 1)
+    ok = s.ok & (mean < _REACH)
+    return replace(s, z=np.where(ok, s.z, np.float32(0)), ok=ok)
 
 
 def _without_means(s: Scored, weight: Float32Array) -> Float32Array:
