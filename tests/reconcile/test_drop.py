@@ -42,7 +42,6 @@ def added(model: Model, record: Record, hidden: tuple[Effect, ...], kinds: tuple
         ((COLUMNS,), ("range_offset", "fixed_pattern"), ["fixed_pattern"]),
         ((OFFSET,), ("range_offset", "excess_noise"), ["range_offset"]),
         ((OFFSET, NOISE), ("excess_noise", "range_offset"), ["excess_noise", "range_offset"]),
-        ((LITTLE,), ("excess_noise",), ["excess_noise"]),
         ((OFFSET, LITTLE), ("excess_noise", "range_offset"), ["excess_noise", "range_offset"]),
         ((LARGE, LITTLE), ("excess_noise", "wiggling"), ["wiggling"]),  # a crumb of what the wave gains
     ],
