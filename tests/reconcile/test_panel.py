@@ -41,6 +41,7 @@ def test_they_show_codes_that_are_missing(model: Model, record: Record, each: in
     evidence = _without(record(), each)
     curve = _waves(model, evidence)
     assert curve.z > 6
+    assert (np.diff(curve.lower) >= 0).all()  # a place is an interval of it
     own = np.isclose(curve.lower, each)
     assert np.abs(curve.value[own]).max() > 4 * np.sqrt(curve.variance[own]).max()
 

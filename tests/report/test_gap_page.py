@@ -73,6 +73,7 @@ def test_pictures_show_what_disagrees_most_and_each_statistic(page: str, explain
     assert curves[:4] == [place.replace("_", " ") for place in places[:4]]
     shown = {title.split(" against ")[0] for title in curves}
     assert {"bias", "spread", "skew", "tails", "trend", "common mode", "memory"} <= shown
+    assert "discreteness against period" in curves
     assert re.search(rf'alt="{curves[0]}: \d+\.\d times chance before, \d\.\d after"', page) is not None
 
 

@@ -297,7 +297,7 @@ def _combs(evidence: Evidence, part: Part, m: Mixture, state: State) -> Iterator
             sums += both
             counts += [n / len(both)] * len(both)
             turns += [period / k] * len(both)
-    power = np.array(counts)
-    at = np.array(turns)
-    yield Curve(statistic="discreteness", axis="all", lower=at, upper=at, value=np.array(sums) / np.maximum(power, 1),
-                variance=1.0 / np.maximum(power, 1), unit="mm", scale_mm=np.ones(at.size))  # fmt: skip
+    order = np.argsort(turns, kind="stable")  # periods of k turns lie between those of one
+    at, power = np.array(turns)[order], np.maximum(np.array(counts)[order], 1)
+    yield Curve(statistic="discreteness", axis="all", lower=at, upper=at, value=np.array(sums)[order] / power,
+                variance=1.0 / power, unit="mm", scale_mm=np.ones(at.size))  # fmt: skip

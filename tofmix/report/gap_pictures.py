@@ -29,7 +29,7 @@ _MEANINGS = {
     "skew": "skew (normalised)",
     "tails": "tails (normalised)",
     "invalid": "invalid samples beyond those predicted",
-    "bridging": "samples between two surfaces beyond those predicted",
+    "bridging": "mixed samples beyond those predicted",
     "memory": "correlation",
     "neighbour_correlation": "correlation",
 }
@@ -64,12 +64,17 @@ def curve_pictures(result: Reconciliation) -> list[GapPicture]:
 
 
 def _curve_picture(before: Curve, after: Curve | None, result: Reconciliation, *, several: bool) -> GapPicture:
-    words = f"{before.statistic} against {before.axis}".replace("_", " ")
+    words = f"{before.statistic} against {_axis(before)}".replace("_", " ")
     title = f"{words}, recording {before.recording + 1}" if several else words
     now = "" if after is None else f", {after.distance:.1f} after"
     alt = f"{title}: {before.distance:.1f} times chance before{now}"
     names = [s.name for s in result.models[before.recording].surfaces]
     return _picture(title, alt, _curve(before, after, names))
+
+
+def _axis(curve: Curve) -> str:
+    """What a curve is drawn against: waves over all whole mm, against their periods."""
+    return "period" if curve.axis == "all" else curve.axis.replace("_", " ")
 
 
 def _picture(title: str, alt: str, draw: Callable[[Theme], Figure], kind: str = "svg") -> GapPicture:
@@ -94,7 +99,7 @@ def _curve(before: Curve, after: Curve | None, names: list[str]) -> Callable[[Th
         if after is not None:
             now = after.scale_mm if after.statistic in _IN_MM else np.ones(after.dof)
             _steps(axes, after, now, color=theme.layers[0], label="after")
-        axes.set_xlabel(before.axis.replace("_", " ") + (f" ({before.unit})" if before.unit != "1" else ""))
+        axes.set_xlabel(_axis(before) + (f" ({before.unit})" if before.unit != "1" else ""))
         meaning = _MEANINGS.get(before.statistic, before.statistic.replace("_", " "))
         axes.set_ylabel(f"{meaning} (mm)" if before.statistic in _IN_MM else meaning, fontsize=8)
         if before.axis in _COUNTED:
@@ -106,8 +111,14 @@ def _curve(before: Curve, after: Curve | None, names: list[str]) -> Callable[[Th
 
 
 def _steps(axes: Axes, curve: Curve, scale: FloatArray, *, color: str, label: str) -> None:
-    """One level for each bin, with a dot in its middle; a line through the middles where there are many."""
+    """One level for each bin, with a dot in its middle; a line through the middles where there are many.
+
+    Dots alone where bins have no width: waves of one period have two values.
+    """
     middle, value = (curve.lower + curve.upper) / 2, curve.value * scale
+    if (curve.lower == curve.upper).all():
+        axes.plot(middle, value, color=color, label=label, linestyle="none", marker="o", markersize=2.5)
+        return
     if curve.dof > _MANY:
         axes.plot(middle, value, color=color, label=label, linewidth=0.8)
         return
