@@ -47,7 +47,7 @@ def _twins() -> Iterator[None]:
     import reconcile_twins
 
     from tofmix.estimation import noise_series
-    from tofmix.reconcile import likelihood
+    from tofmix.reconciliation import likelihood
     from tofmix.simulation import cast
 
     with pytest.MonkeyPatch.context() as patch:

@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 from recordings import MAKE
 
-from tofmix.reconcile.curvature import Numbers
-from tofmix.reconcile.evidence import Evidence, make_evidence
-from tofmix.reconcile.fits import Fitted, fit
-from tofmix.reconcile.likelihood import Likelihood, Part, State
-from tofmix.reconcile.mixture import Scene
-from tofmix.reconcile.profiles import numeric
-from tofmix.reconcile.refit import latent_states, settle
-from tofmix.reconcile.searches import problems
-from tofmix.reconcile.standard_errors import standard_errors
-from tofmix.reconcile.way import Settings
-from tofmix.reconcile.workflow import reconcile
+from tofmix.reconciliation.curvature import Numbers
+from tofmix.reconciliation.evidence import Evidence, make_evidence
+from tofmix.reconciliation.fits import Fitted, fit
+from tofmix.reconciliation.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.mixture import Scene
+from tofmix.reconciliation.profiles import numeric
+from tofmix.reconciliation.refit import latent_states, settle
+from tofmix.reconciliation.searches import problems
+from tofmix.reconciliation.standard_errors import standard_errors
+from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.workflow import reconcile
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.registry import load_profile
 from tofmix.simulation.cast import cast_scene

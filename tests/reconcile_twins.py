@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from tofmix.reconcile.kernel import Sorted
+from tofmix.reconciliation.kernel import Sorted
 
 Array = NDArray[np.float64]
 Any_ = NDArray[Any]
@@ -44,7 +44,7 @@ def log_likelihood(
     extra_variance: Array, pixel_bias: Array, weight: Array, mean: Array, sigma: Array, rate: Array, lit: Any_,
     invalid: Array, random_density: float, step: float, period: float, by_pixel: Array, by_frame: Array,
 ) -> None:  # fmt: skip
-    """Twin of `tofmix.reconcile.kernel.log_likelihood`."""
+    """Twin of `tofmix.reconciliation.kernel.log_likelihood`."""
     value = samples[np.ix_(frames, pixels)].astype(np.float64)
     if value.size == 0:
         return
@@ -92,7 +92,7 @@ def transform(
     extra_variance: Array, pixel_bias: Array, weight: Array, mean: Array, sigma: Array, rate: Array, lit: Any_,
     random_share: float, low: float, high: float, step: float, period: float, seed: int, out: NDArray[np.float32],
 ) -> None:  # fmt: skip
-    """Twin of `tofmix.reconcile.kernel.transform`."""
+    """Twin of `tofmix.reconciliation.kernel.transform`."""
     value = samples[np.ix_(frames, pixels)].astype(np.float64)
     if value.size == 0:
         return

@@ -12,11 +12,11 @@ PACKAGE = Path(tofmix.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 MAY_IMPORT = {
-    "cli": {"cli", "pipeline", "io", "report", "reconcile", "estimation", "mapping", "simulation", "sensors"},
+    "cli": {"cli", "pipeline", "io", "report", "reconciliation", "estimation", "mapping", "simulation", "sensors"},
     "pipeline": {"pipeline", "io", "estimation", "mapping", "simulation"},
     "io": {"io", "mapping", "simulation"},
-    "report": {"report", "reconcile", "estimation", "simulation", "sensors"},
-    "reconcile": {"reconcile", "simulation"},
+    "report": {"report", "reconciliation", "estimation", "simulation", "sensors"},
+    "reconciliation": {"reconciliation", "simulation"},
     "estimation": {"estimation"},
     "mapping": {"mapping"},
     "simulation": {"simulation", "sensors"},

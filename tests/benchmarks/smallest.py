@@ -29,10 +29,10 @@ from blind.write import model_text, write_recording
 
 from tofmix.io.model_file import load_model
 from tofmix.io.recording_file import open_recording
-from tofmix.reconcile.evidence import Evidence, make_evidence
-from tofmix.reconcile.name import KINDS as TRIED
-from tofmix.reconcile.way import Settings
-from tofmix.reconcile.workflow import reconcile
+from tofmix.reconciliation.evidence import Evidence, make_evidence
+from tofmix.reconciliation.name import KINDS as TRIED
+from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model
 
 CELLS = ("24x32x60", "24x32x240", "48x64x60")

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tofmix.reconcile.evidence import make_evidence
-from tofmix.reconcile.way import Settings
-from tofmix.reconcile.words import in_words
-from tofmix.reconcile.workflow import Reconciliation, reconcile
+from tofmix.reconciliation.evidence import make_evidence
+from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.words import in_words
+from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.report.gap_page import render_gap
 from tofmix.sensors.registry import load_profile
 from tofmix.simulation.cast import cast_scene

@@ -11,8 +11,8 @@ from tofmix.cli.options import PATH, examples, json_option, overwrite_option, pr
 
 if TYPE_CHECKING:
     from tofmix.arrays import FloatArray
-    from tofmix.reconcile.evidence import Evidence
-    from tofmix.reconcile.workflow import Reconciliation
+    from tofmix.reconciliation.evidence import Evidence
+    from tofmix.reconciliation.workflow import Reconciliation
     from tofmix.simulation.model import Model
 
     Files = tuple[tuple[str, Path], ...]
@@ -80,9 +80,9 @@ def reconcile(
     the output.
     """
     from tofmix.io.reconciliation import claimed_folder, model_names
-    from tofmix.reconcile.way import Settings
-    from tofmix.reconcile.words import summary_lines
-    from tofmix.reconcile.workflow import reconcile as run
+    from tofmix.reconciliation.way import Settings
+    from tofmix.reconciliation.words import summary_lines
+    from tofmix.reconciliation.workflow import reconcile as run
 
     kinds = _kinds(effects)
     files = ((model, measured), *also)
@@ -108,7 +108,7 @@ def reconcile(
 
 def _kinds(effects: str | None) -> tuple[str, ...]:
     from tofmix.errors import UsageError
-    from tofmix.reconcile.name import KINDS
+    from tofmix.reconciliation.name import KINDS
     from tofmix.toml_table import nearest
 
     if effects is None:
@@ -126,7 +126,7 @@ def _read_all(files: "Files") -> list[tuple["Model", "Evidence"]]:
     """Models and recordings; models before recordings, which take longer to read."""
     from tofmix.errors import BadInputError
     from tofmix.io.model_file import load_model
-    from tofmix.reconcile.joint import check_camera
+    from tofmix.reconciliation.joint import check_camera
 
     models = [load_model(model) for model, _ in files]
     for (name, _), model in zip(files, models, strict=True):
@@ -145,7 +145,7 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
 
     from tofmix.errors import BadInputError
     from tofmix.io.recording_file import open_recording
-    from tofmix.reconcile.evidence import make_evidence
+    from tofmix.reconciliation.evidence import make_evidence
 
     every = slice(0, None)
     with open_recording(measured) as file:
@@ -180,7 +180,7 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
 
 def _write(result: "Reconciliation", files: "Files", output: Path, overwrite: bool) -> None:
     from tofmix.io.reconciliation import write_folder
-    from tofmix.reconcile.words import effect_tables
+    from tofmix.reconciliation.words import effect_tables
     from tofmix.report.gap_page import render_gap
 
     texts = []
@@ -200,7 +200,7 @@ def _maps(result: "Reconciliation") -> "dict[str, FloatArray]":
     import numpy as np
 
     from tofmix.errors import BadInputError
-    from tofmix.reconcile.workflow import maps_of
+    from tofmix.reconciliation.workflow import maps_of
 
     maps: dict[str, FloatArray] = {}
     for effect in (*(e for m in result.models for e in m.effects), *(named.effect for named in result.named)):

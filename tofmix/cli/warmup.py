@@ -23,7 +23,7 @@ def warmup() -> None:
     from tofmix.io.model_file import load_model
     from tofmix.jit import cache_folder
     from tofmix.pipeline.kernels import compile_all
-    from tofmix.reconcile.warm_up import warm_up
+    from tofmix.reconciliation.warm_up import warm_up
 
     with announced():
         compile_all()

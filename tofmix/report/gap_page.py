@@ -2,9 +2,9 @@
 
 from importlib import import_module
 
-from tofmix.reconcile.name import Candidate
-from tofmix.reconcile.words import effect_tables, effect_text, headline, in_words, p_text, where_text
-from tofmix.reconcile.workflow import NamedEffect, Reconciliation
+from tofmix.reconciliation.name import Candidate
+from tofmix.reconciliation.words import effect_tables, effect_text, headline, in_words, p_text, where_text
+from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.report.templates import load_template
 
 
@@ -14,7 +14,7 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
     Parameters
     ----------
     result : Reconciliation
-        From `tofmix.reconcile.workflow.reconcile`.
+        From `tofmix.reconciliation.workflow.reconcile`.
     source : str
         Name of the recording, or names.
 

@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from tofmix.arrays import FloatArray
-from tofmix.reconcile.panel import Curve
-from tofmix.reconcile.workflow import Reconciliation
+from tofmix.reconciliation.panel import Curve
+from tofmix.reconciliation.workflow import Reconciliation
 from tofmix.report.theme import GAP_MAP, Theme, drawn, mark_no_data
 
 if TYPE_CHECKING:
-    from tofmix.reconcile.compare import Compared
+    from tofmix.reconciliation.compare import Compared
 
 _MOST = 6
 _MANY = 40  # bins: no marker for each

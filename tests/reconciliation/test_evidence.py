@@ -1,0 +1,50 @@
+"""What a recording must be to hold something out of it, and how it is split."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tofmix.errors import BadInputError
+from tofmix.reconciliation.evidence import make_evidence
+from tofmix.simulation.model import Model
+
+
+def test_samples_are_whole_millimetres_and_0_where_invalid(model: Model) -> None:
+    range_mm = np.full((40, 20, 24), 1000.4)
+    range_mm[3, 2, 1] = np.nan
+    range_mm[4, 0, 0] = 1e6
+    evidence = make_evidence(model, range_mm.astype(np.float32))
+    assert evidence.samples[3, 2 * 24 + 1] == 0
+    assert evidence.samples[4, 0] == 65_534
+    assert (np.delete(evidence.samples.ravel(), [3 * 480 + 49, 4 * 480]) == 1000).all()
+    np.testing.assert_allclose(evidence.time_s, np.arange(40) / model.recording.frame_rate_hz)
+
+
+def test_what_is_fitted_and_what_is_held_out_are_all_and_have_nothing_in_common(model: Model) -> None:
+    evidence = make_evidence(model, np.full((40, 20, 24), 1000.0, np.float32))
+    for split in ("frames", "pixels"):
+        cells = np.zeros(evidence.shape, dtype=int)
+        for fit in (True, False):
+            cells[np.ix_(*evidence.part(fit=fit, split=split))] += 1
+        assert (cells == 1).all(), split
+    fitted, held = (evidence.part(fit=fit, split="frames,pixels") for fit in (True, False))
+    assert not set(fitted[0]) & set(held[0])
+    assert not set(fitted[1]) & set(held[1])
+
+
+@pytest.mark.parametrize(
+    ("shape", "value", "times", "reason"),
+    [
+        ((40, 20, 23), 1000.0, None, "an image of 20 x 23 pixels; the model's camera has 20 x 24"),
+        ((3, 20, 24), 1000.0, None, "3 frames; at least"),
+        ((40, 20, 24), np.nan, None, "no sample is valid"),
+        ((40, 20, 24), 1000.0, np.zeros(40), "do not ascend"),
+        ((40, 20, 24), 1000.0, np.r_[0:39, np.nan], "do not ascend"),
+    ],
+)
+def test_refusals(
+    model: Model, shape: tuple[int, int, int], value: float, times: np.ndarray | None, reason: str
+) -> None:
+    with pytest.raises(BadInputError, match=reason):
+        make_evidence(replace(model), np.full(shape, value, np.float32), time_s=times)

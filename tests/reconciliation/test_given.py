@@ -1,0 +1,80 @@
+"""What the model has already is part of its prediction, of whatever kind: nothing is missing, or only what is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reconcile_errors import EFFECTS_OF
+from recordings import MAKE, Record
+
+from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.workflow import reconcile
+from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.effects.parameter import PixelMap
+from tofmix.simulation.model import Model
+
+IMAGE = (20, 24)
+BIASES = np.random.default_rng(7).normal(0, 8, IMAGE).astype(np.float32)
+STUCK = np.full(IMAGE, np.nan, dtype=np.float32)
+STUCK[3, 4], STUCK[10, 11] = 777, 2000
+
+GIVEN: dict[str, Effect] = {name: effects[0] for name, effects in EFFECTS_OF.items() if len(effects) == 1} | {
+    "phase_wrapping": MAKE["phase_wrapping"](),
+    "fixed_pattern, map": MAKE["fixed_pattern"](map=PixelMap("biases.npy", BIASES)),
+    "stuck_pixels": MAKE["stuck_pixels"](share=0.01),
+    "stuck_pixels, map": MAKE["stuck_pixels"](map=PixelMap("stuck.npy", STUCK)),
+    "motion, fast": MAKE["motion"](surface="middle", velocity_mm_s=200.0),
+    "pixel_crosstalk, strong": MAKE["pixel_crosstalk"](share=0.15),
+    "temporal_correlation, strong": MAKE["temporal_correlation"](coefficient=0.9),
+    "quantisation, coarse": MAKE["quantisation"](step_mm=80.0),
+}
+RIVALS = ("range_offset", "surface_pose", "excess_noise", "fixed_pattern", "temporal_correlation", "temperature_drift")
+
+
+def test_every_kind_is_tried() -> None:
+    assert {effect.kind for effect in GIVEN.values()} == set(EFFECTS)
+
+
+@pytest.mark.parametrize("given", GIVEN.values(), ids=GIVEN.keys())
+def test_a_recording_agrees_with_a_model_that_has_its_effect(model: Model, record: Record, given: Effect) -> None:
+    has = replace(model, effects=(given,))
+    result = reconcile(has, record(given, of=has, seed=3), Settings(kinds=RIVALS))
+    assert result.verified.verdict == "agree"
+
+
+@pytest.mark.parametrize(
+    "name", ["temperature_drift", "motion", "pixel_crosstalk", "interference", "temporal_correlation", "stuck_pixels"]
+)
+def test_what_a_model_lacks_is_found_beside_what_it_has(model: Model, record: Record, name: str) -> None:
+    """Effects in time, in bursts, with a memory, among neighbours and in single pixels."""
+    has = replace(model, effects=(GIVEN[name],))
+    result = reconcile(has, record(GIVEN[name], MAKE["range_offset"](offset_mm=8.0), of=has), Settings(kinds=RIVALS))
+    assert result.verified.verdict == "explained"
+    (named,) = result.named
+    assert named.parameters["offset_mm"] == pytest.approx(8.0, abs=4 * named.stderr["offset_mm"])
+
+
+@pytest.mark.parametrize(
+    ("given", "statistic"),
+    [
+        (MAKE["interference"](probability=0.5, sigma_mm=30.0, burst_frames=3.0), "bursts"),
+        (MAKE["temporal_correlation"](coefficient=0.5), "memory"),
+    ],
+    ids=lambda value: getattr(value, "kind", value),
+)
+def test_what_a_model_has_and_the_recording_has_not_is_said(
+    model: Model, record: Record, given: Effect, statistic: str
+) -> None:
+    result = reconcile(replace(model, effects=(given,)), record(), Settings(kinds=("range_offset",)))
+    assert result.verified.verdict == "unexplained"
+    assert any(place.statistic == statistic and place.size < -0.15 for place in result.where)
+
+
+def test_a_map_that_was_measured_agrees_with_the_next_recording(model: Model, record: Record) -> None:
+    """Its errors are those of so many frames; `--tolerance` covers them."""
+    kinds = ("fixed_pattern", "range_offset", "surface_pose")
+    pattern = MAKE["fixed_pattern"](map=PixelMap("biases.npy", BIASES))
+    first = reconcile(model, record(pattern), Settings(kinds=kinds))
+    (named,) = first.named
+    again = reconcile(replace(model, effects=(named.effect,)), record(pattern, seed=9), Settings(kinds=kinds))
+    assert again.verified.verdict == "agree"

@@ -1,0 +1,36 @@
+"""The step of quantised samples, against the one that made them."""
+
+import numpy as np
+import pytest
+from recordings import MAKE, Record
+
+from tofmix.reconciliation.lattice import find_lattice
+from tofmix.reconciliation.likelihood import Likelihood
+from tofmix.reconciliation.mixture import Scene
+from tofmix.simulation.model import Model
+
+
+@pytest.mark.parametrize("step", [1.83, 2.5, 7.3, 12.5, 29.2])
+def test_a_lattice_is_found(model: Model, record: Record, step: float) -> None:
+    evidence = record(MAKE["quantisation"](step_mm=step))
+    state = Likelihood(evidence, Scene(model, evidence.time_s)).start()
+    found = find_lattice(evidence, state)
+    assert found is not None
+    assert found.step_mm == pytest.approx(step, abs=0.5 * step**2 / 4000)  # the steps that round to the same values
+
+
+@pytest.mark.parametrize("step", [30.227108, 7.3291, 17.03])
+def test_every_value_is_a_rounded_multiple_of_the_step_that_is_found(model: Model, record: Record, step: float) -> None:
+    """Far multiples decide the last digits: one that rounds otherwise would leave its samples unexplained."""
+    evidence = record(MAKE["quantisation"](step_mm=step), MAKE["outliers"](probability=0.01))
+    found = find_lattice(evidence, Likelihood(evidence, Scene(model, evidence.time_s)).start())
+    assert found is not None
+    values = np.unique(evidence.samples[evidence.samples > 0]).astype(np.float64)
+    nearest = np.rint(np.rint(values / found.step_mm) * found.step_mm)
+    true = np.rint(np.rint(values / step) * step)
+    assert (nearest == values).sum() >= (true == values).sum() > 100
+
+
+def test_whole_millimetres_are_no_lattice(model: Model, record: Record) -> None:
+    evidence = record()
+    assert find_lattice(evidence, Likelihood(evidence, Scene(model, evidence.time_s)).start()) is None

@@ -1,0 +1,79 @@
+"""Where searches of each kind start, and what they leave alone."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recordings import MAKE, Record
+
+from tofmix.reconciliation.fits import fit
+from tofmix.reconciliation.likelihood import Likelihood
+from tofmix.reconciliation.mixture import Scene
+from tofmix.reconciliation.profiles import numeric
+from tofmix.reconciliation.searches import PROBLEMS, problems
+from tofmix.simulation.model import Model
+
+
+@pytest.fixture(scope="module")
+def lossy(model: Model, record: Record) -> Likelihood:
+    """A recording in which samples are lost and some far ones folded, so that every kind has something to look for."""
+    evidence = record(MAKE["dropout"](probability=0.05))
+    return Likelihood(evidence, Scene(model, evidence.time_s))
+
+
+@pytest.mark.parametrize("frames", [20, 25, 30])
+def test_a_drift_is_looked_for_in_few_frames_too(model: Model, record: Record, frames: int) -> None:
+    whole = record()
+    few = replace(
+        whole, samples=whole.samples[:frames], time_s=whole.time_s[:frames], fit_frames=whole.fit_frames[:frames]
+    )
+    likelihood = Likelihood(few, Scene(model, few.time_s))
+    (problem,) = problems("temperature_drift", likelihood, likelihood.scene.mixture())
+    for start in problem.starts:
+        assert problem.make(np.array(start)).kind == "temperature_drift"
+
+
+@pytest.mark.parametrize("kind", PROBLEMS)
+def test_every_start_is_an_effect_that_the_camera_may_have(model: Model, lossy: Likelihood, kind: str) -> None:
+    found = problems(kind, lossy, lossy.scene.mixture())
+    assert found or kind == "phase_wrapping"  # nothing is near the turn
+    for problem in found:
+        assert problem.starts
+        for start in problem.starts:
+            effect = problem.make(np.array(start))
+            assert effect.kind == kind
+            effect.check(model.sensor, lossy.scene.names)
+            assert len(problem.steps) == len(start)
+
+
+def test_without_a_modulation_frequency_no_effect_of_the_phase_is_looked_for(model: Model, record: Record) -> None:
+    evidence = record()
+    sensor = replace(model.sensor, modulation_frequency_hz=None)
+    likelihood = Likelihood(evidence, Scene(replace(model, sensor=sensor), evidence.time_s))
+    mixture = likelihood.scene.mixture()
+    for kind in ("wiggling", "multipath", "phase_wrapping", "scattering"):
+        assert problems(kind, likelihood, mixture) == []
+    assert problems("range_offset", likelihood, mixture)
+
+
+def test_where_no_sample_is_lost_none_is_looked_for(model: Model, record: Record) -> None:
+    evidence = record()
+    evidence.samples[evidence.samples == 0] = 1000
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    for kind in ("dropout", "saturation"):
+        assert problems(kind, likelihood, likelihood.scene.mixture()) == []
+
+
+def test_dark_surfaces_reflect_no_light_that_ranges_could_walk_with(model: Model, record: Record) -> None:
+    dark = replace(model, surfaces=tuple(replace(s, reflectivity=0.0) for s in model.surfaces))
+    evidence = record()
+    likelihood = Likelihood(evidence, Scene(dark, evidence.time_s))
+    assert problems("amplitude_walk", likelihood, likelihood.scene.mixture()) == []
+
+
+def test_the_fit_of_a_loss_is_the_share_that_is_lost(lossy: Likelihood) -> None:
+    by_chance, _ = problems("dropout", lossy, lossy.scene.mixture())
+    whole = np.arange(lossy.evidence.shape[0]), np.arange(lossy.evidence.shape[1])
+    found = fit(by_chance, lossy, lossy.start(), whole)
+    assert numeric(found.effect)["probability"] == pytest.approx(0.05, abs=0.003)
+    assert found.value > lossy.value(lossy.start(), whole) + 1000

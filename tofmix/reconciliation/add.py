@@ -1,0 +1,312 @@
+"""Step 4, forward: add effects one by one while they gain.
+
+An effect is added if its held-out gain, less the price of its parameters, is above what chance gives among all that
+was tried, above what a model within its tolerance gains, and no mere crumb of what was gained so far. A fixed
+pattern, which can stand for any static bias, must leave every structured effect that gains beside it the precedence.
+
+Where two effects are hidden, a third may gain more than either alone, and taken first it stands in the way of both. So
+close rivals of earlier effects are tried again beside the later ones, and where no explanation is reached, the search
+begins anew with other candidates.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.reconciliation.beside import ALIAS_NATS, best_beside, settled_within, together, with_the_others, worth
+from tofmix.reconciliation.compare import Compared, compare
+from tofmix.reconciliation.drop import drop, exchange
+from tofmix.reconciliation.joint import views
+from tofmix.reconciliation.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.localise import disagreements
+from tofmix.reconciliation.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, recast, tolerated
+from tofmix.reconciliation.refit import begin, refit
+from tofmix.reconciliation.static_fits import STATIC
+from tofmix.reconciliation.way import CRUMB, EXACT, LOST, Settings, Way, fit_part, held_out, name_of
+from tofmix.simulation.effects.excess_noise import ExcessNoise
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.quantisation import Quantisation
+from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
+
+_PARTNER = {"temperature_drift": "range_offset", "motion": "surface_pose"}
+"""What is static in an effect that changes in time, by whose numbers it may pass for a part of it."""
+
+_TRIED = 4  # rivals that are looked at with the model within its tolerance
+_FAIR = 0.5  # share of the best candidate's score from which another may begin a way
+
+_COVERED = 0.999  # share of the beam that surfaces fill
+_ALIAS_SHARE = 0.002
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Added:
+    """What came of the way.
+
+    Parameters
+    ----------
+    state : State
+        The model with the effects that were added.
+    chosen : tuple of Candidate
+        They, in the order of their adding.
+    first : tuple of Candidate
+        All candidates of the first round, best first.
+    aliases : tuple of tuple of Candidate
+        Candidates that the recording cannot tell from a chosen one, which stands first.
+    panel : Compared
+        Panel of the refined model, on held-out frames, moved within its tolerance to where it fits them best.
+    """
+
+    state: State
+    chosen: tuple[Candidate, ...]
+    first: tuple[Candidate, ...]
+    aliases: tuple[tuple[Candidate, ...], ...]
+    panel: Compared
+
+
+def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] = lambda _: None) -> Iterator[Added]:
+    """Ways of adding effects until the panel agrees, nothing gains, or there are enough; each when it is asked for.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recording and the scene.
+    settings : Settings
+        How.
+    tick : callable
+        Told of each kind that was tried.
+    """
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+    best = Way(likelihood, settings, tick, start)
+    yield _followed(best)
+    other = _beginning(best)
+    if other is not None:
+        way = Way(likelihood, settings, tick, start, first=best.first)
+        likelihood.scene.anchor(way.state.effects)
+        _take(way, _Taken((other,), _near(other, best.first)), best.first)
+        yield _followed(way)
+
+
+def _beginning(best: Way) -> Candidate | None:
+    """The next candidate of the first round to begin with, of another kind than the best way did.
+
+    A fixed pattern is none: it takes all that is static, whatever it is.
+    """
+    if best.begun is None:
+        return None
+    kinds = (best.begun.kind, FixedPattern.kind)
+    other = next((c for c in best.first if c.kind not in kinds), None)
+    return other if other is not None and other.score > _FAIR * best.begun.score else None
+
+
+def _followed(way: Way) -> Added:
+    """Go on from where a search stands to its end."""
+    likelihood, settings = way.likelihood, way.settings
+    held = held_out(likelihood, settings)
+    stood: list[list[tuple[str, str]]] = []
+    while True:
+        # The test asks whether any model within the tolerance agrees with these frames: fitted to others, it would
+        # bring the chance of those along
+        near = settled_within(likelihood, way.state, way.chosen, held, settings.tolerance)
+        panel = compare(likelihood, near, _covered(likelihood, way.state, held), seed=settings.seed)
+        if not disagreements(panel, settings.alpha) or len(way.chosen) >= settings.max_effects:
+            break
+        names = sorted(name_of(c) for c in way.chosen)
+        if names in stood or not _round(way):  # what was added before was dropped again
+            break
+        stood.append(names)
+    kept = {c.kind for c in way.chosen}
+    return Added(
+        state=way.state, chosen=tuple(way.chosen), first=way.first,
+        aliases=tuple(group for group in way.aliases if group[0].kind in kept), panel=panel,
+    )  # fmt: skip
+
+
+def _covered(likelihood: Likelihood, state: State, part: Part) -> Part:
+    """The part without pixels that see nothing, where the noise was scaled.
+
+    The law of `excess_noise` leaves samples without a return as they are; light that adds noise does not. What
+    they show then speaks of the law, not of the name.
+    """
+    if not any(isinstance(e, ExcessNoise) for e in state.effects):
+        return part
+    lit = np.ones(likelihood.evidence.shape[1], dtype=bool)
+    for view in views(likelihood, likelihood.scene.mixture(), part):
+        lit &= (view.mixture.weight[0] * view.mixture.lit[0]).sum(axis=0) > _COVERED
+    pixels = part[1][lit[part[1]]]
+    return (part[0], pixels) if pixels.size else part
+
+
+def _round(way: Way) -> bool:
+    """Try all kinds and add the best, if it is good enough."""
+    settings, likelihood = way.settings, way.likelihood
+    trial = begin_trial(likelihood, way.state, settings.split, settings.seed)
+    near = tolerated(likelihood, way.state, fit_part(likelihood, settings), settings.tolerance)
+    allowed = max(0.0, likelihood.value(near, trial.test_part) - trial.base)
+    tried = candidates(trial, settings.kinds, way.tick)
+    found = _recast(trial, with_the_others(trial, way.chosen, tried))
+    chance = math.log(max(len(found), 1) / settings.alpha)
+    crumb = CRUMB * sum(c.gain for c in way.chosen if c.kind not in (*EXACT, *LOST))
+    lost = CRUMB * sum(c.gain for c in way.chosen if c.kind not in EXACT)
+    found = [c for c in found if c.kind not in LOST or c.score > lost]
+    needed = max(allowed + chance, crumb)
+    found, beyond = _tolerant(way, trial, found, near)
+    way.first = way.first or tuple(found)
+    if not found:
+        return False
+    if found[0].score <= needed and beyond <= max(chance, crumb):
+        faint = _faint_pattern(way, found, near, needed)
+        if faint is not None:
+            _take(way, _Taken((faint,), ()), found)
+        return faint is not None
+    taken = _best(way, trial, found, near, needed)
+    if len(taken.best) == 1 and taken.best[0].score <= needed:
+        taken = _Taken((found[0],), _near(found[0], found))
+    _take(way, _with_partner(way, trial, taken, max(chance, crumb)), found)
+    return True
+
+
+def _faint_pattern(way: Way, found: Sequence[Candidate], near: State, needed: float) -> Candidate | None:
+    """A fixed pattern that the held-out pixels are too few for, but which gains enough over all of them.
+
+    Its values being integrated out, it needs no pixels that are held out, as laws of few numbers need none.
+    """
+    pattern = next((c for c in found if c.kind == FixedPattern.kind), None)
+    if pattern is None:
+        return None
+    parts = fit_part(way.likelihood, way.settings), held_out(way.likelihood, way.settings)
+    mixture = way.likelihood.scene.mixture(near.effects)
+    bare, patterned = (worth(way.likelihood, near, mixture, parts, patterned=p) for p in (False, True))
+    gain = patterned - bare - PRICE_NATS * pattern.parameters
+    return pattern if gain > needed else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Taken:
+    """What a round takes, and what the recording cannot tell from the first of it."""
+
+    best: tuple[Candidate, ...]
+    aliases: tuple[Candidate, ...]
+
+
+def _with_partner(way: Way, trial: Trial, taken: _Taken, needed: float) -> _Taken:
+    """An effect that changes in time, and with it its static partner, where that gains beside it as any other would.
+
+    Alone, the effect may take up so much of both that the panel agrees, with the wrong numbers.
+    """
+    first, likelihood = taken.best[0], trial.likelihood
+    if len(taken.best) > 1 or first.kind not in _PARTNER or first.fitted is None:
+        return taken
+    likelihood.scene.anchor(first.state.effects)
+    mixture = likelihood.scene.mixture(first.state.effects)
+    base = likelihood.value(first.state, trial.test_part, mixture)
+    now = replace(trial, state=first.state, mixture=mixture, base=base)
+    surface = getattr(first.effect, "surface", "")
+    found = (c for c in candidates(now, (_PARTNER[first.kind],)) if getattr(c.effect, "surface", "") == surface)
+    both = [together(now, [*(first.others or way.chosen), first], c) for c in found]
+    near = tolerated(likelihood, first.state, fit_part(likelihood, way.settings), way.settings.tolerance)
+    allowed = max(0.0, likelihood.value(near, trial.test_part) - base)
+    likelihood.scene.anchor(trial.state.effects)
+    if not both or not both[0].others or both[0].score <= allowed + needed:
+        return taken
+    *others, first = both[0].others
+    state = replace(both[0].state, effects=both[0].state.effects[:-1])
+    return _Taken((replace(first, state=state, others=tuple(others)), both[0]), taken.aliases)
+
+
+def _recast(trial: Trial, found: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates, best first, those that move a surface with its edges, if they are among the best."""
+    fair = max((_FAIR * c.score for c in found[:1]), default=0.0)
+    cast_ = [recast(trial, c) if c.score > fair else c for c in found]
+    return sorted(cast_, key=lambda c: -c.score)
+
+
+def _tolerant(way: Way, trial: Trial, found: list[Candidate], near: State) -> tuple[list[Candidate], float]:
+    """The candidates, first the one that is best in a model that may move within its tolerance; what it gains there.
+
+    A law of more numbers follows the errors of the model's poses too, by which it gains over the simple one that is
+    there; of a model that has taken them up already, it gains nothing.
+    """
+    likelihood, tolerance = way.likelihood, way.settings.tolerance
+    if tolerance <= 0 or not found or found[0].kind not in STATIC:
+        return found, -math.inf
+    part, test = fit_part(likelihood, way.settings), trial.test_part
+    static = [c for c in found if c.kind in STATIC and c.fitted is not None and c.gain > 0]
+    simple = [c for c in static if c.parameters <= found[0].parameters]
+    offset = [c for c in simple[_TRIED:] if c.kind == RangeOffset.kind]
+    scored = []
+    for c in (*simple[:_TRIED], *offset):
+        likelihood.scene.anchor(c.state.effects)
+        moved = settled_within(likelihood, c.state, [*way.chosen, c], part, tolerance)
+        scored.append((likelihood.value(moved, test) - PRICE_NATS * c.parameters, c))
+    likelihood.scene.anchor(trial.state.effects)
+    if not scored:
+        return found, -math.inf
+    score, best = max(scored, key=lambda pair: pair[0])
+    beyond = score - likelihood.value(near, test)
+    if found[0].fitted is None:
+        return found, beyond
+    return [best, *(c for c in found if c is not best)], beyond
+
+
+def _take(way: Way, taken: _Taken, found: Sequence[Candidate]) -> None:
+    """Add candidates to the model, as far as there is room, and fit all anew."""
+    best = taken.best[: way.settings.max_effects - len(way.chosen)]
+    way.begun = way.begun or best[0]
+    if taken.aliases:
+        way.aliases.append((best[0], *taken.aliases))
+    state = best[0].state
+    for candidate in best[1:]:  # one that goes with it: all are fitted anew
+        state = replace(state, effects=(*state.effects, candidate.effect))
+    way.chosen = list(best[0].others) or way.chosen
+    for candidate in best:
+        way.chosen.append(candidate)
+        way.rivals.append(tuple(c for c in found if name_of(c) not in {name_of(b) for b in best}))
+    way.state = state
+    part = fit_part(way.likelihood, way.settings)
+    way.state, way.chosen = refit(way.likelihood, way.state, way.chosen, part)
+    exchange(way, part)
+    drop(way)
+
+
+def _best(way: Way, trial: Trial, found: Sequence[Candidate], near: State, needed: float) -> _Taken:
+    """The best candidate; before a fixed pattern, a structured effect that gains beside it.
+
+    Before all of them pixels that hold one value: there is no doubt of them, and to a pattern they are large biases.
+    Only a lattice goes before these, which holds pixels at one value too.
+    """
+    sure = {c.kind: c for c in found if c.score > 0}
+    if StuckPixels.kind in sure:
+        first = sure.get(Quantisation.kind, sure[StuckPixels.kind])
+        return _Taken((first,), _near(first, found))
+    if found[0].kind == FixedPattern.kind:
+        parts = fit_part(way.likelihood, way.settings), held_out(way.likelihood, way.settings)
+        beside = best_beside(trial, way.chosen, found, parts, near)
+        if beside is not None:
+            # The pattern's turn comes when no more gain beside it, unless it hides the effect
+            if not beside.patterned or beside.first.score > needed:
+                return _Taken((beside.first,), beside.rivals)
+            return _Taken((beside.first, _second(way, trial, found, beside.first, parts)), beside.rivals)
+    return _Taken((found[0],), _near(found[0], found))
+
+
+def _second(
+    way: Way, trial: Trial, found: Sequence[Candidate], first: Candidate, parts: tuple[Part, Part]
+) -> Candidate:
+    """What goes with an effect that a fixed pattern hides: another effect that gains beside both, or the pattern."""
+    likelihood = trial.likelihood
+    likelihood.scene.anchor(first.state.effects)
+    now = replace(trial, state=first.state, mixture=likelihood.scene.mixture(first.state.effects))
+    near = tolerated(likelihood, first.state, parts[0], way.settings.tolerance)
+    rest = [c for c in found if c.kind in STATIC and name_of(c) != name_of(first)]
+    beside = best_beside(now, [*way.chosen, first], rest, parts, near)
+    likelihood.scene.anchor(trial.state.effects)
+    return found[0] if beside is None else beside.first
+
+
+def _near(best: Candidate, found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Candidates of other kinds that gain as much."""
+    limit = max(ALIAS_NATS, _ALIAS_SHARE * best.gain)
+    return tuple(c for c in found if c.kind != best.kind and abs(best.gain - c.gain) < limit)

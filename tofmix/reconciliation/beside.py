@@ -1,0 +1,298 @@
+"""Effects beside a fixed pattern: fitted to biases that it may have, and judged with its values integrated out.
+
+A fixed pattern can stand for any static bias. An effect that is fitted without it follows its columns and rows as if
+they were its own, and one that is then judged beside it has the wrong numbers. So the numbers are fitted to the
+biases of all pixels by generalised least squares, with the pattern and the noise as covariance.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
+
+from tofmix.reconciliation import links
+from tofmix.reconciliation.fits import Fitted, fit
+from tofmix.reconciliation.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.mixture import Mixture
+from tofmix.reconciliation.name import PRICE_NATS, Candidate, Trial, tolerated
+from tofmix.reconciliation.pixel_pattern import pixel_biases, with_pattern
+from tofmix.reconciliation.refit import refit
+from tofmix.reconciliation.static_fits import STATIC, StaticFits, spreads
+from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.motion import Motion
+from tofmix.simulation.effects.temperature_drift import TemperatureDrift
+
+if TYPE_CHECKING:
+    from tofmix.simulation.effects.fixed_pattern import FixedPattern
+
+ALIAS_NATS = 6.0
+"""Gains that are nearer are not told apart."""
+
+_PARTLY = ("temperature_drift", "motion")  # kinds that change in time, and of which a part is static
+_EACH = 3  # turns of static effects and the model within its tolerance, and of a drift begun anew beside the others
+_FAIR = 0.5  # share of the best score from which what changes in time is worth a fit with all the others
+_TRIED = 3  # of the best static ones
+_CLEAR_NATS, _CLEAR_SHARE = 10.0, 0.0001  # beyond what the pattern gains, for an effect that is put before it
+
+
+def worth(
+    likelihood: Likelihood, state: State, mixture: Mixture, parts: tuple[Part, Part], *, patterned: bool
+) -> float:
+    """Log-likelihood of what no fit has seen, a pattern of free spreads integrated out.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the recording.
+    state : State
+        Without a pattern.
+    mixture : Mixture
+        Its prediction.
+    parts : two of (frames, pixels)
+        What fits may see, and what they may not, of all pixels: laws of few numbers need none held out.
+    patterned : bool
+        Whether there is a pattern.
+    """
+    fit, test = parts
+    bare = likelihood.value(state, test, mixture)
+    if not patterned:
+        return bare
+    biases = pixel_biases(likelihood, mixture, state, test)
+    seen = biases if fit is test else pixel_biases(likelihood, mixture, state, fit)
+    pattern = links.fit_spreads(seen, likelihood.evidence.image)
+    if pattern is None:
+        return bare
+    return bare + with_pattern(biases, likelihood.evidence.image, spreads(pattern[0]))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Beside:
+    """What a round found beside a fixed pattern.
+
+    Parameters
+    ----------
+    first : Candidate
+        The best effect beside it, with the numbers that it has there.
+    patterned : bool
+        Whether the pattern still gains beside it.
+    rivals : tuple of Candidate
+        Those of other kinds that gain there as much, but for `ALIAS_NATS`.
+    """
+
+    first: Candidate
+    patterned: bool
+    rivals: tuple[Candidate, ...]
+
+
+def best_beside(
+    trial: Trial, chosen: Sequence[Candidate], found: Sequence[Candidate], parts: tuple[Part, Part], near: State
+) -> Beside | None:
+    """The effect that gains most beside a fixed pattern; None if none clearly does.
+
+    Parameters
+    ----------
+    trial : Trial
+        The round.
+    chosen : sequence of Candidate
+        The state's effects, in its order.
+    found : sequence of Candidate
+        Its candidates, a fixed pattern first.
+    parts : two of (frames, pixels)
+        What fits may see, and what they may not, of all pixels.
+    near : State
+        The model within its tolerance, where it fits best: what it explains beside the pattern needs no effect.
+    """
+    likelihood = trial.likelihood
+    pattern, others = found[0], [c for c in found[1:] if c.fitted is not None]
+    unseen = parts[1], parts[1]  # three spreads for all pixels: fitted to what is unseen, they favour none of all these
+    nothing = worth(likelihood, trial.state, trial.mixture, unseen, patterned=False)
+    about = links.fit_pattern(likelihood, trial.mixture, trial.state, parts[0])
+    effect = cast("FixedPattern", pattern.effect) if about is None else about[0]
+    fits = _Fits(trial, chosen, parts[0], effect)
+    settled = fits.settled()
+    alone, tolerable = (
+        worth(likelihood, state, likelihood.scene.mixture(state.effects), unseen, patterned=True)
+        for state in (settled, near)
+    )
+    tried: list[tuple[float, Candidate]] = []
+    for other in _worth_a_look(others, fits):
+        price = PRICE_NATS * other.parameters
+        needed = price + _CLEAR_NATS + _CLEAR_SHARE * max(alone - nothing, 0.0)
+        likelihood.scene.anchor(other.state.effects)  # a pose has edges of its own
+        mixture = likelihood.scene.mixture(other.state.effects)
+        value = worth(likelihood, other.state, mixture, unseen, patterned=True)
+        if value - alone > needed and value - price > tolerable:
+            tried.append((value - price, other))
+    likelihood.scene.anchor(trial.state.effects)
+    if not tried:
+        return None
+    top, first = max(tried, key=lambda pair: pair[0])
+    as_good = {c.kind: c for value, c in tried if value > top - ALIAS_NATS and c.kind != first.kind}
+    return Beside(first=first, patterned=_still_gains(trial, first, unseen), rivals=tuple(as_good.values()))
+
+
+def _still_gains(trial: Trial, other: Candidate, unseen: tuple[Part, Part]) -> bool:
+    """Whether a pattern clearly gains beside an effect, which has the numbers for that."""
+    likelihood = trial.likelihood
+    likelihood.scene.anchor(other.state.effects)
+    mixture = likelihood.scene.mixture(other.state.effects)
+    without, with_ = (
+        worth(likelihood, other.state, mixture, unseen, patterned=patterned) for patterned in (False, True)
+    )
+    likelihood.scene.anchor(trial.state.effects)
+    return with_ - without > 3 * PRICE_NATS + _CLEAR_NATS
+
+
+def _worth_a_look(others: Sequence[Candidate], fits: "_Fits") -> list[Candidate]:
+    """The static ones that are best by biases beside a pattern, with their numbers there; and the best by themselves.
+
+    Of those that are not static, the best of each kind: beside a pattern, by which all the others have lost more, one
+    that is far behind alone may be the first.
+    """
+    gaining = [c for c in others if c.gain > PRICE_NATS * c.parameters + _CLEAR_NATS]
+    moving = {c.kind: c for c in reversed(gaining) if c.kind not in STATIC}
+    alone = [*[c for c in gaining if c.kind in STATIC][:1], *moving.values()]
+    moved = [fits.beside(c) for c in others if c.kind in STATIC]
+    moved.sort(key=lambda pair: PRICE_NATS * pair[1].parameters - pair[0])
+    return [c for gain, c in moved[:_TRIED] if gain > PRICE_NATS * c.parameters] + alone
+
+
+def settled_within(
+    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], part: Part, tolerance: float
+) -> State:
+    """The model moved within its tolerance to where it fits best, the static effects' numbers fitted anew meanwhile.
+
+    Numbers that were fitted to the model as given have followed the errors of its poses: they may be off by more than
+    the tolerance leaves room for.
+
+    Parameters as of `tofmix.reconciliation.name.tolerated`, and `chosen`: the state's effects, in its order.
+    """
+    best = tolerated(likelihood, state, part, tolerance)
+    fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.kind in STATIC}
+    if tolerance <= 0 or not fits or state.pixel_bias.any():
+        return best
+    *before, last = fits
+    value, near = likelihood.value(best, part), best
+    for _ in range(_EACH):
+        static = StaticFits(likelihood, near, likelihood.scene.mixture(near.effects), part)
+        _, fitted, others = static.fitted(fits[last], {k: fits[k] for k in before}, place=last)
+        fits = {**others, last: fitted}
+        effects = tuple(fits[k].effect if k in fits else e for k, e in enumerate(state.effects))
+        near = tolerated(likelihood, replace(state, effects=effects), part, tolerance)
+        now = likelihood.value(near, part)
+        if now <= value:
+            break
+        value, best = now, near
+    return best
+
+
+class _Fits:
+    """Fits of candidates together with the static effects that the model has, a pattern beside or none."""
+
+    def __init__(
+        self, trial: Trial, chosen: Sequence[Candidate], part: Part, pattern: "FixedPattern | None" = None
+    ) -> None:
+        self._state = trial.state
+        self.old = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.kind in STATIC}
+        self._fits = StaticFits(trial.likelihood, trial.state, trial.mixture, part, pattern)
+
+    def beside(self, candidate: Candidate) -> tuple[float, Candidate]:
+        """What a candidate gains by the biases, and it with its numbers, and the model's, that do."""
+        if candidate.fitted is None:
+            return -math.inf, candidate
+        gain, fitted, others = self._fits.fitted(candidate.fitted, self.old)
+        state = replace(candidate.state, effects=(*self._effects(others), fitted.effect))
+        return gain, replace(candidate, effect=fitted.effect, fitted=fitted, state=state)
+
+    def settled(self) -> State:
+        """The model with its own static effects fitted anew."""
+        if not self.old:
+            return self._state
+        *before, last = self.old
+        rest = {place: self.old[place] for place in before}
+        _, fitted, others = self._fits.fitted(self.old[last], rest, place=last)
+        return replace(self._state, effects=self._effects({**others, last: fitted}))
+
+    def _effects(self, fits: Mapping[int, Fitted]) -> tuple[Effect, ...]:
+        return tuple(fits[k].effect if k in fits else e for k, e in enumerate(self._state.effects))
+
+
+def with_the_others(trial: Trial, chosen: Sequence[Candidate], found: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates, best first, scored with those effects of the model fitted anew that may have a part of theirs.
+
+    What stands may have taken a part of what a candidate is: a surface's pose, of an offset; a drift, of whatever is
+    static. With that kept, another candidate that spares the surface would do better.
+
+    Parameters
+    ----------
+    trial : Trial
+        The round.
+    chosen : sequence of Candidate
+        The state's effects, in its order.
+    found : sequence of Candidate
+        This round's candidates.
+    """
+    likelihood, state = trial.likelihood, trial.state
+    if state.pixel_bias.any():
+        return list(found)
+    fits = _Fits(trial, chosen, trial.fit_part)
+    out = []
+    for candidate in found:
+        better = candidate
+        if fits.old and candidate.fitted is not None and candidate.kind in STATIC:
+            moved = fits.beside(candidate)[1]
+            gain = likelihood.value(moved.state, trial.test_part) - trial.base
+            better = replace(moved, gain=gain) if gain > candidate.gain else candidate
+        out.append(better)
+    fair = max((_FAIR * c.score for c in found[:1]), default=0.0)
+    static = sorted((c for c in out if c.kind in STATIC and c.score > 0), key=lambda c: -c.score)[:_TRIED]
+    worthy = [c for c in out if c in static or (c.kind in _PARTLY and c.score > fair)]
+    return sorted((together(trial, chosen, c) if c in worthy else c for c in out), key=lambda c: -c.score)
+
+
+def together(trial: Trial, chosen: Sequence[Candidate], candidate: Candidate) -> Candidate:
+    """A candidate fitted with all that the model has, where one of both changes in time and the other is static.
+
+    A drift is static in part, and so is a motion. Fitted first, it took up what is static too, and a static effect that
+    came first what it has of that.
+
+    Parameters
+    ----------
+    trial : Trial
+        The round.
+    chosen : sequence of Candidate
+        The state's effects, in its order.
+    candidate : Candidate
+        One of this round.
+    """
+    if candidate.fitted is None or not any(c.fitted is not None and _share(c, candidate) for c in chosen):
+        return candidate
+    likelihood, best, now = trial.likelihood, candidate, [*chosen, candidate]
+    for _ in range(_EACH):
+        state, now = refit(likelihood, replace(trial.state, effects=tuple(c.effect for c in now)), now, trial.fit_part)
+        gain = likelihood.value(state, trial.test_part) - trial.base
+        if gain > best.gain:
+            best = replace(now[-1], state=state, gain=gain, others=tuple(now[:-1]))
+        drift = next((k for k, c in enumerate(now) if c.kind == TemperatureDrift.kind), None)
+        if drift is None:
+            break
+        now[drift] = _begun_anew(trial, now, drift)
+    likelihood.scene.anchor(trial.state.effects)
+    return best
+
+
+def _begun_anew(trial: Trial, now: Sequence[Candidate], number: int) -> Candidate:
+    """One of the candidates, searched for from all its starts beside the others, by which it has another shape."""
+    old = now[number]
+    if old.fitted is None:
+        return old
+    rest = replace(trial.state, effects=tuple(c.effect for k, c in enumerate(now) if k != number))
+    fitted = fit(old.fitted.problem, trial.likelihood, rest, trial.fit_part)
+    return replace(old, effect=fitted.effect, fitted=fitted)
+
+
+def _share(old: Candidate, new: Candidate) -> bool:
+    """Whether one of two effects is static and the other in part, of the same surface if a motion came first."""
+    if old.kind == Motion.kind:
+        return new.kind in STATIC and getattr(old.effect, "surface", "") == getattr(new.effect, "surface", None)
+    return (old.kind in _PARTLY and new.kind in STATIC) or (old.kind in STATIC and new.kind in _PARTLY)

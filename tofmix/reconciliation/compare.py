@@ -1,0 +1,101 @@
+"""Step 1: hold a recording against a model, by normal scores, and sum them up in a panel of statistics.
+
+A sample's probability integral transform under the model's own predictive distribution of its pixel gives a
+standard normal score if the model is right; what the scores are summed up to is in `tofmix.reconciliation.panel`.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.reconciliation.joint import View, views
+from tofmix.reconciliation.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.memory import memory_of, one_surface, whitened
+from tofmix.reconciliation.mixture import Mixture
+from tofmix.reconciliation.panel import Curve, discreteness, invalid, neighbours, panel_axes, shapes
+from tofmix.reconciliation.panel_between import bridging
+from tofmix.reconciliation.panel_lines import lines
+from tofmix.reconciliation.panel_time import burst_share, in_time
+from tofmix.reconciliation.telling import telling_of
+from tofmix.simulation.effects.pixel_crosstalk import PixelCrosstalk
+
+_FAR = np.float32(4.0)  # scores beyond count as this: fourth powers must not hang on one sample
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Compared:
+    """Scores of a part and what they sum up to."""
+
+    curves: tuple[Curve, ...]
+    pattern: FloatArray  # (recording, pixel) mean score, NaN outside the part
+    part: Part
+
+    @property
+    def gap(self) -> float:
+        """Root mean square of the panel's distances: 1 by chance."""
+        return float(np.sqrt(np.mean([c.distance**2 for c in self.curves])))
+
+
+def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixture: Mixture | None = None) -> Compared:
+    """Compare a part of a recording with a state.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recording and the scene.
+    state : State
+        The model as it stands.
+    part : (frames, pixels)
+        What to compare; held out of every fit, for an honest gap. Each recording has curves of its own.
+    seed : int
+        For the draws within cells of whole mm.
+    mixture : Mixture, optional
+        The state's, if it is at hand.
+    """
+    m = likelihood.scene.mixture(state.effects) if mixture is None else mixture
+    memory = memory_of(state)
+    scored = (np.arange(likelihood.evidence.shape[0]), part[1]) if memory else part
+    z = likelihood.scores(state, scored, seed, m)
+    curves: list[Curve] = []
+    pattern = np.full((len(likelihood.evidence.starts), likelihood.evidence.shape[1]), np.nan)
+    for view in views(likelihood, m, part):
+        own = z[view.frames] if not memory else whitened(z[view.frames], view.mixture, memory)
+        own = np.clip(own[view.part[0]][:, view.part[1]], -_FAR, _FAR)
+        gains = telling_of(own, view.evidence, view.mixture, view.part)
+        crossed = any(e.kind == PixelCrosstalk.kind for e in (*view.scene.effects, *state.effects))
+        apart = _apart(own, view) if crossed else own
+        curves += [
+            replace(c, recording=view.number, telling=gains.get((c.statistic, c.axis)))
+            for c in _curves(own, apart, view, state)
+        ]
+        with np.errstate(invalid="ignore"):
+            pattern[view.number, part[1]] = np.nansum(own, axis=0) / np.maximum(np.isfinite(own).sum(axis=0), 1)
+    return Compared(curves=tuple(curves), pattern=pattern, part=part)
+
+
+def _apart(z: Float32Array, view: View) -> Float32Array:
+    """Scores without those of pixels that see, or are next to one that sees, several surfaces.
+
+    Where light leaks into neighbours, these show together which surface was drawn.
+    """
+    alone = one_surface(view.mixture).reshape(view.evidence.image)
+    framed = np.pad(alone, 1, mode="edge")
+    alone = alone & framed[:-2, 1:-1] & framed[2:, 1:-1] & framed[1:-1, :-2] & framed[1:-1, 2:]
+    return np.where(alone.ravel()[view.part[1]], z, np.float32(np.nan))
+
+
+def _curves(z: Float32Array, apart: Float32Array, view: View, state: State) -> Iterator[Curve]:
+    """The panel of one recording's scores (frame, pixel) of its part; of some apart, how they go together."""
+    evidence, m, part = view.evidence, view.mixture, view.part
+    axes = list(panel_axes(evidence, m, part))
+    yield from shapes(z, axes, m, state, part)
+    yield from in_time(apart, evidence, part, m)
+    if state.bursts is not None:
+        yield from burst_share(state.disturbed[view.frames], state.bursts)
+    yield from invalid(evidence, m, state, axes, part)
+    yield from neighbours(apart, evidence, part)
+    yield from lines(apart, evidence, part)
+    yield from bridging(evidence, m, state, axes, part)
+    yield from discreteness(evidence, part, m, state)

@@ -1,0 +1,221 @@
+"""Log-likelihood of a recording under a model with effects, with what links samples integrated out.
+
+One compiled pass gives each pixel's and frame's log-likelihood with its slope and information against a bias. On
+these stand the latent states: whether a frame is disturbed (hidden Markov chain), what bias a pixel has of its own
+(Gaussian, in `tofmix.reconciliation.pixel_pattern`), which pixels are stuck, and the memory of the noise.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.special import ndtri
+
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.reconciliation.bursts import forward
+from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.kernel import Sorted, empty_sums, log_likelihood, sort_pixels, transform
+from tofmix.reconciliation.mixture import Mixture, Scene
+from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.interference import Interference
+
+if TYPE_CHECKING:
+    from tofmix.reconciliation.joint import Scenes
+    from tofmix.reconciliation.witnesses import Witness
+
+_CHUNKS = 2  # fixed, so that sums do not depend on the number of threads
+_THREADS = 2
+
+
+@lru_cache(maxsize=1)
+def _pool() -> ThreadPoolExecutor:
+    """Threads for all passes: there are thousands, and a thread takes as long to start as a small pass."""
+    return ThreadPoolExecutor(_THREADS)
+
+
+Part = tuple[IntArray, IntArray]
+"""Frames and pixels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class State:
+    """The model as it stands: effects, and the latent states that were found for them.
+
+    Parameters
+    ----------
+    effects : tuple of Effect
+        Effects beyond those of the model.
+    given : tuple of Effect
+        Those of the model that link samples.
+    pixel_bias : (pixel,) float64
+        Known bias of each pixel, mm.
+    pixel_variance : (pixel,) float64
+        Variance of what is known of it, mm2.
+    stuck_mm : (pixel,) float64
+        Value of stuck pixels, NaN for the others.
+    disturbed : (frame,) float64
+        Probability that a frame is disturbed; used for scores.
+    """
+
+    effects: tuple[Effect, ...]
+    given: tuple[Effect, ...]
+    pixel_bias: FloatArray
+    pixel_variance: FloatArray
+    stuck_mm: FloatArray
+    disturbed: FloatArray
+
+    @property
+    def linking(self) -> tuple[Effect, ...]:
+        """All effects that may link samples, the model's own first."""
+        return (*self.given, *self.effects)
+
+    @property
+    def bursts(self) -> Interference | None:
+        """What disturbs frames."""
+        return next((e for e in self.linking if isinstance(e, Interference)), None)
+
+    @property
+    def working(self) -> BoolArray:
+        """Pixels that are not stuck."""
+        return np.isnan(self.stuck_mm)
+
+
+@dataclass(slots=True, eq=False)
+class Sums:
+    """What a pass gives: columns are log-likelihood, slope (1/mm), information (1/mm2), valid samples."""
+
+    by_pixel: FloatArray
+    by_frame: FloatArray
+
+    @property
+    def total(self) -> float:
+        """The log-likelihood."""
+        return float(self.by_pixel[:, 0].sum())
+
+
+@dataclass(eq=False)
+class Likelihood:
+    """Evaluates states on parts of a recording.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        The recording.
+    scene : Scene or Scenes
+        The model's scene; those of several recordings.
+    witnesses : tuple of Witness
+        What amplitudes and temperatures say.
+    """
+
+    evidence: Evidence
+    scene: "Scene | Scenes"
+    witnesses: "tuple[Witness, ...]" = ()
+    calls: int = field(default=0)
+
+    def start(self) -> State:
+        """No effects but the model's; latent states not found yet."""
+        frames, pixels = self.evidence.shape
+        return State(
+            effects=(),
+            given=self.scene.links,
+            pixel_bias=np.zeros(pixels),
+            pixel_variance=np.zeros(pixels),
+            stuck_mm=np.full(pixels, np.nan),
+            disturbed=np.zeros(frames),
+        )
+
+    def sums(
+        self, mixture: Mixture, state: State, part: Part, *, variance: FloatArray | None = None,
+        bias: FloatArray | None = None,
+    ) -> Sums:  # fmt: skip
+        """One pass over a part, stuck pixels left out.
+
+        Parameters
+        ----------
+        mixture : Mixture
+            The prediction.
+        state : State
+            For its stuck pixels and pixels' biases.
+        part : (frames, pixels)
+            What to go over.
+        variance : (frame,), optional
+            Variance that each frame adds, mm2; that of the state's disturbed frames if left out.
+        bias : (pixel,), optional
+            Bias of each pixel, mm, in the place of the state's.
+        """
+        self.calls += 1
+        frames, pixels = part
+        pixels = pixels[state.working[pixels]]
+        added = self._variance(state) if variance is None else variance
+        shift = state.pixel_bias if bias is None else bias
+        density = mixture.outlier / (mixture.high - mixture.low)
+        m = mixture
+        chosen = sort_pixels(pixels, m.weight, m.sigma, m.invalid, m.step, m.period)
+        run = partial(self._pass, m, chosen, (added, shift, density))
+        results = list(_pool().map(run, np.array_split(frames, _CHUNKS)))
+        out = Sums(*empty_sums(*self.evidence.shape))
+        for by_pixel, by_frame in results:
+            out.by_pixel += by_pixel
+            out.by_frame += by_frame
+        return out
+
+    def _pass(self, m: Mixture, pixels: Sorted, more: tuple[Any, ...], frames: IntArray) -> tuple[Any, Any]:
+        added, shift, density = more
+        by_pixel, by_frame = empty_sums(*self.evidence.shape)
+        log_likelihood(
+            self.evidence.samples, pixels, frames, m.key, m.since, m.frame_bias, added, shift, m.weight, m.mean,
+            m.sigma, m.rate, m.lit, m.invalid, density, m.step, m.period, by_pixel, by_frame,
+        )  # fmt: skip
+        return by_pixel, by_frame
+
+    def _variance(self, state: State) -> FloatArray:
+        if state.bursts is None:
+            return np.zeros(self.evidence.shape[0])
+        return np.asarray(state.disturbed * state.bursts.sigma_mm**2)
+
+    def value(self, state: State, part: Part, mixture: Mixture | None = None) -> float:
+        """Log-likelihood of a part; frames' disturbance integrated out."""
+        mixture = self.scene.mixture(state.effects) if mixture is None else mixture
+        if state.bursts is not None:
+            return self._with_bursts(mixture, state, part, state.bursts)
+        return self.sums(mixture, state, part).total
+
+    def objective(self, state: State, part: Part) -> float:
+        """What fits maximise: `value`, and what the witnesses say of the effects' parameters."""
+        return self.value(state, part) + self.heard(state)
+
+    def heard(self, state: State) -> float:
+        """Log density of what the witnesses saw, given the effects."""
+        return float(sum(witness.log_density(effect) for effect in state.effects for witness in self.witnesses))
+
+    def _with_bursts(self, mixture: Mixture, state: State, part: Part, effect: Interference) -> float:
+        numbers = self.evidence.frame_number[part[0]]
+        return forward(*self.frame_pair(mixture, state, part, effect.sigma_mm), numbers, effect)[0]
+
+    def frame_pair(self, mixture: Mixture, state: State, part: Part, sigma_mm: float) -> tuple[FloatArray, FloatArray]:
+        """Log-likelihoods (n,) of the part's frames, quiet and disturbed."""
+        frames = self.evidence.shape[0]
+        quiet = self.sums(mixture, state, part, variance=np.zeros(frames)).by_frame[part[0], 0]
+        loud = self.sums(mixture, state, part, variance=np.full(frames, sigma_mm**2)).by_frame[part[0], 0]
+        return quiet, loud
+
+    def scores(self, state: State, part: Part, seed: int, mixture: Mixture | None = None) -> Float32Array:
+        """Standard normal scores (frame, pixel) if the model is right; NaN for invalid samples and outside the part."""
+        m = self.scene.mixture(state.effects) if mixture is None else mixture
+        frames, pixels = part
+        pixels = pixels[state.working[pixels]]
+        out: Float32Array = np.full(self.evidence.shape, np.nan, dtype=np.float32)
+        added = self._variance(state)
+
+        def run(some: IntArray) -> None:
+            transform(
+                self.evidence.samples, pixels, some, m.key, m.since, m.frame_bias, added, state.pixel_bias, m.weight,
+                m.mean, m.sigma, m.rate, m.lit, m.outlier, m.low, m.high, m.step, m.period, seed, out,
+            )  # fmt: skip
+
+        list(_pool().map(run, np.array_split(frames, _CHUNKS)))
+        for frame in range(len(out)):  # frame by frame: no second copy in double precision
+            out[frame] = ndtri(np.clip(out[frame].astype(np.float64), 1e-9, 1 - 1e-9))
+        return out

@@ -1,0 +1,343 @@
+"""Step 3: fit each effect of the registry to what the fits may see, and score it on what they may not.
+
+The score is the gain in held-out log predictive density over the model as it stands. Frames and pixels are held
+out, both in blocks. A model that is right but for a tolerance (poses by a part of sigma, the noise's scale by a tenth
+of that part) competes as the `tolerated` rival: no effect is named for what that explains.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.reconciliation import links
+from tofmix.reconciliation.evidence import BLOCK_FRAMES, Evidence
+from tofmix.reconciliation.fits import Fitted, fit
+from tofmix.reconciliation.joint import View, views
+from tofmix.reconciliation.lattice import find_lattice
+from tofmix.reconciliation.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.memory import fit_memory, memory_gain
+from tofmix.reconciliation.mixture import Mixture
+from tofmix.reconciliation.pixel_pattern import marginal_pattern, pixel_biases
+from tofmix.reconciliation.searches import problems
+from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.effects.excess_noise import ExcessNoise
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.interference import Interference
+from tofmix.simulation.effects.multipath import Multipath
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.simulation.effects.surface_pose import SurfacePose
+from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
+
+PRICE_NATS = 3.0  # of each free parameter
+RIVALS = ("range_offset", "surface_pose")
+"""Simple explanations that always compete."""
+
+MOVES = ("surface_pose", "motion")
+"""Kinds that move a surface, and its edges with it."""
+
+_MANY_FRAMES = 80
+SLACK = 1.15
+"""A tolerance is a typical error, not the largest."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Candidate:
+    """An effect that was tried.
+
+    Parameters
+    ----------
+    effect : Effect
+        With its fitted parameters.
+    gain : float
+        Held-out gain over the model as it stands, nats.
+    parameters : int
+        Free parameters.
+    state : State
+        The model with it.
+    fitted : Fitted or None
+        The search, where there was one.
+    others : tuple of Candidate
+        The model's earlier effects, where they were fitted anew together with it; else none.
+    """
+
+    effect: Effect
+    gain: float
+    parameters: int
+    state: State
+    fitted: Fitted | None = None
+    others: tuple["Candidate", ...] = ()
+
+    @property
+    def kind(self) -> str:
+        """Its kind."""
+        return self.effect.kind
+
+    @property
+    def score(self) -> float:
+        """Gain less the price of the parameters."""
+        return self.gain - PRICE_NATS * self.parameters
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Trial:
+    """What the candidates of one round share."""
+
+    likelihood: Likelihood
+    state: State
+    mixture: Mixture
+    scores: Float32Array
+    fit_part: Part
+    test_part: Part
+    base: float
+
+    @property
+    def names(self) -> set[tuple[str, str]]:
+        """Kinds, and surfaces, that the model has already."""
+        effects = (*self.likelihood.scene.effects, *self.state.effects)
+        return {(e.kind, getattr(e, "surface", "")) for e in effects}
+
+
+def begin_trial(likelihood: Likelihood, state: State, split: str, seed: int) -> Trial:
+    """Prepare a round."""
+    mixture = likelihood.scene.mixture(state.effects)
+    test = likelihood.evidence.part(fit=False, split=split)
+    frames, pixels = likelihood.evidence.shape
+    whole = np.arange(frames), np.arange(pixels)
+    return Trial(
+        likelihood=likelihood, state=state, mixture=mixture, scores=likelihood.scores(state, whole, seed, mixture),
+        fit_part=_thinned(likelihood.evidence, likelihood.evidence.part(fit=True, split=split)), test_part=test,
+        base=likelihood.value(state, test, mixture),
+    )  # fmt: skip
+
+
+def _thinned(evidence: Evidence, part: Part) -> Part:
+    """Every second block of the frames, if there are many: enough to rank by; what is added is fitted to all."""
+    frames, pixels = part
+    if len(frames) < _MANY_FRAMES:
+        return part
+    return frames[evidence.frame_number[frames] // (2 * BLOCK_FRAMES) % 2 == 0], pixels
+
+
+def candidates(trial: Trial, kinds: Iterable[str], tick: Callable[[str], None] = lambda _: None) -> list[Candidate]:
+    """Every effect of these kinds that the model may have, best first.
+
+    Parameters
+    ----------
+    trial : Trial
+        The round.
+    kinds : iterable of str
+        Kinds to try.
+    tick : callable
+        Told of each kind that is done.
+    """
+    found: list[Candidate] = []
+    for kind in kinds:
+        if kind in _SPECIAL:
+            if (kind, "") not in trial.names:
+                candidate = _SPECIAL[kind](trial)
+                found += [] if candidate is None else [candidate]
+        else:
+            found += _by_search(trial, kind)
+        tick(kind)
+    return sorted(found, key=lambda c: -c.score)
+
+
+def _by_search(trial: Trial, kind: str) -> list[Candidate]:
+    out = []
+    for problem in problems(kind, trial.likelihood, trial.mixture):
+        if problem.starts and problem.starts[0] is not None:
+            try:
+                surface = getattr(problem.make(np.array(problem.starts[0])), "surface", "")
+            except ValueError:
+                continue
+            if (kind, surface) in trial.names:
+                continue
+        fitted = fit(problem, trial.likelihood, trial.state, trial.fit_part)
+        if not np.isfinite(fitted.value):
+            continue
+        if fitted.at_a_bound:
+            continue
+        state = replace(trial.state, effects=(*trial.state.effects, fitted.effect))
+        gain = trial.likelihood.value(state, trial.test_part) - trial.base
+        if kind == Multipath.kind and gain > 0 and not _shifts(trial, state, gain):
+            continue
+        out.append(
+            Candidate(effect=fitted.effect, gain=gain, parameters=problem.parameters, state=state, fitted=fitted)
+        )
+    return out
+
+
+def _shifts(trial: Trial, state: State, gain: float) -> bool:
+    """Whether a second path's bias earns a part of its gain: a path of one turn only makes a surface noisier.
+
+    What makes a surface noisier has many causes, of which a path of just that length is none that we would name.
+    """
+    mixture = trial.likelihood.scene.mixture(state.effects)
+    if mixture.mean.shape != trial.mixture.mean.shape:
+        return True
+    unmoved = replace(mixture, mean=trial.mixture.mean)
+    noise_alone = trial.likelihood.value(state, trial.test_part, unmoved) - trial.base
+    return gain - noise_alone > 2 * PRICE_NATS
+
+
+def recast(trial: Trial, candidate: Candidate) -> Candidate:
+    """A candidate that moves a surface, its edges cast where it puts them, its numbers fitted and scored with these.
+
+    Elsewhere a moved surface keeps its edges where they were, which is quick, and right for small moves alone.
+    """
+    if candidate.kind not in MOVES or candidate.fitted is None:
+        return candidate
+    likelihood = trial.likelihood
+    likelihood.scene.anchor(candidate.state.effects)
+    problem, start = candidate.fitted.problem, candidate.fitted.vector
+    others = candidate.state.effects[:-1]
+    fitted = fit(problem, likelihood, replace(candidate.state, effects=others), trial.fit_part, start=start)
+    state = replace(candidate.state, effects=(*others, fitted.effect))
+    gain = likelihood.value(state, trial.test_part) - trial.base
+    likelihood.scene.anchor(trial.state.effects)
+    return replace(candidate, effect=fitted.effect, gain=gain, state=state, fitted=fitted)
+
+
+def _stuck(trial: Trial) -> Candidate | None:
+    state = links.find_stuck(trial.likelihood, trial.mixture, trial.state)
+    if state is None:
+        return None
+    frames, pixels = trial.test_part
+    stuck = pixels[~state.working[pixels]]
+    all_stuck = np.flatnonzero(~state.working)
+    part = (frames, stuck if stuck.size else all_stuck)
+    before = trial.likelihood.sums(trial.mixture, trial.state, part).total
+    gain = -before - links.VALUE_NATS * part[1].size
+    return Candidate(effect=state.effects[-1], gain=gain, parameters=1, state=state)
+
+
+def _lattice(trial: Trial) -> Candidate | None:
+    effect = find_lattice(trial.likelihood.evidence, trial.state)
+    if effect is None:
+        return None
+    state = replace(trial.state, effects=(*trial.state.effects, effect))
+    gain = trial.likelihood.value(state, trial.test_part) - trial.base
+    return Candidate(effect=effect, gain=gain, parameters=1, state=state)
+
+
+def _bursts(trial: Trial) -> Candidate | None:
+    effect = links.fit_interference(trial.likelihood, trial.mixture, trial.state, trial.fit_part)
+    if effect is None:
+        return None
+    state = replace(trial.state, effects=(*trial.state.effects, effect))
+    gain = trial.likelihood.value(state, trial.test_part, trial.mixture) - trial.base
+    frames = links.disturbed_frames(trial.likelihood, trial.mixture, trial.state, effect)
+    return Candidate(effect=effect, gain=gain, parameters=3, state=replace(state, disturbed=frames))
+
+
+def _pattern(trial: Trial) -> Candidate | None:
+    fitted = links.fit_pattern(trial.likelihood, trial.mixture, trial.state, trial.fit_part)
+    if fitted is None:
+        return None
+    effect, _ = fitted
+    gain = pattern_gain(trial, effect)
+    frames = np.flatnonzero(trial.likelihood.evidence.fit_frames)
+    pattern, variance = links.pattern_map(trial.likelihood, trial.mixture, trial.state, effect, frames)
+    effect = links.with_map(effect, pattern, trial.likelihood.evidence.image)
+    effects, bias = (*trial.state.effects, effect), trial.state.pixel_bias + pattern
+    state = replace(trial.state, effects=effects, pixel_bias=bias, pixel_variance=variance)
+    return Candidate(effect=effect, gain=gain, parameters=3, state=state)
+
+
+def pattern_gain(trial: Trial, effect: FixedPattern) -> float:
+    """Held-out gain of a pattern, all patterns integrated out: the held-out pixels' own were never fitted."""
+    found = pixel_biases(trial.likelihood, trial.mixture, trial.state, trial.test_part)
+    return marginal_pattern(found, trial.likelihood.evidence.image, _spreads(effect))[0]
+
+
+def _spreads(effect: FixedPattern) -> tuple[float, float, float]:
+    return effect.pixel_sigma_mm, effect.column_sigma_mm, effect.row_sigma_mm
+
+
+def _memory(trial: Trial) -> Candidate | None:
+    effect = fit_memory(trial.likelihood, trial.scores, trial.mixture, trial.fit_part)
+    if effect is None:
+        return None
+    gain = memory_gain(trial.likelihood, trial.scores, trial.mixture, trial.test_part, effect.coefficient)
+    state = replace(trial.state, effects=(*trial.state.effects, effect))
+    return Candidate(effect=effect, gain=gain, parameters=1, state=state)
+
+
+_SPECIAL: dict[str, Callable[[Trial], Candidate | None]] = {
+    StuckPixels.kind: _stuck,
+    "quantisation": _lattice,
+    Interference.kind: _bursts,
+    FixedPattern.kind: _pattern,
+    TemporalCorrelation.kind: _memory,
+}
+KINDS = tuple(EFFECTS)
+"""All kinds that are tried."""
+
+
+def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float) -> State:
+    """The model with its poses and its noise's scale moved to where they fit best, within what is taken as right.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the recording.
+    state : State
+        The model as it stands.
+    part : (frames, pixels)
+        What the fit may see.
+    tolerance : float
+        Error of a pose in sigma, that of the noise's scale in tenths.
+    """
+    if tolerance <= 0:
+        return state
+    shifts = np.zeros(len(likelihood.scene.names))
+    kept = state.effects
+    for _ in range(2):
+        moved = replace(state, effects=(*kept, *_poses(likelihood, shifts)))
+        shifts = _newton(likelihood, moved, part, shifts, tolerance)
+    best = replace(state, effects=(*kept, *_poses(likelihood, shifts)))
+    if any(isinstance(e, ExcessNoise) for e in (*likelihood.scene.effects, *kept)):
+        return best
+    limit = 0.1 * tolerance * SLACK
+    factors = np.array([1 - limit, 1.0, 1 + limit])
+    values = [likelihood.value(replace(best, effects=(*best.effects, ExcessNoise(factor=f))), part) for f in factors]
+    curve = values[0] - 2 * values[1] + values[2]
+    peak = 0.5 * (values[0] - values[2]) / curve if curve < 0 else float(np.sign(values[2] - values[0]))
+    factor = 1 + limit * float(np.clip(peak, -1, 1))
+    return replace(best, effects=(*best.effects, ExcessNoise(factor=factor)))
+
+
+def _poses(likelihood: Likelihood, shifts: FloatArray) -> tuple[Effect, ...]:
+    names = likelihood.scene.names
+    return tuple(SurfacePose(surface=n, shift_mm=float(d)) for n, d in zip(names, shifts, strict=True) if d)
+
+
+def _newton(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray, tolerance: float) -> FloatArray:
+    m = likelihood.scene.mixture(state.effects)
+    slope, information = np.zeros(shifts.size), np.zeros(shifts.size)
+    for view in views(likelihood, m, part):
+        sums = likelihood.sums(m, state, view.part_of_all).by_pixel
+        _add_slopes(likelihood, view, sums, slope, information)
+    out = shifts.copy()
+    noise = likelihood.scene.model.sensor.noise_at(likelihood.scene.model.sensor.integration_time_ms)
+    for number in np.flatnonzero(information > 0):
+        step = slope[number] / information[number]
+        limit = SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
+        out[number] = float(np.clip(shifts[number] + step, -limit, limit))
+    return out
+
+
+def _add_slopes(
+    likelihood: Likelihood, view: View, sums: FloatArray, slope: FloatArray, information: FloatArray
+) -> None:
+    """Add what one recording says of the surfaces' shifts."""
+    m = view.mixture
+    surface, single = m.of_main(m.surface), m.of_main(m.weight) > 0.9 * (1 - m.invalid[0])
+    for own_number, name in enumerate(view.scene.names):
+        own = single & (surface == own_number)
+        number = likelihood.scene.names.index(name)
+        lever = m.of_main(m.true_range)[own] / likelihood.scene.distance[number]
+        information[number] += float((sums[own, 2] * lever**2).sum())
+        slope[number] += float((sums[own, 1] * lever).sum())

@@ -1,0 +1,159 @@
+"""Step 5's nameless rivals: smooth laws of place or range, which no effect is, against the biases that were named.
+
+The nearest effect takes up most of a law that it is not: a lens that bends range outwards looks like a walk with
+amplitude, a scale that is off like a wiggling. So smooth laws compete with the effects that move each pixel by itself,
+as those did among themselves: fitted to the same data, paying for their numbers, and scored on what no fit has seen.
+A fixed pattern among the effects is put under the law too, so that it tips no scale.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import BoolArray, FloatArray
+from tofmix.reconciliation.beside import settled_within, worth
+from tofmix.reconciliation.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.mixture import Mixture
+from tofmix.reconciliation.name import PRICE_NATS, Candidate
+from tofmix.reconciliation.pattern_errors import pattern_of
+from tofmix.reconciliation.pixel_pattern import pixel_biases
+from tofmix.reconciliation.static_fits import STATIC
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.temperature_drift import TemperatureDrift
+
+CLEARLY_NATS = 6.0
+CLEARLY_SHARE = 0.0001
+"""By how much a law must beat the effects: at least so many nats, and this share of what they gained, as no effect's
+law is exact."""
+
+_KNOWN = 0.5
+"""Share of the price of a number that is known beforehand to within the tolerance."""
+
+_PASSES = 2
+_SOON = 0.05  # of the recording, in which a drift that is as short falls by e
+_ALONE = 0.98  # share of the beam of a surface that a pixel sees by itself
+
+
+def better_law(
+    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], parts: tuple[Part, Part], tolerance: float
+) -> str | None:
+    """The axis of a smooth law that beats the static effects that were named; None if none does.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the recording.
+    state : State
+        The refined model.
+    chosen : sequence of Candidate
+        Its effects, in its order.
+    parts : two of (frames, pixels)
+        What fits may see, and what they may not, of all pixels: laws of few numbers need none held out.
+    tolerance : float
+        Of the model: a law must beat whatever is taken as right beside the effects, too.
+    """
+    duration = float(likelihood.evidence.time_s.max())
+    static = [c for c in chosen if _stays(c.effect, duration)]
+    if not static:
+        return None
+    patterned = pattern_of(state) is not None
+    bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias), pixel_variance=np.zeros_like(state.pixel_bias))
+    named = replace(bare, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
+    rest = replace(bare, effects=tuple(e for e in state.effects if not _stays(e, duration)))
+    # What stands is here to be overthrown by what has no name, for which the price by the data's size is the safer one
+    each = max(PRICE_NATS, 0.5 * math.log(max(len(parts[1][0]) * len(parts[1][1]), 1)))
+    price = each * sum(c.parameters for c in static if c.kind != FixedPattern.kind)
+    others = [c for c in chosen if c.kind != FixedPattern.kind]
+    near = settled_within(likelihood, named, others, parts[0], tolerance)
+    moved = _KNOWN * PRICE_NATS * (len(near.effects) - len(named.effects))
+    at, about = (
+        worth(likelihood, s, likelihood.scene.mixture(s.effects), parts, patterned=patterned) for s in (named, near)
+    )
+    stood = max(at, about - moved) - price
+    likelihood.scene.anchor(rest.effects)  # a pose that is left out takes its edges with it
+    mixture = likelihood.scene.mixture(rest.effects)
+    nothing = worth(likelihood, rest, mixture, parts, patterned=False)
+    needed = stood + max(CLEARLY_NATS, CLEARLY_SHARE * (stood - nothing))
+    found = []
+    for axis, law in _LAWS:
+        bent = law(likelihood, rest, mixture, parts[0])
+        if bent is not None:
+            found.append((worth(likelihood, *bent[:2], parts, patterned=patterned) - each * bent[2], axis))
+    likelihood.scene.anchor(state.effects)
+    value, best = max(found)
+    return best if value > needed else None
+
+
+def _stays(effect: Effect, duration_s: float) -> bool:
+    """Whether an effect is static, or soon is."""
+    return effect.kind in STATIC or (
+        isinstance(effect, TemperatureDrift) and effect.time_constant_s < _SOON * duration_s
+    )
+
+
+_Bent = tuple[State, Mixture, int]
+"""What a law makes of state and prediction, and how many numbers it has."""
+
+
+def _by_plane(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent:
+    """A polynomial of first degree in row and column."""
+    return _polynomial(likelihood, state, mixture, part, 1)
+
+
+def _by_bowl(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent:
+    """A polynomial of second degree in row and column."""
+    return _polynomial(likelihood, state, mixture, part, 2)
+
+
+def _polynomial(likelihood: Likelihood, state: State, mixture: Mixture, part: Part, degree: int) -> _Bent:
+    rows, cols = likelihood.evidence.image
+    row, col = np.divmod(np.arange(rows * cols), cols)
+    v, u = 2 * row / max(rows - 1, 1) - 1, 2 * col / max(cols - 1, 1) - 1
+    columns = np.stack([u**i * v**j for i in range(degree + 1) for j in range(degree + 1 - i)], axis=1)
+    everywhere = np.ones(rows * cols, dtype=bool)
+    for _ in range(_PASSES):
+        numbers = _fitted(likelihood, state, mixture, part, (columns, everywhere))
+        state = replace(state, pixel_bias=state.pixel_bias + columns @ numbers)
+    return state, mixture, columns.shape[1]
+
+
+def _by_range(likelihood: Likelihood, state: State, mixture: Mixture, part: Part) -> _Bent | None:
+    """A polynomial of second degree in the range of each surface; of one recording, as each has its own prediction."""
+    lit = mixture.of_main(mixture.lit).astype(bool)
+    if len(likelihood.scene.members) > 1 or not lit.any():
+        return None
+    range_mm = mixture.of_main(mixture.true_range)
+    low, high = float(range_mm[lit].min()), float(range_mm[lit].max())
+
+    def columns(true_range_mm: NDArray[Any]) -> FloatArray:
+        r = 2 * (true_range_mm - low) / max(high - low, 1.0) - 1
+        return np.stack([np.ones_like(r), r, r * r], axis=-1)
+
+    alone = lit & (mixture.of_main(mixture.weight) > _ALONE)
+    for _ in range(_PASSES):
+        numbers = _fitted(likelihood, state, mixture, part, (columns(range_mm), alone))
+        moved = np.where(mixture.lit, columns(mixture.true_range) @ numbers, 0.0)
+        mixture = replace(mixture, mean=(mixture.mean + moved).astype(mixture.mean.dtype))
+    return state, mixture, 3
+
+
+_LAWS: Sequence[tuple[str, Callable[[Likelihood, State, Mixture, Part], _Bent | None]]] = (
+    ("place in the image", _by_plane),
+    ("place in the image", _by_bowl),
+    ("range", _by_range),
+)
+
+
+def _fitted(
+    likelihood: Likelihood, state: State, mixture: Mixture, part: Part, by: tuple[FloatArray, BoolArray]
+) -> FloatArray:
+    """The numbers of a law that is linear by columns (pixel, number), from the biases of some pixels."""
+    columns, use = by
+    found = pixel_biases(likelihood, mixture, state, part)
+    weighed = columns * np.where(use, found.information, 0.0)[:, None]
+    return np.asarray(np.linalg.lstsq(columns.T @ weighed, weighed.T @ found.bias, rcond=None)[0])

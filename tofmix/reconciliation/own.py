@@ -1,0 +1,56 @@
+"""Step 5's last rival: an effect that the model has, with other numbers than it says.
+
+Whatever such an effect lacks, or has too much, the effects that the model has not can only come near.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from tofmix.reconciliation.joint import Recording, joint_likelihood
+from tofmix.reconciliation.likelihood import Likelihood
+from tofmix.reconciliation.name import PRICE_NATS, Candidate, begin_trial, candidates, recast
+from tofmix.reconciliation.nameless import CLEARLY_NATS
+from tofmix.reconciliation.refit import begin
+from tofmix.reconciliation.searches import PROBLEMS
+from tofmix.reconciliation.way import Settings, fit_part, name_of
+from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.model import Model
+
+
+def better_own(
+    recordings: Sequence[Recording],
+    likelihood: Likelihood,
+    added: tuple[float, Sequence[Candidate]],
+    settings: Settings,
+) -> Effect | None:
+    """The model's own effect, with the numbers by which it beats all effects that were added; None if none does.
+
+    Parameters
+    ----------
+    recordings : sequence of (Model, Evidence)
+        As given.
+    likelihood : Likelihood
+        Of them.
+    added : (float, sequence of Candidate)
+        Held-out log-likelihood with what was added, and that.
+    settings : Settings
+        How.
+    """
+    value, chosen = added
+    best, top = None, value - PRICE_NATS * sum(c.parameters for c in chosen) + CLEARLY_NATS
+    for effect in dict.fromkeys(e for e in likelihood.scene.effects if e.kind in PROBLEMS):
+        without = joint_likelihood([(_less(model, effect), evidence) for model, evidence in recordings])
+        part = fit_part(without, settings)
+        trial = begin_trial(without, begin(without, part[0], settings.tolerance), settings.split, settings.seed)
+        for candidate in candidates(trial, (effect.kind,)):
+            if name_of(candidate) != (effect.kind, getattr(effect, "surface", "")):
+                continue
+            found = recast(trial, candidate)
+            score = trial.base + found.score
+            if score > top:
+                best, top = found.effect, score
+    return best
+
+
+def _less(model: Model, effect: Effect) -> Model:
+    return replace(model, effects=tuple(e for e in model.effects if e != effect))

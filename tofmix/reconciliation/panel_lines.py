@@ -1,0 +1,42 @@
+"""Part of the panel: lines of the image that move together in a frame, as rows do that are read out one by one."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tofmix.arrays import Float32Array
+from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.likelihood import Part
+from tofmix.reconciliation.panel import Curve
+
+_FEW = 4  # samples of a line in a frame
+_LEAST = 1e-9
+
+
+def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
+    """Variance of each row's mean, and column's, over that of independent samples, less 1, over root 2.
+
+    Means of pixels and of frames are taken out first, and the line's own spread is divided out.
+    """
+    rows, cols = evidence.image
+    ok = np.isfinite(z)
+    flat = np.where(ok, z - np.nansum(z, axis=0) / np.maximum(ok.sum(axis=0), 1), np.float32(0))
+    flat -= np.where(ok, flat.sum(axis=1, keepdims=True) / np.maximum(ok.sum(axis=1, keepdims=True), 1), np.float32(0))
+    cube: Float32Array = np.zeros((len(z), rows * cols), dtype=np.float32)
+    cube[:, part[1]] = flat
+    seen = np.zeros((len(z), rows * cols), dtype=bool)
+    seen[:, part[1]] = ok
+    image, valid = cube.reshape(-1, rows, cols), seen.reshape(-1, rows, cols)
+    sigma = np.ones(1)
+    for axis, name in ((2, "row"), (1, "col")):
+        n = valid.sum(axis=axis)
+        use = n >= _FEW
+        frames = use.sum(axis=0)
+        level = (image**2).sum(axis=(0, axis), dtype=np.float64) / np.maximum(n.sum(axis=0), 1)
+        square = np.where(use, image.sum(axis=axis, dtype=np.float64) ** 2 / np.maximum(n, 1), 0.0).sum(axis=0)
+        some = (frames >= _FEW) & (level > _LEAST)
+        lost = 1.0 - 1.0 / image.shape[3 - axis]  # what the frames' means took
+        value = (square[some] / frames[some] / level[some] / lost - 1) / np.sqrt(2)
+        at = np.flatnonzero(some).astype(np.float64)
+        yield Curve(statistic="common_mode", axis=name, lower=at, upper=at + 1, value=value,
+                    variance=1.0 / frames[some], unit="1", scale_mm=np.broadcast_to(sigma, at.shape))  # fmt: skip

@@ -1,0 +1,31 @@
+"""Compile the kernels of reconciliation by using each once."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from tofmix.reconciliation import links
+from tofmix.reconciliation.evidence import make_evidence
+from tofmix.reconciliation.joint import joint_likelihood
+from tofmix.simulation.model import Model
+
+_FRAMES = 20
+
+
+def warm_up(model: Model) -> None:
+    """Compile, or load from the cache, what `reconcile` uses beside the kernels of simulation.
+
+    Parameters
+    ----------
+    model : Model
+        Any one.
+    """
+    model = replace(model, sensor=replace(model.sensor, rows=6, cols=6))
+    range_mm = np.random.default_rng(1).normal(1500.0, 10.0, (_FRAMES, 6, 6)).astype(np.float32)
+    likelihood = joint_likelihood([(model, make_evidence(model, range_mm))])
+    state, mixture = likelihood.start(), likelihood.scene.mixture()
+    everything = np.arange(_FRAMES), np.arange(36)
+    likelihood.sums(mixture, state, everything)
+    likelihood.sums(replace(mixture, step=7.0), state, everything)  # a lattice: sample by sample
+    likelihood.scores(state, everything, 1)
+    links.fit_interference(likelihood, mixture, state, everything)

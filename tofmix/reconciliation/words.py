@@ -1,0 +1,147 @@
+"""The outcome in words: the headline, ten lines for the terminal, and the lines added to the model file."""
+
+import json
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tofmix.reconciliation.localise import Place
+from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
+from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+from tofmix.simulation.effects.stuck_pixels import StuckPixels
+
+_TITLES = {
+    "agree": "Simulation and measurement agree",
+    "explained": "explained",
+    "partly_explained": "partly explained",
+    "unexplained": "unexplained: none of the known effects explains it",
+}
+_AXES = {"surfaces_in_pixel": "surfaces in the pixel", "neighbour_contrast": "contrast to the neighbours"}
+_NO_DOUBT = 1.0e-99
+_WIDER = 1.3
+_UNITS = {"range": "mm", "time": "s", "radius": "pixels", "neighbour_contrast": "mm"}
+
+
+def headline(result: Reconciliation) -> str:
+    """One sentence: where they disagree, what explains it, and how far the gap falls."""
+    v = result.verified
+    if v.verdict == "agree" or not result.where:
+        gap = f"the gap is {v.before.gap:.2f}, chance is {v.floor.gap:.2f}"
+        within = ", and what is between is within the tolerance" if v.before.gap > _WIDER * v.floor.gap else ""
+        return f"{_TITLES['agree']}: no disagreement beyond chance and tolerance; {gap}{within}."
+    place = where_text(result.where[0], result)
+    if v.verdict == "unexplained":
+        stays = result.where[0].statistic in ("bias", "pattern")  # what goes with time is no matter of that law
+        law = f"; a smooth law of {v.law}, which none of them is, fits better" if v.law and stays else ""
+        if v.own is not None:
+            own = f"the model's own effect fits better with other numbers: {in_words(v.own)}"
+            return f"Simulation and measurement disagree most {place}. None of the other effects explains it; {own}."
+        return f"Simulation and measurement disagree most {place}. None of the known effects explains it{law}."
+    effects = " and ".join(effect_text(n, result) for n in result.named)
+    verb = "explain" if len(result.named) > 1 else "explains"
+    part = "it" if v.verdict == "explained" else "a part of it"
+    fall = f"the gap falls from {v.before.gap:.1f} to {v.after.gap:.1f}, chance is {v.floor.gap:.1f}"
+    wider = v.verdict == "explained" and not result.left and v.after.gap > _WIDER * max(v.floor.gap, 1.0)
+    within = ", and what is between is within the tolerance, which errors do not hold" if wider else ""
+    return f"Simulation and measurement disagree most {place}. {effects} {verb} {part}; {fall}{within}."
+
+
+def in_words(effect: Effect) -> str:
+    """What the effect does, its numbers to four digits."""
+    numbers = {name: getattr(effect, name) for name in effect.parameters()}
+    short = {name: float(f"{value:.4g}") for name, value in numbers.items() if isinstance(value, float)}
+    return replace(effect, **short).explain()
+
+
+def where_text(place: Place, result: Reconciliation) -> str:
+    """A place in words, such as ``at range 2000 to 2450 mm: bias of -10.9 mm``."""
+    low, high = place.interval
+    unit = _UNITS.get(place.axis, "")
+    axis = _AXES.get(place.axis, place.axis)
+    within = f" in recording {place.recording + 1}" if len(result.models) > 1 else ""
+    size = f"{place.statistic.replace('_', ' ')} of {place.size:+.3g}{' mm' if place.unit == 'mm' else ''}"
+    if place.statistic == "memory":
+        frames = f"{low:g} to {high:g} frames" if high > low else f"{low:g} frame{'s' if low > 1 else ''}"
+        return f"between samples {frames} apart{within} ({size})"
+    if place.statistic == "bridging":
+        return f"between two surfaces that are in one pixel{within} ({place.size:+.3g} of its samples)"
+    if place.axis == "all":
+        return f"everywhere{within} ({size})"
+    if place.axis == "surface":
+        names = [s.name for s in result.models[place.recording].surfaces]
+        numbers = range(max(math.floor(low), 0), math.ceil(high))
+        named = " and ".join(f'"{names[n]}"' for n in numbers if n < len(names)) or "no return"
+        return f"on {named}{within} ({size})"
+    return f"at {axis} {low:.4g} to {high:.4g}{' ' if unit else ''}{unit}{within} ({size})"
+
+
+def p_text(place: Place) -> str:
+    """The corrected p-value in words; what is beyond all doubt is not given in digits."""
+    return f"p = {place.p_value:.1g}" if place.p_value > _NO_DOUBT else f"p < {_NO_DOUBT:g}"
+
+
+def effect_text(named: NamedEffect, result: Reconciliation) -> str:
+    """An effect and its numbers with their errors, such as ``wiggling (amplitude_mm 11.8 +- 0.2)``."""
+    some = len(named.recordings) < len(result.models)
+    within = f" in recording {', '.join(str(k + 1) for k in named.recordings)}" if some else ""
+    shown = [
+        f'"{value}"' if isinstance(value, str) else _with_error(name, value, named.stderr.get(name))
+        for name, value in named.parameters.items()
+        if isinstance(value, str) or value or named.stderr.get(name)  # what is not there needs no words
+    ]
+    shown += _size_of_map(named.effect)
+    return f"{named.effect.kind} ({', '.join(shown)}){within}" if shown else named.effect.kind
+
+
+def _size_of_map(effect: Effect) -> list[str]:
+    """How large a pattern is, or how many pixels are stuck; a file's name says neither."""
+    if isinstance(effect, FixedPattern) and effect.map is not None:
+        known = effect.map.values[effect.map.values != 0].astype(np.float64)  # 0 where nothing returns
+        return [f"{np.sqrt((known**2).mean()):.3g} mm rms"] if known.size else []
+    if isinstance(effect, StuckPixels) and effect.map is not None:
+        return [f"{int(np.isfinite(effect.map.values).sum())} pixels"]
+    return []
+
+
+def _with_error(name: str, value: float, error: float | None) -> str:
+    if not error:
+        return f"{name} {value:.4g}"
+    digits = max(0, 1 - math.floor(math.log10(error)))
+    return f"{name} {value:.{min(digits, 8)}f} +- {error:.{min(digits, 8)}f}"
+
+
+def summary_lines(result: Reconciliation) -> list[str]:
+    """About ten lines for the terminal."""
+    v = result.verified
+    lines = [headline(result), "", f"verdict      {v.verdict}"]
+    lines += [
+        f"effect       {effect_text(n, result)}, held-out gain {n.heldout_gain_nats:.0f} nats" for n in result.named
+    ]
+    lines += [f"where        {where_text(p, result)}, {p_text(p)}" for p in result.where[:2]]
+    if result.named and result.left:
+        lines.append(f"left         {where_text(result.left[0], result)}, {p_text(result.left[0])}")
+    ranking = ", ".join(f"{c.kind} {c.gain:.0f}" for c in result.candidates[:4])
+    lines += [f"candidates   {ranking}"] if ranking else []
+    for group in result.as_dict()["aliases"]:
+        lines.append(f"not told apart: {', '.join(group['kinds'])}; would be by: {group['separate_by']}")
+    closed = "" if v.closed is None else f", closed {100 * v.closed:.1f} %"
+    lines.append(f"gap          before {v.before.gap:.2f}, after {v.after.gap:.2f}, floor {v.floor.gap:.2f}{closed}")
+    return lines
+
+
+def effect_tables(result: Reconciliation, recording: int = 0) -> str:
+    """The [[effect]] tables that are appended to a recording's model file; empty if there are none."""
+    return "\n".join(_table(n) for n in result.acting(recording))
+
+
+def _table(named: NamedEffect) -> str:
+    lines = ["[[effect]]", f'kind = "{named.effect.kind}"']
+    lines += [f"{name} = {_value(value)}" for name, value in named.parameters.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: Any) -> str:  # noqa: ANN401  a string or a number
+    return json.dumps(value) if isinstance(value, str) else repr(float(value))
