@@ -1,7 +1,8 @@
 """Where the search for each effect's parameters starts, and in which numbers it runs.
 
 One entry of `PROBLEMS` for each kind whose likelihood is that of the mixture; kinds that link samples are in
-`tofmix.reconciliation.links`. Numbers are searched in units that make a step of 1 sensible: multiples of sigma, logarithms.
+`tofmix.reconciliation.links`. Numbers are searched in units that make a step of 1 sensible: multiples of sigma,
+logarithms.
 """
 
 import math
