@@ -193,7 +193,10 @@ def _beams(
     if samples_no_return.ndim != 2 or samples_no_return.size == 0:  # noqa: PLR2004  rows and columns
         raise ValueError(f"range: expected an image (row, col), got shape {samples_no_return.shape}")
     if sensor.fov_horizontal_deg is None or sensor.fov_vertical_deg is None:
-        raise ValueError("the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg)")
+        raise ValueError(
+            "the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg), so beams have no place;"
+            " tofmix import --fov HxV says it"
+        )
     rows, cols = samples_no_return.shape
     horizontal, vertical = math.radians(sensor.fov_horizontal_deg), math.radians(sensor.fov_vertical_deg)
     half_width = range_mm * max(horizontal / cols, vertical / rows) / 2
