@@ -45,8 +45,9 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
     help="A surface's sigma: the noise curve's, drawn towards it, or free as in the paper.",
 )
 @click.option(
-    "--noise", default="file", show_default=True, metavar="file|auto|PROFILE",
-    help="Where the noise curve comes from: the file, its samples (auto), or a built-in sensor such as sr3000.",
+    "--noise", metavar="file|auto|PROFILE",
+    help="Where the noise curve comes from: the file, its samples (auto), or a built-in sensor such as sr3000."
+    "  [default: file; auto where the file has no curve]",
 )  # fmt: skip
 @click.option(
     "--outliers", default="file", show_default=True, metavar="file|auto|P",
@@ -136,7 +137,7 @@ def estimate(
     output_dir: Path | None,
     window: int | None,
     stride: int | None,
-    noise: str,
+    noise: str | None,
     outliers: str,
     unambiguous_range: float | None,
     wrap: bool,

@@ -37,6 +37,13 @@ def outlier_choice(text: str) -> str | float:
     return probability
 
 
+def noise_choice(source: "RecordingFile", asked: str | None) -> str:
+    """What --noise says; without it ``file``, or ``auto`` where the file has no curve."""
+    if asked is not None:
+        return asked
+    return FILE if source.sensor.noise is not None else AUTO
+
+
 def circle_choice(unambiguous_range: float | None, *, wrap: bool) -> float | None:
     """What --unambiguous-range says.
 
@@ -105,8 +112,8 @@ def sensor_for(
         )
     measured = _measured(source, circle_mm) if AUTO in (noise, outliers) else None
     if noise == AUTO and measured is not None:
+        _say_what_was_measured(source, measured)
         _warn_where_they_differ(source, measured)
-        _say_what_amplitude_does(source, measured)
         sensor = replace(sensor, noise=measured.curve)
     elif noise != FILE:
         sensor = _with_profile(source, sensor, noise)
@@ -137,7 +144,7 @@ def _measured(source: "RecordingFile", circle_mm: float | None) -> "MeasuredNois
     try:
         return measure_noise(source if circle_mm is None else UnrolledSource(source, circle_mm))
     except ValueError as error:
-        raise BadInputError(f"{source.path}: {error}") from error
+        raise BadInputError(f"{source.path}: {error}; choose a curve with --noise PROFILE") from error
 
 
 def _with_profile(source: "RecordingFile", sensor: "Sensor", name: str) -> "Sensor":
@@ -153,22 +160,30 @@ def _with_profile(source: "RecordingFile", sensor: "Sensor", name: str) -> "Sens
     return replace(sensor, noise=profile.noise_at(sensor.integration_time_ms or profile.integration_time_ms))
 
 
-def _say_what_amplitude_does(source: "RecordingFile", measured: "MeasuredNoise") -> None:
-    if not source.has_amplitude:
-        return
+def _say_what_was_measured(source: "RecordingFile", measured: "MeasuredNoise") -> None:
+    """Say in one line which curve stands in for a missing one, and whether sigma depends on amplitude."""
+    said = []
+    if source.sensor.noise is None:
+        curve = measured.curve
+        first, last = (f"{curve.sigma_mm[k]:.3g} mm at {curve.range_mm[k]:.0f} mm" for k in (0, -1))
+        ends = first if len(curve.range_mm) == 1 else f"{first} to {last}"
+        said.append(f"the file has no curve; its samples show sigma {ends}")
+    if source.has_amplitude:
+        said.append(_amplitude_text(measured))
+    if said:
+        click.echo(f"tofmix: {source.path}: noise: {'; '.join(said)}", err=True)
+
+
+def _amplitude_text(measured: "MeasuredNoise") -> str:
     law = measured.curve.law
     if law is None or measured.law_gain is None:
-        chosen = "sigma is measured by range alone; amplitude does not tell more"
-    else:
-        powers = [f"^-{power:.2f}" for power in law.exponents()]
-        falls = powers[0] + "".join(
-            f", {p} from {a:.4g} on" for p, a in zip(powers[1:], law.amplitude[1:-1], strict=True)
-        )
-        chosen = (
-            f"sigma is measured by range and amplitude; it goes as amplitude{falls}"
-            f" (+{measured.law_gain:.0f} nat on pixels held out)"
-        )
-    click.echo(f"tofmix: {source.path}: noise: {chosen}", err=True)
+        return "sigma is measured by range alone; amplitude does not tell more"
+    powers = [f"^-{power:.2f}" for power in law.exponents()]
+    falls = powers[0] + "".join(f", {p} from {a:.4g} on" for p, a in zip(powers[1:], law.amplitude[1:-1], strict=True))
+    return (
+        f"sigma is measured by range and amplitude; it goes as amplitude{falls}"
+        f" (+{measured.law_gain:.0f} nat on pixels held out)"
+    )
 
 
 def _warn_where_they_differ(source: "RecordingFile", measured: "MeasuredNoise") -> None:
