@@ -28,9 +28,8 @@ def write(folder: Path, kind: str) -> Path:
     if kind == "npy":
         np.save(path, samples)
     elif kind == "csv":
-        path.write_text(
-            "frame,row,col,range_mm\n" + "".join(f"{k},3,5,1500\n0,0,0,1\n"[: 13 if k else None] for k in range(5))
-        )
+        lines = ["frame,row,col,range_mm", "0,0,0,1500", *(f"{frame},3,5,1500" for frame in range(5))]
+        path.write_text("\n".join(lines))
     elif kind == "h5":
         with h5py.File(path, "w") as root:
             root["entry/data"] = samples
