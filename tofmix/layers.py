@@ -109,7 +109,8 @@ class Layers:
 class Provenance:
     """What layers were made from and with; nothing here depends on when, where or how many workers.
 
-    `options` holds every option that affects values, by its name on the command line.
+    `options` holds every option that affects values, by its name on the command line. `targets` is the length of the
+    recording's axis of targets, 0 without one: a share is then a share of detections.
     """
 
     source: str
@@ -118,6 +119,12 @@ class Provenance:
     sensor: Sensor
     options: dict[str, str | int | float] = field(default_factory=dict)
     frames_left_out: int = 0
+    targets: int = 0
+
+    @property
+    def samples_a_frame(self) -> int:
+        """Samples that a frame has of each pixel, at most."""
+        return max(1, self.targets)
 
     @property
     def unambiguous_range_mm(self) -> float | None:

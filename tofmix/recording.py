@@ -4,6 +4,7 @@ Anything with the methods of `SampleSource` can be estimated: a file
 (`tofmix.io.recording_file`), or an array in memory (`ArrayRecording`).
 """
 
+from collections.abc import Callable
 from copy import copy
 from typing import Protocol, runtime_checkable
 
@@ -48,6 +49,96 @@ class SampleSource(Protocol):
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples (frame, row, col) float32 in mm, NaN where invalid."""
+
+
+@runtime_checkable
+class TargetSource(Protocol):
+    """A recording whose pixels may return several targets in one frame.
+
+    Its `shape`, its steps and its blocks count samples: the targets of a frame follow each other.
+    """
+
+    @property
+    def targets(self) -> int:
+        """Targets that a pixel returns in one frame at most; 0 for a recording without such an axis."""
+
+
+def samples_a_frame(source: SampleSource) -> int:
+    """Samples that a recording holds of each pixel and frame: its targets, or 1."""
+    return max(1, source.targets) if isinstance(source, TargetSource) else 1
+
+
+class TargetSeries:
+    """A recording with each target as a pixel of its own: (frame, row and target, col); nothing is copied.
+
+    Use it where the samples of a pixel must follow each other in time, as for its noise.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The recording.
+    """
+
+    def __init__(self, source: SampleSource) -> None:
+        self._source, self._targets = source, samples_a_frame(source)
+
+    @property
+    def sensor(self) -> Sensor:
+        """The camera."""
+        return self._source.sensor
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Frames, rows times targets, columns."""
+        samples, rows, cols = self._source.shape
+        return samples // self._targets, rows * self._targets, cols
+
+    @property
+    def row_step(self) -> int:
+        """Rows that are stored together."""
+        return self._source.row_step * self._targets
+
+    @property
+    def frame_step(self) -> int:
+        """Frames that are stored together."""
+        return max(1, self._source.frame_step // self._targets)
+
+    def read_range(self, frames: slice, rows: slice) -> Float32Array:
+        """Samples (frame, row and target, col) float32 in mm, NaN where invalid."""
+        return self._by_target(self._source.read_range, frames, rows)
+
+    @property
+    def has_amplitude(self) -> bool:
+        """Whether the recording has amplitudes."""
+        return amplitude_source(self._source) is not None
+
+    def read_amplitude(self, frames: slice, rows: slice) -> Float32Array:
+        """Amplitudes of the same shape.
+
+        Raises
+        ------
+        ValueError
+            If there are none.
+        """
+        light = amplitude_source(self._source)
+        if light is None:
+            raise ValueError("the recording has no amplitudes")
+        return self._by_target(light.read_amplitude, frames, rows)
+
+    def _by_target(self, read: Callable[[slice, slice], Float32Array], frames: slice, rows: slice) -> Float32Array:
+        count, (length, height, cols) = self._targets, self.shape
+        first, last, _ = frames.indices(length)
+        top, bottom, _ = rows.indices(height)
+        high = slice(top // count, -(-bottom // count))
+        block = read(slice(first * count, last * count), high)
+        by_row = block.reshape(last - first, count, high.stop - high.start, cols).transpose(0, 2, 1, 3)
+        whole = by_row.reshape(last - first, (high.stop - high.start) * count, cols)
+        return whole[:, top - high.start * count : bottom - high.start * count]
+
+
+def by_target(source: SampleSource) -> SampleSource:
+    """A recording with each target as a pixel of its own; the recording itself where it has no targets."""
+    return TargetSeries(source) if samples_a_frame(source) > 1 else source
 
 
 @runtime_checkable
@@ -158,7 +249,7 @@ class FrameSpan:
     source : SampleSource
         The recording.
     start, stop : int
-        Its frames [start, stop).
+        Its frames [start, stop), with all their targets.
 
     Raises
     ------
@@ -167,9 +258,10 @@ class FrameSpan:
     """
 
     def __init__(self, source: SampleSource, start: int, stop: int) -> None:
-        if not 0 <= start < stop <= source.shape[0]:
-            raise ValueError(f"frames {start} to {stop} asked for, the recording has {source.shape[0]}")
-        self._source, self._start, self._stop = source, start, stop
+        each = samples_a_frame(source)
+        if not 0 <= start < stop <= source.shape[0] // each:
+            raise ValueError(f"frames {start} to {stop} asked for, the recording has {source.shape[0] // each}")
+        self._source, self._start, self._stop = source, start * each, stop * each
 
     @property
     def sensor(self) -> Sensor:

@@ -15,6 +15,14 @@ class Windows:
     count: int
     frames_left_out: int
 
+    def of_samples(self, each: int) -> "Windows":
+        """The same windows in samples of a pixel, where each frame has `each` of them."""
+        return Windows(self.length * each, self.stride * each, self.count, self.frames_left_out * each)
+
+    def in_frames(self, each: int) -> "Windows":
+        """What `of_samples` made, in frames again."""
+        return Windows(self.length // each, self.stride // each, self.count, self.frames_left_out // each)
+
     def start(self, window: int) -> int:
         """First frame of a window."""
         return window * self.stride

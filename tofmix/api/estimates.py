@@ -216,13 +216,14 @@ def estimate(
     asked = noise if noise is not None else AUTO if source.sensor.noise is None else FILE
     sensor = _sensor(source, asked, outliers, options)
     source = source.with_sensor(sensor)
+    of_samples = windows.of_samples(max(1, source.targets))
     with source.opened() as samples:
-        layers = estimate_layers(samples, options, windows=windows, workers=workers or os.cpu_count() or 1)
+        layers = estimate_layers(samples, options, windows=of_samples, workers=workers or os.cpu_count() or 1)
     said = {"noise": asked if isinstance(asked, str) else "given", "outliers": outliers}
     provenance = Provenance(
         source=source.name, source_sha256=_checksum(source), version=__version__, sensor=sensor,
         options=options.as_dict() | said | {"window": windows.length, "stride": windows.stride},
-        frames_left_out=windows.frames_left_out,
+        frames_left_out=windows.frames_left_out, targets=source.targets,
     )  # fmt: skip
     starts = np.arange(windows.count, dtype=np.uint64) * np.uint64(windows.stride)
     return Estimate(

@@ -33,6 +33,10 @@ class Recording:
         The file, or the samples.
     sensor : Sensor
         The camera.
+    shape : (int, int, int)
+        Frames, rows, columns.
+    targets : int
+        Targets of a pixel and frame in a file that has such an axis.
     time_s : (frame,) float64, optional
         Start of each frame, s, of samples in memory.
     truth : Truth, optional
@@ -47,11 +51,12 @@ class Recording:
         sensor: Sensor,
         *,
         shape: tuple[int, int, int],
+        targets: int = 0,
         time_s: FloatArray | None = None,
         truth: "Truth | None" = None,
         model_text: str = "",
     ) -> None:
-        self._source, self._sensor, self._shape = source, sensor, shape
+        self._source, self._sensor, self._shape, self._targets = source, sensor, shape, targets
         self._time_s, self._truth, self._model_text = time_s, truth, model_text
 
     def __repr__(self) -> str:
@@ -72,6 +77,11 @@ class Recording:
     def shape(self) -> tuple[int, int, int]:
         """Frames, rows, columns."""
         return self._shape
+
+    @property
+    def targets(self) -> int:
+        """Targets that a pixel returns in one frame at most; 0 where the recording has no such axis."""
+        return self._targets
 
     @property
     def sensor(self) -> Sensor:
@@ -100,7 +110,7 @@ class Recording:
         """
         changed = replace(sensor or self._sensor, **changes)
         return type(self)(
-            self._source, changed, shape=self._shape, time_s=self._time_s, truth=self._truth,
+            self._source, changed, shape=self._shape, targets=self._targets, time_s=self._time_s, truth=self._truth,
             model_text=self._model_text,
         )  # fmt: skip
 
@@ -124,18 +134,24 @@ class Recording:
 
     @property
     def range_mm(self) -> Float32Array:
-        """All samples (frame, row, col) float32, mm; NaN where invalid. A file is read anew at each use."""
+        """All samples (frame, row, col) float32, mm; NaN where invalid. A file is read anew at each use.
+
+        They are (frame, target, row, col) where a pixel returns several targets.
+        """
         with self.opened() as source:
-            return source.read_range(slice(None), slice(None))
+            return self._by_frame(source.read_range(slice(None), slice(None)))
+
+    def _by_frame(self, samples: Float32Array) -> Float32Array:
+        return samples.reshape(self._shape[0], self._targets, *self._shape[1:]) if self._targets else samples
 
     @property
     def amplitude(self) -> Float32Array | None:
-        """All amplitudes (frame, row, col) float32; None where the recording has none."""
+        """All amplitudes float32, of the shape of `range_mm`; None where the recording has none."""
         from tofmix.recording import amplitude_source
 
         with self.opened() as source:
             light = amplitude_source(source)
-            return None if light is None else light.read_amplitude(slice(None), slice(None))
+            return None if light is None else self._by_frame(light.read_amplitude(slice(None), slice(None)))
 
     @property
     def time_s(self) -> FloatArray | None:
@@ -184,7 +200,8 @@ class Recording:
         target, range_mm, amplitude, time_s = Path(path), self.range_mm, self.amplitude, self.time_s
         temperature_c = self.temperature_c
         writer = RecordingWriter(
-            target, shape=self._shape, sensor=self._sensor, truth=self._truth, model_text=self._model_text,
+            target, shape=self._shape, targets=self._targets, sensor=self._sensor, truth=self._truth,
+            model_text=self._model_text,
             has_amplitude=amplitude is not None, has_time=time_s is not None,
             has_temperature=temperature_c is not None, dtype="f4", overwrite=overwrite,
             inputs=() if self.path is None else (self.path,),
@@ -224,7 +241,7 @@ def open_file(path: str | Path) -> "Recording | Estimate":
     if format_of(file) == FORMAT:
         return read_estimate(file)
     with open_recording(file) as source:
-        return Recording(file, source.sensor, shape=source.shape)
+        return Recording(file, source.sensor, shape=(source.frames, *source.shape[1:]), targets=source.targets)
 
 
 def from_array(

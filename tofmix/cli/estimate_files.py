@@ -145,7 +145,7 @@ def _windows(source: "RecordingFile", request: Request) -> "Windows":
     from tofmix.windows import plan_windows
 
     try:
-        return plan_windows(source.shape[0], window=request.window, stride=request.stride)
+        return plan_windows(source.frames, window=request.window, stride=request.stride)
     except ValueError as error:
         raise UsageError(f"{source.path}: {error}") from error
 
@@ -202,18 +202,21 @@ def _estimate(
 
 def describe(outcome: "Outcome", shard: tuple[int, int] | None = None) -> tuple[str, dict[str, Any]]:
     """Say what was made, as a line and for JSON."""
-    (rows, cols), windows = outcome.grid.image, outcome.grid.windows
+    (rows, cols), windows = outcome.grid.image, outcome.windows
     found = ", ".join(f"{n}: {count:,}" for n, count in enumerate(outcome.tally) if count) or "none"
     part = f"part {shard[0]} of {shard[1]} of " if shard else ""
     line = (
         f"{outcome.target}: {part}{rows} x {cols} pixels, {windows.count} window{'s' * (windows.count > 1)}"
         f" of {windows.length} frames; pixels by surfaces {found}"
     )
-    return line, {
+    if outcome.targets:
+        line += f"; a share is one of detections, up to {outcome.targets} a frame"
+    said: dict[str, Any] = {
         "status": "done", "exit_code": 0, "rows": rows, "cols": cols, "windows": windows.count,
         "window_frames": windows.length, "frames_left_out": windows.frames_left_out,
         "pixels_by_surfaces": list(outcome.tally), "blocks": outcome.cells, "blocks_continued": outcome.continued,
     }  # fmt: skip
+    return line, said | ({"targets": outcome.targets} if outcome.targets else {})
 
 
 def _cluster(request: Request) -> "AbstractContextManager[ClusterEngine | None]":

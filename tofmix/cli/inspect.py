@@ -3,7 +3,7 @@
 import json
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -91,7 +91,7 @@ def inspect(
         growth = _growth(views[0], file) if over_frames else None
         if output is not None:
             _write_figure(output, views, file, growth, inputs, overwrite)
-    _print(views, col, growth, as_json)
+    _print(views, col, growth, file.provenance.targets, as_json)
     if output is not None:
         click.echo(f"figure: {output}", err=as_json)
 
@@ -142,13 +142,16 @@ def _write_figure(
         target.commit()
 
 
-def _print(views: "list[PixelView]", col: int, growth: "GrowingDensity | None", as_json: bool) -> None:
+def _print(views: "list[PixelView]", col: int, growth: "GrowingDensity | None", targets: int, as_json: bool) -> None:
     from tofmix.report.pixel_table import format_growth, format_pixels
 
     if as_json:
-        found = {"pixels": [view.as_dict() for view in views]}
+        found: dict[str, Any] = {"pixels": [view.as_dict() for view in views]}
+        found |= {"targets": targets} if targets else {}
         click.echo(json.dumps(found | ({"over_frames": growth.as_dict()} if growth else {}), indent=2, allow_nan=False))
         return
     click.echo(format_pixels(views, col))
+    if targets:
+        click.echo(f"a weight is a share of detections, up to {targets} a frame")
     if growth is not None:
         click.echo("\n" + format_growth(growth))

@@ -200,7 +200,7 @@ def _frames(file: "LayersFile", window: int, samples: "RecordingFile") -> tuple[
     click.echo(
         f"tofmix: {samples.path} is not the recording that {file.path} was made from; all its frames are used", err=True
     )
-    return 0, samples.shape[0]
+    return 0, samples.frames
 
 
 def _averaged(file: "LayersFile", samples: "RecordingFile", frames: tuple[int, int]) -> "Beams":

@@ -149,6 +149,10 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
 
     every = slice(0, None)
     with open_recording(measured) as file:
+        if file.targets:
+            raise BadInputError(
+                f"{measured}: range: {file.targets} targets a pixel and frame; reconcile compares one sample a frame"
+            )
         samples = math.prod(file.shape)
         if samples > _MOST_SAMPLES:
             raise BadInputError(

@@ -20,7 +20,7 @@ def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
     from tofmix.errors import BadInputError
     from tofmix.io.recording_file import file_sha256
 
-    if source.shape[1:] != file.shape[1:] or source.shape[0] < int(file.window_stop[-1]):
+    if source.shape[1:] != file.shape[1:] or source.frames < int(file.window_stop[-1]):
         raise BadInputError(
             f"{source.path}: range: shape {source.shape} does not go with {file.path}, which has"
             f" {file.shape[1]} x {file.shape[2]} pixels and windows up to frame {int(file.window_stop[-1])}"

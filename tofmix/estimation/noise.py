@@ -47,7 +47,7 @@ from tofmix.estimation.noise_series import (
     trend_degree,
 )
 from tofmix.estimation.outliers import measure_outliers
-from tofmix.recording import SampleSource
+from tofmix.recording import SampleSource, by_target
 from tofmix.sensor import NoiseCurve, Sensor
 
 STRICTNESS = 0.1
@@ -113,6 +113,7 @@ def measure_noise(source: SampleSource) -> MeasuredNoise:
     ----------
     Basu, Sankhya 15 (1955), 377: shape and variance of a Gaussian sample are independent.
     """
+    source = by_target(source)
     series = read_series(source)
     step = quantisation_step(series.samples)
     found = series_statistics(series, step)

@@ -237,6 +237,7 @@ class LayersFile:
         length, stride = int(stops[0] - starts[0]), int(starts[1]) if len(starts) > 1 else 0
         stride = stride or int(self.provenance.options.get("stride", length))
         plan = Windows(length, stride, len(starts), self.provenance.frames_left_out)
+        plan = plan.of_samples(self.provenance.samples_a_frame)
         return header_image(self.provenance, Grid(plan, self.shape[1:], step[:2] if step else (1, 1)))
 
 

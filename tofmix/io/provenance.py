@@ -11,6 +11,7 @@ from tofmix.errors import BadInputError
 from tofmix.grid import Grid
 from tofmix.io import guard, hdf5
 from tofmix.layers import Provenance
+from tofmix.recording import MOST_TARGETS
 from tofmix.windows import Windows
 
 _CHECKSUM = "provenance_crc32"
@@ -50,6 +51,8 @@ def write_provenance(root: h5py.File, provenance: Provenance) -> None:
     root.attrs["tofmix_version"] = provenance.version
     root.attrs["options"] = json.dumps(provenance.options, sort_keys=True)
     root.attrs["frames_left_out"] = provenance.frames_left_out
+    if provenance.targets:
+        root.attrs["targets"] = provenance.targets
     root.attrs[_CHECKSUM] = np.uint32(_checksum(root))
 
 
@@ -82,4 +85,12 @@ def read_provenance(root: h5py.File, path: Path) -> Provenance:
         sensor=hdf5.read_sensor(root, path),
         options=options,
         frames_left_out=int(root.attrs.get("frames_left_out", 0)),
+        targets=_targets(root, path),
     )
+
+
+def _targets(root: h5py.File, path: Path) -> int:
+    value = np.asarray(root.attrs.get("targets", 0))
+    if value.size != 1 or value.dtype.kind not in "iu" or not 0 <= int(value.reshape(-1)[0]) <= MOST_TARGETS:
+        raise BadInputError(f"{path}: attribute targets: expected a whole number up to {MOST_TARGETS}")
+    return int(value.reshape(-1)[0])

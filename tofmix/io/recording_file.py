@@ -18,7 +18,7 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.errors import BadInputError, os_error_text
 from tofmix.io import guard, hdf5
 from tofmix.io.watchdog import watched
-from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE
+from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
 
 FORMAT = "tofmix-recording"
 DIMS = ("frame", "row", "col")
@@ -28,9 +28,10 @@ _HASHED_BYTES = 1 << 20
 
 
 class RecordingFile:
-    """An open recording. It is a `tofmix.recording.SampleSource`.
+    """An open recording. It is a `tofmix.recording.SampleSource`, and a `tofmix.recording.TargetSource`.
 
-    Made by `open_recording`; reads are in blocks, nothing is kept.
+    Made by `open_recording`; reads are in blocks, nothing is kept. Where pixels return several targets, the targets of
+    a frame are samples that follow each other: `shape`, `frame_step` and blocks count samples, not frames.
     """
 
     def __init__(self, root: h5py.File, path: Path) -> None:
@@ -39,16 +40,20 @@ class RecordingFile:
         self.settled = False
         self.sensor = hdf5.read_sensor(root, path)
         self._range = _samples(root, "range", path)
-        frames, rows, cols = self._range.shape
-        self.shape: tuple[int, int, int] = (frames, rows, cols)
+        self.frames = int(self._range.shape[0])
+        self.targets = int(self._range.shape[1]) if self._range.ndim > len(DIMS) else 0
+        rows, cols = self._range.shape[-2:]
+        self.shape: tuple[int, int, int] = (self.frames * max(1, self.targets), rows, cols)
         self._amplitude = _samples(root, "amplitude", path) if "amplitude" in root else None
         try:
             self._fill = hdf5.fill_value(self._range)
             self._no_amplitude = None if self._amplitude is None else hdf5.fill_value(self._amplitude)
         except BadInputError as error:
             raise BadInputError(f"{path}: {error}") from error
-        if self._amplitude is not None and self._amplitude.shape != self.shape:
-            raise BadInputError(f"{path}: amplitude: shape {self._amplitude.shape} differs from range {self.shape}")
+        if self._amplitude is not None and self._amplitude.shape != self._range.shape:
+            raise BadInputError(
+                f"{path}: amplitude: shape {self._amplitude.shape} differs from range {self._range.shape}"
+            )
 
     def check_unchanged(self) -> None:
         """Refuse what was read if the file was written to meanwhile.
@@ -147,7 +152,7 @@ class RecordingFile:
         if name not in self._root:
             return None
         dataset = guard.checked_dataset(self._root, name, self.path)
-        if dataset.shape != self.shape[:1] or dataset.dtype.kind not in "iuf":
+        if dataset.shape != (self.frames,) or dataset.dtype.kind not in "iuf":
             raise BadInputError(
                 f"{self.path}: {name}: expected one number a frame, got {dataset.dtype} of shape {dataset.shape}"
             )
@@ -157,12 +162,12 @@ class RecordingFile:
     @property
     def row_step(self) -> int:
         """Rows of a stored chunk, so that no chunk is unpacked twice."""
-        return int(self._range.chunks[1]) if self._range.chunks else 1
+        return int(self._range.chunks[-2]) if self._range.chunks else 1
 
     @property
     def frame_step(self) -> int:
-        """Frames of a stored chunk, likewise."""
-        return int(self._range.chunks[0]) if self._range.chunks else 1
+        """Samples of a pixel in a stored chunk, or chunks beside each other; likewise."""
+        return (int(self._range.chunks[0]) if self._range.chunks else 1) * max(1, self.targets)
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Read samples (frame, row, col) float32 in mm, NaN where invalid.
@@ -180,10 +185,19 @@ class RecordingFile:
             deep = DECODED_SAMPLES // (self.shape[2] * (row_part.stop - row_part.start))
             for part in _whole_chunks(first_frame, end, self.frame_step, deep):
                 with guard.reading(self.path, "range"):
-                    raw = self._range[part, row_part]
+                    raw = self._block(self._range, part, row_part)
                 out = samples[part.start - first_frame : part.stop - first_frame, row_part.start - first_row :]
                 self._decode(raw, out[:, : row_part.stop - row_part.start])
         return samples
+
+    def _block(self, dataset: h5py.Dataset, samples: slice, rows: slice) -> NDArray[np.generic]:
+        """Stored values (sample, row, col) of some samples and rows."""
+        if not self.targets:
+            return np.asarray(dataset[samples, rows])
+        first = samples.start // self.targets
+        raw = np.asarray(dataset[first : -(-samples.stop // self.targets), :, rows])
+        flat = raw.reshape(-1, *raw.shape[2:])
+        return flat[samples.start - first * self.targets : samples.stop - first * self.targets]
 
     def _decode(self, raw: NDArray[np.generic], out: Float32Array) -> None:
         with np.errstate(over="ignore"):  # beyond float32 is beyond any range: infinite, and invalid
@@ -203,8 +217,9 @@ class RecordingFile:
         """
         if self._amplitude is None:
             raise BadInputError(f"{self.path}: no dataset amplitude")
+        first, end, _ = frames.indices(self.shape[0])
         with guard.reading(self.path, "amplitude"):
-            raw = self._amplitude[frames, rows]
+            raw = self._block(self._amplitude, slice(first, end), rows)
         with np.errstate(over="ignore"):
             amplitude: Float32Array = raw.astype(np.float32)
         if self._no_amplitude is not None:
@@ -266,11 +281,13 @@ def _whole_chunks(start: int, stop: int, step: int, wanted: int) -> Iterator[sli
 
 def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
     dataset = guard.checked_dataset(root, name, path)
-    if dataset.ndim != len(DIMS):
+    if dataset.ndim == len(DIMS) + 1:
+        _check_targets(dataset, name, path)
+    elif dataset.ndim != len(DIMS):
         raise BadInputError(f"{path}: {name}: expected (frame, row, col), got shape {dataset.shape}")
     if 0 in dataset.shape:
         raise BadInputError(f"{path}: {name}: shape {dataset.shape} holds no sample")
-    if max(dataset.shape[1:]) > MOST_PIXELS_A_SIDE or dataset.shape[0] > MOST_FRAMES:
+    if max(dataset.shape[-2:]) > MOST_PIXELS_A_SIDE or dataset.shape[0] > MOST_FRAMES:
         raise BadInputError(
             f"{path}: {name}: shape {dataset.shape}; no more than {MOST_FRAMES} frames of {MOST_PIXELS_A_SIDE} pixels"
             " a side"
@@ -281,6 +298,19 @@ def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
     if name == "range" and units not in (None, "mm", "millimeter", "millimetre"):
         raise BadInputError(f"{path}: range: units {units!r}, expected 'mm'")
     return dataset
+
+
+def _check_targets(dataset: h5py.Dataset, name: str, path: Path) -> None:
+    """Refuse four axes of which the second is not said to be `target`: another order would be read in silence."""
+    with guard.reading(path, name):
+        scales = [Path(dim[0].name).name if len(dim) else "" for dim in dataset.dims]
+    if scales != [DIMS[0], TARGET, *DIMS[1:]]:
+        raise BadInputError(
+            f"{path}: {name}: got shape {dataset.shape}, four axes, and no scales frame, {TARGET}, row, col say which is"
+            f" which: tofmix import {path} -o NEW.h5 --axes {DIMS[0]},{TARGET},row,col, in their order"
+        )
+    if dataset.shape[1] > MOST_TARGETS:
+        raise BadInputError(f"{path}: {name}: {dataset.shape[1]} targets; no more than {MOST_TARGETS}")
 
 
 def _invalid(raw: NDArray[np.generic], fill: NDArray[np.generic] | None) -> BoolArray:

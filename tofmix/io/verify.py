@@ -123,6 +123,7 @@ def _check_block(layers: LayersFile, windows: slice, rows: slice, findings: Find
             findings.add_error(error, layers.path, first=where)
         return
     frames = layers.window_stop[windows].astype(np.int64) - layers.window_start[windows].astype(np.int64)
+    frames *= layers.provenance.samples_a_frame
     offset = (windows.start, rows.start, 0)
     for rule in layer_rules(block, frames, circle_mm=layers.provenance.unambiguous_range_mm):
         findings.add_broken(rule.name, rule.text, rule.broken, _PLACE, offset)

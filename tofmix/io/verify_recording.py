@@ -75,7 +75,7 @@ def _check_samples(recording: RecordingFile, findings: Findings) -> int:
                 valid += int(np.isfinite(block).sum())
                 with np.errstate(invalid="ignore"):
                     negative = block < 0
-                place = ("frame", "row", "col")
+                place = ("sample" if recording.targets else "frame", "row", "col")
                 findings.add_broken(name, "not below 0 mm", negative, place, (frames.start, rows.start, 0))
         findings.checked += 1
     return valid
@@ -103,7 +103,7 @@ def _check_per_frame(root: h5py.File, recording: RecordingFile, findings: Findin
         has_temperature = "temperature" in root
     if has_temperature:
         dataset = guard.checked_dataset(root, "temperature", recording.path)
-        if dataset.shape != recording.shape[:1] or dataset.dtype.kind not in "iuf":
+        if dataset.shape != (recording.frames,) or dataset.dtype.kind not in "iuf":
             got = f"{dataset.dtype} of shape {dataset.shape}"
             raise BadInputError(f"{recording.path}: temperature: expected one number a frame, got {got}")
         with guard.reading(recording.path, "temperature"):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tofmix.arrays import IntArray
-from tofmix.recording import SampleSource
+from tofmix.recording import SampleSource, samples_a_frame
 
 _BLOCK_SAMPLES = 1 << 21
 
@@ -28,9 +28,11 @@ def count_samples(recording: SampleSource, *, start: int, stop: int) -> IntArray
     ValueError
         If the recording has no such frames.
     """
-    frames, rows, cols = recording.shape
-    if not 0 <= start < stop <= frames:
-        raise ValueError(f"frames {start} to {stop} asked for, the recording has {frames}")
+    samples, rows, cols = recording.shape
+    each = samples_a_frame(recording)
+    if not 0 <= start < stop <= samples // each:
+        raise ValueError(f"frames {start} to {stop} asked for, the recording has {samples // each}")
+    start, stop = start * each, stop * each
     out = np.zeros((rows, cols), dtype=np.int64)
     band = max(1, recording.row_step)
     depth = max(1, _BLOCK_SAMPLES // (band * cols))

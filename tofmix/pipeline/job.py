@@ -29,8 +29,9 @@ class Job:
         What the layers file will say of them; its sensor is the one that is used.
     grid : Grid
         The cells.
+        In samples of a pixel: a frame has as many as targets.
     chunk_frames : int
-        Frames that the recording stores together.
+        Samples of a pixel that the recording stores together.
     """
 
     recording: Path
@@ -59,7 +60,7 @@ def plan_job(
     source : RecordingFile
         The recording, with the sensor that is to be used.
     windows : Windows
-        Its windows.
+        Its windows, in frames.
     options : EstimateOptions
         The estimator's.
     of_sensor : dict
@@ -82,8 +83,9 @@ def plan_job(
         sensor=source.sensor,
         options=options.as_dict() | of_sensor | {"window": windows.length, "stride": windows.stride},
         frames_left_out=windows.frames_left_out,
+        targets=source.targets,
     )
-    grid = plan_grid(windows, source.shape[1:], row_step=source.row_step)
+    grid = plan_grid(windows.of_samples(provenance.samples_a_frame), source.shape[1:], row_step=source.row_step)
     return Job(recording=source.path, options=options, provenance=provenance, grid=grid, chunk_frames=source.frame_step)
 
 

@@ -28,13 +28,14 @@ from tofmix.io.layers_file import LayersWriter, open_layers
 from tofmix.io.provenance import read_header_image
 from tofmix.io.storage import check_output
 from tofmix.pipeline.job import Engine, Job
+from tofmix.windows import Windows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
     """What was made: the output, the job's grid, and the pixels by their number of surfaces.
 
-    `continued` counts cells that an earlier run had done.
+    The grid counts samples; `windows` are its windows in frames. `continued` counts cells that an earlier run had done.
     """
 
     target: Path
@@ -42,6 +43,12 @@ class Outcome:
     tally: tuple[int, ...]
     cells: int
     continued: int = 0
+    targets: int = 0
+
+    @property
+    def windows(self) -> Windows:
+        """The windows, in frames."""
+        return self.grid.windows.in_frames(max(1, self.targets))
 
 
 def run_job(
@@ -92,11 +99,13 @@ def run_job(
         If the recording cannot be read, or something cannot be written.
     """
     header, real = job.header(), Path(os.path.realpath(target))
-    cells = shard.cells(job.grid.count)
+    cells, targets = shard.cells(job.grid.count), job.provenance.targets
     if resume and (finished := _finished(real, header, shard)) is not None:
         remove_journal(journal_path(real))
         progress(sum(job.grid.pixels(job.grid.cell(index)) for index in cells))
-        return Outcome(target=target, grid=job.grid, tally=finished, cells=len(cells), continued=len(cells))
+        return Outcome(
+            target=target, grid=job.grid, tally=finished, cells=len(cells), continued=len(cells), targets=targets
+        )
     check_output(target, overwrite=overwrite, inputs=(job.recording,))
     with _open(journal_path(real), header, shard, resume=resume, say=say) as journal, _left_as_fits(journal):
         done = journal.done()
@@ -117,7 +126,7 @@ def run_job(
         else:
             check_output(target, overwrite=overwrite)
             journal.publish(real)
-    return Outcome(target=target, grid=job.grid, tally=tally, cells=len(cells), continued=len(done))
+    return Outcome(target=target, grid=job.grid, tally=tally, cells=len(cells), continued=len(done), targets=targets)
 
 
 @contextmanager
@@ -219,7 +228,7 @@ def _assemble(
     provenance, grid = read_header_image(header, header_file)
     writer = LayersWriter(
         target,
-        windows=grid.windows,
+        windows=grid.windows.in_frames(provenance.samples_a_frame),
         image=grid.image,
         max_layers=int(provenance.options["max_layers"]),
         tile=grid.step,
@@ -273,7 +282,8 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
             )
         cells = ((grid.cell(index), owner[index].cell(index)) for index in range(grid.count))
         _assemble(cells, first, header, target, overwrite=overwrite, inputs=tuple(parts))
-    return Outcome(target=target, grid=grid, tally=_total(tallies.values()), cells=grid.count)
+    targets = read_header_image(header, first)[0].targets
+    return Outcome(target=target, grid=grid, tally=_total(tallies.values()), cells=grid.count, targets=targets)
 
 
 def _check_parts(parts: Sequence[Journal]) -> None:

@@ -16,7 +16,7 @@ from tofmix.circle import fold
 from tofmix.errors import UsageError
 from tofmix.layers import Layers
 from tofmix.ranging import unambiguous_range_mm
-from tofmix.recording import AmplitudeSource, SampleSource
+from tofmix.recording import AmplitudeSource, SampleSource, samples_a_frame
 
 BLOCK_SAMPLES = 1 << 19
 """Samples read at once: about 40 MB with the phasors."""
@@ -72,11 +72,14 @@ def average_samples(
     UsageError
         If the recording has no such frames.
     """
-    n_frames, rows, cols = recording.shape
-    if not 0 <= start < stop <= n_frames:
+    n_samples, rows, cols = recording.shape
+    each = samples_a_frame(recording)
+    if not 0 <= start < stop <= n_samples // each:
         raise UsageError(
-            f"recording: frames {start} to {stop} asked for, it has {n_frames}; pass the one the layers were made from"
+            f"recording: frames {start} to {stop} asked for, it has {n_samples // each};"
+            " pass the one the layers were made from"
         )
+    start, stop = start * each, stop * each
     amplitudes = _amplitudes(recording)
     band, depth = _block(recording, stop - start)
     range_mm = np.empty((rows, cols))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.flags import Status, status_name
-from tofmix.report.findings import Finding, count_findings
+from tofmix.report.findings import Finding, count_findings, target_findings
 from tofmix.report.sources import LayersSource
 from tofmix.report.tables import printable
 from tofmix.sensor import Sensor
@@ -79,7 +79,15 @@ class RecordingHeader(Protocol):
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Frames, rows, columns."""
+        """Samples of a pixel, rows, columns."""
+
+    @property
+    def frames(self) -> int:
+        """Frames."""
+
+    @property
+    def targets(self) -> int:
+        """Targets of a pixel and frame; 0 without such an axis."""
 
     @property
     def sensor(self) -> Sensor:
@@ -117,7 +125,7 @@ class LayersHeader(LayersSource, Protocol):
 
 def describe_recording(file: RecordingHeader, *, name: str, file_bytes: int) -> Description:
     """Describe a recording from its header and its frames' times."""
-    frames, rows, cols = file.shape
+    _, rows, cols = file.shape
     time_s = file.read_time()
     samples: Section = {
         "units": "mm",
@@ -127,8 +135,9 @@ def describe_recording(file: RecordingHeader, *, name: str, file_bytes: int) -> 
         "time": time_s is not None,
         "truth": file.has_truth,
     }
+    sizes: Section = {"frames": file.frames, "rows": rows, "cols": cols, "file_bytes": file_bytes}
     sections: dict[str, Section] = {
-        "sizes": {"frames": frames, "rows": rows, "cols": cols, "file_bytes": file_bytes},
+        "sizes": sizes | ({"targets": file.targets} if file.targets else {}),
         "range": samples,
     }
     if time_s is not None:
@@ -168,7 +177,10 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers
     )
     return Description(
-        kind="layers", name=name, sections=sections, warnings=(*warnings, *_view_findings(provenance.sensor))
+        kind="layers",
+        name=name,
+        sections=sections,
+        warnings=(*warnings, *target_findings(provenance.targets), *_view_findings(provenance.sensor)),
     )
 
 
@@ -302,7 +314,8 @@ def _recording_findings(file: RecordingHeader) -> list[Finding]:
         text = "No range_max_mm: what does not return is not told from surfaces."
         found.append(Finding(code="no_range_max", text=text))
     found += _view_findings(sensor)
-    if file.shape[0] == 1:
+    found += target_findings(file.targets)
+    if file.frames == 1:
         text = "One frame: a pixel's one sample cannot show several surfaces."
         found.append(Finding(code="one_frame", text=text))
     return found

@@ -84,6 +84,17 @@ def count_findings(
     return found
 
 
+def target_findings(targets: int) -> list[Finding]:
+    """Say what a share is of, where pixels return several targets a frame; `targets` is 0 where they do not."""
+    if not targets:
+        return []
+    text = (
+        f"Pixels return up to {targets} targets a frame, all of which are their samples: a share is a share of"
+        " detections."
+    )
+    return [Finding(code="shares_of_detections", text=text)]
+
+
 def sigma_findings(*, count: int, median: float | None, has_curve: bool) -> list[Finding]:
     """List what sigma says of the sensor's noise curve.
 

@@ -15,7 +15,7 @@ from tofmix.estimation.incremental import IncrementalDensity
 from tofmix.estimation.modes import find_modes
 from tofmix.flags import Status, status_name
 from tofmix.layers import Layers
-from tofmix.recording import SampleSource
+from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 
 SNAPSHOTS = (0.05, 0.15, 0.3, 0.6, 1.0)
@@ -219,8 +219,9 @@ def _modes(
 
 
 def row_samples(recording: SampleSource, *, row: int, start: int, stop: int) -> FloatArray:
-    """Samples (frame, col) of one row over frames [start, stop), mm, NaN where invalid."""
-    block = recording.read_range(slice(start, stop), slice(row, row + 1))
+    """Samples (sample, col) of one row over frames [start, stop), with all their targets, mm, NaN where invalid."""
+    each = samples_a_frame(recording)
+    block = recording.read_range(slice(start * each, stop * each), slice(row, row + 1))
     return np.asarray(block[:, 0, :], dtype=np.float64)
 
 

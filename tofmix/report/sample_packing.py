@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.recording import SampleSource
+from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.report.packing import pack_gaps, text_of
 from tofmix.sensor import NoiseCurve
 
@@ -67,6 +67,8 @@ def pack_samples(
     PackedSamples or None
         None where the image is so large that fewer than `LEAST_FRAMES` samples a pixel would fit.
     """
+    each = samples_a_frame(recording)
+    start, stop = start * each, stop * each
     frames = stop - start
     _, rows, cols = recording.shape
     kept = min(frames, MOST_SAMPLES // windows // (rows * cols))

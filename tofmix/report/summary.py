@@ -13,7 +13,7 @@ import numpy as np
 from tofmix.circle import circular_noise
 from tofmix.flags import Status, status_name
 from tofmix.layers import Layers, Provenance
-from tofmix.report.findings import CLOSE_SIGMAS, Finding, count_findings, sigma_findings
+from tofmix.report.findings import CLOSE_SIGMAS, Finding, count_findings, sigma_findings, target_findings
 from tofmix.report.quantiles import ValueCounts
 from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve
@@ -166,7 +166,7 @@ def summarise(layers_file: LayersSource) -> Summary:
         weight_no_return=_quantiles(tally.no_return),
         sigma_over_curve=sigma_over_curve,
         samples=_quantiles(tally.samples),
-        warnings=(*of_sigma, *of_counts),
+        warnings=(*of_sigma, *of_counts, *target_findings(provenance.targets)),
     )
 
 
