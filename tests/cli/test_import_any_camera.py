@@ -255,6 +255,7 @@ def test_a_long_csv_may_name_its_unit_and_count_from_1(tofmix: Tofmix, tmp_path:
         ("frame,row,col,range\n0,0,0,1000\n0,0,90000,2000\n", (), "no more than 4096"),
         ("frame,row,col,range\n0,0,0,1000\n0,9,0,2000\n", ("--shape", "4x6"), "outside of --shape 4x6"),
         ("frame,row,col,range\n0,0,0,oops\n", (), "cannot be read"),
+        ("frame,row,col,target,range\n0,0,0,0,9\n0,4000,4000,60,9\n", (), "61 targets of 4001 x 4001 pixels; no more"),
     ],
 )
 def test_csv_that_does_not_fit_is_refused_in_one_line(

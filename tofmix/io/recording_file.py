@@ -306,8 +306,8 @@ def _check_targets(dataset: h5py.Dataset, name: str, path: Path) -> None:
         scales = [Path(dim[0].name).name if len(dim) else "" for dim in dataset.dims]
     if scales != [DIMS[0], TARGET, *DIMS[1:]]:
         raise BadInputError(
-            f"{path}: {name}: got shape {dataset.shape}, four axes, and no scales frame, {TARGET}, row, col say which is"
-            f" which: tofmix import {path} -o NEW.h5 --axes {DIMS[0]},{TARGET},row,col, in their order"
+            f"{path}: {name}: got shape {dataset.shape}, four axes, and no scales frame, {TARGET}, row, col say which"
+            f" is which: tofmix import {path} -o NEW.h5 --axes {DIMS[0]},{TARGET},row,col, in their order"
         )
     if dataset.shape[1] > MOST_TARGETS:
         raise BadInputError(f"{path}: {name}: {dataset.shape[1]} targets; no more than {MOST_TARGETS}")

@@ -18,6 +18,9 @@ from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.sensor import Sensor
 
 IMAGE_DIMENSIONS = 2
+_MOST_SAMPLES_A_FRAME = 1 << 26
+"""Four targets of the largest image: a frame is held whole."""
+
 DepthAxis = Literal["z", "ray"]
 
 
@@ -124,6 +127,9 @@ class FrameSource:
             raise BadInputError(f"{what}: {self.shape[0]} frames; no more than {MOST_FRAMES}")
         if max(self.shape[1:]) > MOST_PIXELS_A_SIDE:
             raise BadInputError(f"{what}: {_size(self.shape[1:])} pixels; no more than {MOST_PIXELS_A_SIDE} a side")
+        if self.targets * self.shape[1] * self.shape[2] > _MOST_SAMPLES_A_FRAME:
+            size = f"{self.targets} targets of {_size(self.shape[1:])} pixels"
+            raise BadInputError(f"{what}: {size}; no more than {_MOST_SAMPLES_A_FRAME} samples a frame")
         return self
 
 
