@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
+from tofmix.equiangular import Equiangular
+from tofmix.projection import Projection
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4
 
@@ -158,7 +160,9 @@ class Sensor:
     range_min_mm, range_max_mm : float or None
         Working range. Without `range_max_mm` there is no c_0 in equation (1).
     fov_horizontal_deg, fov_vertical_deg : float or None
-        Full field of view.
+        Full field of view, of equal angles between pixels. It says nothing where there is a `projection`.
+    projection : Projection or None
+        Where the pixels look, if not by the field of view.
     outlier_probability : float
         p(c_r) of equation (1), in [0, 1).
     noise : NoiseCurve or None
@@ -177,6 +181,7 @@ class Sensor:
     range_max_mm: float | None = None
     fov_horizontal_deg: float | None = None
     fov_vertical_deg: float | None = None
+    projection: Projection | None = None
     outlier_probability: float = DEFAULT_OUTLIER_PROBABILITY
     noise: NoiseCurve | None = None
 
@@ -194,3 +199,16 @@ class Sensor:
             raise ValueError(f"range_min_mm: {self.range_min_mm} is not below range_max_mm {self.range_max_mm}")
         if not 0 <= self.outlier_probability < 1:
             raise ValueError(f"outlier_probability: {self.outlier_probability} is not in [0, 1)")
+
+    @property
+    def optics(self) -> Projection | None:
+        """Where the pixels look: `projection`, or equal angles over the field of view; None if neither is known.
+
+        Raises
+        ------
+        ValueError
+            If the field of view cannot be.
+        """
+        if self.projection is not None or self.fov_horizontal_deg is None or self.fov_vertical_deg is None:
+            return self.projection
+        return Equiangular(fov_horizontal_deg=self.fov_horizontal_deg, fov_vertical_deg=self.fov_vertical_deg)

@@ -7,14 +7,15 @@ Use `read_sensor` for a model, whose keys may override a built-in camera, and
 from dataclasses import replace
 from typing import Any
 
+from tofmix.projection import DEFAULT_PROJECTION, PROJECTIONS, Projection, list_keys, make_projection, number_keys
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.profile import SensorProfile
-from tofmix.toml_table import TomlTable, parse_toml
+from tofmix.toml_table import TomlTable, nearest, parse_toml
 
 _WHOLE = ("rows", "cols")
+_VIEW = ("fov_horizontal_deg", "fov_vertical_deg")
 _NUMBERS = (
-    "fov_horizontal_deg",
-    "fov_vertical_deg",
+    *_VIEW,
     "range_min_mm",
     "range_max_mm",
     "integration_time_ms",
@@ -44,10 +45,12 @@ def read_sensor(table: TomlTable, base: SensorProfile | None, *, more_keys: tupl
         If a key is unknown, missing, of a wrong type or outside its bounds.
     """
     noise = table.table("noise")
-    table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", *more_keys})
+    optics = {"projection", *_optics_keys()}
+    table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", *optics, *more_keys})
     noise.refuse_unknown({*_NOISE_LISTS, *_NOISE_NUMBERS})
+    projection = _projection(table, base)
     if base is None:
-        _refuse_missing(table, noise)
+        _refuse_missing(table, noise, seen=projection is not None)
     settings: dict[str, Any] = _settings(base)
     if "name" in table:
         settings["name"] = table.text("name")
@@ -55,6 +58,9 @@ def read_sensor(table: TomlTable, base: SensorProfile | None, *, more_keys: tupl
     settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
     settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
     settings["noise"] = _noise_curve(noise, base)
+    settings["projection"] = projection
+    if projection is not None:
+        settings |= dict.fromkeys(_VIEW)  # it says where the pixels look; a field of view beside it says nothing
     # Without a profile nobody has said what the camera integrates by default; the curve's own time is the best guess.
     settings.setdefault("default_integration_time_ms", settings["reference_integration_time_ms"])
     try:
@@ -73,8 +79,41 @@ def _settings(base: SensorProfile | None) -> dict[str, Any]:
     return {key: getattr(base, key) for key in keys}
 
 
-def _refuse_missing(table: TomlTable, noise: TomlTable) -> None:
-    missing = [key for key in (*_WHOLE, *_NUMBERS) if key not in table]
+def _optics_keys() -> tuple[str, ...]:
+    """Keys of all projections but the default one."""
+    others = [name for name in PROJECTIONS if name != DEFAULT_PROJECTION]
+    return tuple(key for name in others for key in (*number_keys(name), *list_keys(name)))
+
+
+def _projection(table: TomlTable, base: SensorProfile | None) -> Projection | None:
+    """Where the pixels look; None for equal angles over the field of view."""
+    before = None if base is None else base.projection
+    name = DEFAULT_PROJECTION if before is None else before.name
+    if "projection" in table:
+        name = table.text("projection")
+    if name not in PROJECTIONS:
+        raise table.error(f'"{name}" is not a projection{nearest(name, PROJECTIONS)}', "projection")
+    own = () if name == DEFAULT_PROJECTION else (*number_keys(name), *list_keys(name))
+    for key in _optics_keys():
+        if key in table and key not in own:
+            others = " or ".join(f'"{n}"' for n in PROJECTIONS if key in (*number_keys(n), *list_keys(n)))
+            raise table.error(f"does not go with the projection {name}; add projection = {others}", key)
+    if name == DEFAULT_PROJECTION:
+        return None
+    values: dict[str, float | tuple[float, ...]] = {}
+    if before is not None and before.name == name:
+        values |= {key: getattr(before, key) for key in own}
+    values |= {key: table.number(key) for key in number_keys(name) if key in table}
+    values |= {key: table.numbers(key) for key in list_keys(name) if key in table}
+    try:
+        return make_projection(name, values)
+    except ValueError as error:
+        raise table.error(str(error)) from None
+
+
+def _refuse_missing(table: TomlTable, noise: TomlTable, *, seen: bool) -> None:
+    """Refuse a table that leaves out a key; the field of view is not needed where the optics are `seen` without."""
+    missing = [key for key in (*_WHOLE, *_NUMBERS) if key not in table and not (seen and key in _VIEW)]
     missing += [f"noise.{key}" for key in (*_NOISE_LISTS, *_NOISE_NUMBERS) if key not in noise]
     if missing:
         raise table.error(f'missing {", ".join(missing)}; give them, or profile = "sr3000" for what is left out')

@@ -16,8 +16,8 @@ def explain(model: Model) -> str:
 def _camera(model: Model) -> Iterator[str]:
     sensor, recording = model.sensor, model.recording
     yield (
-        f"camera: {sensor.name}, {sensor.rows} x {sensor.cols} pixels over {sensor.fov_horizontal_deg:g} x "
-        f"{sensor.fov_vertical_deg:g} degrees, {sensor.range_min_mm:g} to {sensor.range_max_mm:g} mm"
+        f"camera: {sensor.name}, {sensor.rows} x {sensor.cols} pixels over {sensor.optics.words(sensor.shape)}, "
+        f"{sensor.range_min_mm:g} to {sensor.range_max_mm:g} mm"
     )
     frequency = sensor.modulation_frequency_hz
     if frequency is None:
