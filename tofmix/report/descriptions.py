@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.flags import Status, status_name
+from tofmix.projection import projection_values
 from tofmix.report.findings import Finding, count_findings
 from tofmix.report.sources import LayersSource
 from tofmix.report.tables import printable
@@ -238,6 +239,10 @@ def _shown(value: object) -> str:
 def _sensor_section(sensor: Sensor) -> Section:
     section: Section = {"name": sensor.name}
     section |= {key: getattr(sensor, key) for key in _SENSOR_NUMBERS}
+    if sensor.projection is not None:
+        section["projection"] = sensor.projection.name
+        for key, value in projection_values(sensor.projection).items():
+            section[key] = list(value) if isinstance(value, tuple) else value
     noise = sensor.noise
     section["noise_range_mm"] = None if noise is None else noise.range_mm.tolist()
     section["noise_sigma_mm"] = None if noise is None else noise.sigma_mm.tolist()
@@ -294,6 +299,6 @@ def _recording_findings(file: RecordingHeader) -> list[Finding]:
 
 
 def _view_findings(sensor: Sensor) -> list[Finding]:
-    if sensor.fov_horizontal_deg is not None and sensor.fov_vertical_deg is not None:
+    if sensor.optics is not None:
         return []
     return [Finding(code="no_field_of_view", text="No field of view: points cannot be placed; export needs --fov.")]
