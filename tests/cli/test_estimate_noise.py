@@ -22,12 +22,15 @@ def samples() -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
 
 def test_a_recording_without_a_curve_works(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     path = write_recording(tmp_path / "a.h5", samples, noise=None)
-    refused = tofmix("estimate", path)
-    assert refused.code == ExitCode.BAD_INPUT
-    assert "measure it with --noise auto" in refused.err
-    outcome = tofmix("estimate", path, "--noise", "auto")
+    outcome = tofmix("estimate", path)
+    assert outcome.code == 0, outcome.err
+    assert outcome.err.count("\n") == 1
+    assert "no noise curve; it is measured from the samples (--noise auto)" in outcome.err
+    measured = (tmp_path / "a.layers.h5").read_bytes()
+    outcome = tofmix("estimate", path, "--noise", "auto", "--overwrite")
     assert outcome.code == 0, outcome.err
     assert outcome.err == ""
+    assert (tmp_path / "a.layers.h5").read_bytes() == measured
     with h5py.File(tmp_path / "a.layers.h5") as root:
         assert json.loads(root.attrs["options"])["noise"] == "auto"
         np.testing.assert_allclose(root["sensor/noise_sigma"][...], 15.0, rtol=0.08)

@@ -7,7 +7,8 @@ import pytest
 from tofmix.errors import BadInputError
 from tofmix.pinhole import Pinhole
 from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.sensor_file import parse_sensor
+from tofmix.sensors.sensor_file import parse_sensor, sensor_of
+from tofmix.toml_table import parse_toml
 
 SR3000 = '[sensor]\nprofile = "sr3000"\n'
 PINHOLE = 'projection = "pinhole"\nfx = 125.7\nfy = 138.3\ncx = 87.5\ncy = 71.5\n'
@@ -28,7 +29,7 @@ exponent = 0.5
 
 
 def sensor(text: str) -> SensorProfile:
-    return parse_sensor(text, source="camera.toml")
+    return sensor_of(parse_toml(text, source="camera.toml"))
 
 
 def test_a_pinhole_takes_the_place_of_the_profiles_field_of_view() -> None:
@@ -42,6 +43,12 @@ def test_a_pinhole_takes_the_place_of_the_profiles_field_of_view() -> None:
 def test_a_camera_without_a_profile_needs_no_field_of_view_beside_a_pinhole() -> None:
     camera = sensor(ALONE.replace("PROJECTION", 'projection = "pinhole"\nfx = 10.0\nfy = 10.0\ncx = 8\ncy = 6\n'))
     assert camera.optics == Pinhole(fx=10.0, fy=10.0, cx=8.0, cy=6.0)
+
+
+def test_a_sheet_may_know_the_pinhole_alone() -> None:
+    sheet = parse_sensor("[sensor]\n" + PINHOLE, source="camera.toml")
+    assert sheet.sensor().optics == Pinhole(fx=125.7, fy=138.3, cx=87.5, cy=71.5)
+    assert "fov_horizontal_deg" not in sheet.missing()
 
 
 def test_equiangular_by_name_is_as_if_it_were_left_out() -> None:

@@ -71,7 +71,7 @@ def test_unknown_camera_is_refused_in_one_line_with_the_known_ones(name: str) ->
     [
         ("[abut]", 'p: "abut" is not a key here; did you mean "about"?'),
         ("[about]\nconfirmd = true", 'did you mean "confirmed"?'),
-        ("[about]\nconfirmed = 1\n", "p: \\[sensor\\]: missing rows"),
+        ("[about]\nconfirmed = 1\n", "p: no table \\[sensor\\]"),
     ],
 )
 def test_a_profile_file_is_read_as_strictly_as_a_model(text: str, message: str) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tofmix.cli.options import progress_bar
-from tofmix.cli.sensor_choice import circle_of, sensor_for
+from tofmix.cli.sensor_choice import circle_of, noise_choice, sensor_for
 from tofmix.errors import ExitCode, StorageError, TofmixError, UsageError, os_error_text
 
 if TYPE_CHECKING:
@@ -172,11 +172,12 @@ def _estimate(
         if request.wrap:
             options = replace(options, unambiguous_range_mm=circle_of(source))
         with bar.external_write_mode(file=sys.stderr):
+            noise = noise_choice(source, request.noise)
             source.sensor = sensor_for(
-                source, noise=request.noise, outliers=request.outliers, circle_mm=options.unambiguous_range_mm
+                source, noise=noise, outliers=request.outliers, circle_mm=options.unambiguous_range_mm
             )
         windows = _windows(source, request)
-        job = plan_job(source, windows, options, {"noise": request.noise, "outliers": request.outliers})
+        job = plan_job(source, windows, options, {"noise": noise, "outliers": request.outliers})
         engine: Engine
         if cluster is not None:
             engine = cluster

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from tofmix.estimation.noise import MeasuredNoise
     from tofmix.io.recording_file import RecordingFile
     from tofmix.sensor import Sensor
+    from tofmix.sensors import SensorProfile
 
 FILE, AUTO = "file", "auto"
 
@@ -68,6 +69,16 @@ def circle_of(source: "RecordingFile") -> float:
     return unambiguous_range_mm(frequency)
 
 
+def noise_choice(source: "RecordingFile", noise: str) -> str:
+    """What ``--noise`` comes to: a recording without a noise curve gets a measured one, and that is said."""
+    if noise != FILE or source.sensor.noise is not None:
+        return noise
+    click.echo(
+        f"tofmix: {source.path}: sensor: no noise curve; it is measured from the samples (--noise auto)", err=True
+    )
+    return AUTO
+
+
 def sensor_for(
     source: "RecordingFile", *, noise: str, outliers: str | float, circle_mm: float | None = None
 ) -> "Sensor":
@@ -78,7 +89,7 @@ def sensor_for(
     source : RecordingFile
         The recording.
     noise : str
-        ``file``, ``auto`` or the name of a built-in sensor.
+        What `noise_choice` returned: ``file``, ``auto`` or the name of a built-in sensor.
     outliers : str or float
         What `outlier_choice` returned.
     circle_mm : float, optional
@@ -93,16 +104,12 @@ def sensor_for(
     """
     from tofmix.circle import has_no_return
     from tofmix.estimation.beam import beam_of
-    from tofmix.sensors import PROFILES
+    from tofmix.sensors import PROFILES, profiles_with_noise
 
     if noise not in (FILE, AUTO, *PROFILES):
-        raise UsageError(f"--noise: unknown profile {noise!r}; choose file, auto or one of {', '.join(PROFILES)}")
+        known = ", ".join(profiles_with_noise())
+        raise UsageError(f"--noise: unknown profile {noise!r}; choose file, auto or one of {known}")
     sensor = source.sensor
-    if noise == FILE and sensor.noise is None:
-        raise BadInputError(
-            f"{source.path}: sensor/noise_sigma: no noise curve; measure it with --noise auto,"
-            f" or choose a built-in one with --noise PROFILE ({', '.join(PROFILES)})"
-        )
     measured = _measured(source, circle_mm) if AUTO in (noise, outliers) else None
     if noise == AUTO and measured is not None:
         _warn_where_they_differ(source, measured)
@@ -117,6 +124,12 @@ def sensor_for(
     if circle_mm is not None and sensor.noise is not None and sensor.noise.law is not None:
         sensor = replace(sensor, noise=replace(sensor.noise, law=None))
         click.echo(f"tofmix: {source.path}: noise: on a wrapped range axis sigma goes by range alone", err=True)
+    if circle_mm is None and sensor.range_max_mm is None and sensor.noise is not None:
+        click.echo(
+            f"tofmix: {source.path}: sensor: no range_max_mm: there is no share without a return, and random values are"
+            f" taken to spread up to the noise curve's end, {sensor.noise.range_mm[-1]:.0f} mm",
+            err=True,
+        )
     try:
         beam_of(sensor, circle_mm)
     except ValueError as error:
@@ -137,13 +150,24 @@ def _measured(source: "RecordingFile", circle_mm: float | None) -> "MeasuredNois
     try:
         return measure_noise(source if circle_mm is None else UnrolledSource(source, circle_mm))
     except ValueError as error:
-        raise BadInputError(f"{source.path}: {error}") from error
+        remedy = "" if source.sensor.noise is not None else "; --noise PROFILE takes a built-in camera's curve"
+        raise BadInputError(f"{source.path}: {error}{remedy}") from error
+
+
+def _profile_with_noise(name: str) -> "SensorProfile":
+    from tofmix.sensors import load_sheet, profiles_with_noise
+
+    sheet = load_sheet(name)
+    if sheet.noise is None:
+        known = ", ".join(profiles_with_noise())
+        raise UsageError(
+            f"--noise: the noise of {sheet.name} is not known; --noise auto measures it, {known} have a curve"
+        )
+    return sheet.profile()
 
 
 def _with_profile(source: "RecordingFile", sensor: "Sensor", name: str) -> "Sensor":
-    from tofmix.sensors import load_profile
-
-    profile = load_profile(name)
+    profile = _profile_with_noise(name)
     if sensor.integration_time_ms is None:
         click.echo(
             f"tofmix: {source.path}: sensor: no integration_time_ms; the curve of {name} is taken"

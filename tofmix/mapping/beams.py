@@ -208,7 +208,10 @@ def _beams(
         raise ValueError(f"range: expected an image (row, col), got shape {samples_no_return.shape}")
     optics = sensor.optics
     if optics is None:
-        raise ValueError("the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg), and no projection")
+        raise ValueError(
+            "the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg) and no projection, so beams have no"
+            " place; tofmix import --fov HxV says it"
+        )
     rows, cols = samples_no_return.shape
     if isinstance(optics, Equiangular):
         half_width = range_mm * max(_equal_angles(optics, (rows, cols))) / 2

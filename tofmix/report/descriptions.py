@@ -19,6 +19,7 @@ from tofmix.report.sources import LayersSource
 from tofmix.report.tables import printable
 from tofmix.sensor import Sensor
 from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.sheet import CameraSheet
 from tofmix.simulation.model import Model
 
 GAP = 1.5
@@ -196,7 +197,7 @@ def describe_model(model: Model, *, name: str) -> Description:
     return Description(kind="model", name=name, sections=sections, warnings=tuple(warnings))
 
 
-def describe_sensor(camera: SensorProfile, *, name: str) -> Description:
+def describe_sensor(camera: CameraSheet, *, name: str) -> Description:
     """Describe a camera's own file."""
     sections = {"sensor": _profile_section(camera)}
     return Description(kind="sensor", name=name, sections=sections, warnings=_profile_findings(camera))
@@ -249,11 +250,11 @@ def _sensor_section(sensor: Sensor) -> Section:
     return section
 
 
-def _profile_section(camera: SensorProfile) -> Section:
+def _profile_section(camera: SensorProfile | CameraSheet) -> Section:
     return {"rows": camera.rows, "cols": camera.cols} | _sensor_section(camera.sensor())
 
 
-def _profile_findings(camera: SensorProfile) -> tuple[Finding, ...]:
+def _profile_findings(camera: SensorProfile | CameraSheet) -> tuple[Finding, ...]:
     if camera.confirmed or not camera.sources:
         return ()
     text = f"Figures of {camera.name} are unconfirmed; its profile says where each is from."
@@ -286,7 +287,7 @@ def _recording_findings(file: RecordingHeader) -> list[Finding]:
     found = []
     sensor = file.sensor
     if sensor.noise is None:
-        text = "No noise curve: estimate needs --noise auto, or --noise with a built-in sensor."
+        text = "No noise curve: estimate measures one, or takes a built-in sensor's with --noise."
         found.append(Finding(code="no_noise_curve", text=text))
     if sensor.range_max_mm is None:
         text = "No range_max_mm: what does not return is not told from surfaces."

@@ -1,7 +1,7 @@
-"""The ``[sensor]`` table of profiles and models, into a `SensorProfile`.
+"""The ``[sensor]`` table of profiles and models, into a `SensorProfile` or a `CameraSheet`.
 
-Use `read_sensor` for a model, whose keys may override a built-in camera, and
-`parse_profile` for a built-in camera's own file.
+Use `read_sensor` for a model, whose keys may override a built-in camera, `read_sheet` where a camera is only
+described, and `parse_profile` for a built-in camera's own file.
 """
 
 from dataclasses import replace
@@ -10,6 +10,7 @@ from typing import Any
 from tofmix.projection import DEFAULT_PROJECTION, PROJECTIONS, Projection, list_keys, make_projection, number_keys
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.sheet import CameraSheet
 from tofmix.toml_table import TomlTable, nearest, parse_toml
 
 _WHOLE = ("rows", "cols")
@@ -27,17 +28,52 @@ _NOISE_NUMBERS = ("reference_integration_time_ms", "exponent")
 _UNNAMED = "unnamed"
 
 
-def read_sensor(table: TomlTable, base: SensorProfile | None, *, more_keys: tuple[str, ...] = ()) -> SensorProfile:
-    """Read ``[sensor]`` and ``[sensor.noise]``; their keys override `base`.
+def read_sheet(table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[str, ...] = ()) -> CameraSheet:
+    """Read ``[sensor]`` and ``[sensor.noise]``, none of whose keys is needed; they override `base`.
 
     Parameters
     ----------
     table : TomlTable
         The ``[sensor]`` table.
-    base : SensorProfile or None
-        What stands where a key is left out; None if every key must be given.
+    base : CameraSheet or None
+        What stands where a key is left out.
     more_keys : tuple of str
         Keys that the caller reads itself.
+
+    Raises
+    ------
+    BadInputError
+        If a key is unknown, of a wrong type or outside its bounds.
+    """
+    noise = table.table("noise")
+    optics = {"projection", *_optics_keys()}
+    table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", *optics, *more_keys})
+    noise.refuse_unknown({*_NOISE_LISTS, *_NOISE_NUMBERS})
+    settings: dict[str, Any] = {"name": _UNNAMED} if base is None else base.known()
+    if "name" in table:
+        settings["name"] = table.text("name")
+    settings |= {key: table.integer(key) for key in _WHOLE if key in table}
+    settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
+    settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
+    if any(key in noise for key in _NOISE_LISTS):
+        settings["noise"] = _noise_curve(noise, settings.get("noise"))
+    settings["projection"] = _projection(table, base)
+    if settings["projection"] is not None:
+        settings |= dict.fromkeys(_VIEW)  # it says where the pixels look; a field of view beside it says nothing
+    try:
+        return CameraSheet(**settings)
+    except ValueError as error:
+        where = noise if str(error).startswith(("reference", "exponent", "noise curve")) else table
+        raise where.error(str(error)) from None
+
+
+def read_sensor(table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[str, ...] = ()) -> SensorProfile:
+    """Read ``[sensor]`` and ``[sensor.noise]`` of a camera that is simulated; their keys override `base`.
+
+    Parameters
+    ----------
+    table, base, more_keys
+        As for `read_sheet`.
 
     Raises
     ------
@@ -45,38 +81,13 @@ def read_sensor(table: TomlTable, base: SensorProfile | None, *, more_keys: tupl
         If a key is unknown, missing, of a wrong type or outside its bounds.
     """
     noise = table.table("noise")
-    optics = {"projection", *_optics_keys()}
-    table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", *optics, *more_keys})
-    noise.refuse_unknown({*_NOISE_LISTS, *_NOISE_NUMBERS})
-    projection = _projection(table, base)
     if base is None:
-        _refuse_missing(table, noise, seen=projection is not None)
-    settings: dict[str, Any] = _settings(base)
-    if "name" in table:
-        settings["name"] = table.text("name")
-    settings |= {key: table.integer(key) for key in _WHOLE if key in table}
-    settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
-    settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
-    settings["noise"] = _noise_curve(noise, base)
-    settings["projection"] = projection
-    if projection is not None:
-        settings |= dict.fromkeys(_VIEW)  # it says where the pixels look; a field of view beside it says nothing
-    # Without a profile nobody has said what the camera integrates by default; the curve's own time is the best guess.
-    settings.setdefault("default_integration_time_ms", settings["reference_integration_time_ms"])
-    try:
-        profile = SensorProfile(**settings)
-        profile.sensor()  # the tau law may take sigma out of its bounds
-    except ValueError as error:
-        where = noise if str(error).startswith(("reference", "exponent", "noise curve")) else table
-        raise where.error(str(error)) from None
-    return profile
-
-
-def _settings(base: SensorProfile | None) -> dict[str, Any]:
-    if base is None:
-        return {"name": _UNNAMED}
-    keys = ("name", *_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, *_NOISE_NUMBERS, "confirmed", "sources")
-    return {key: getattr(base, key) for key in keys}
+        _refuse_missing(table, noise, seen=_projection(table, None) is not None)
+    sheet = read_sheet(table, base, more_keys=more_keys)
+    if lacking := sheet.missing():
+        keys = ", ".join("noise.range_mm, noise.sigma_mm" if key == "noise" else key for key in lacking)
+        raise table.error(f"missing {keys}; the profile of {sheet.name} does not know them: give them")
+    return sheet.profile()
 
 
 def _optics_keys() -> tuple[str, ...]:
@@ -85,7 +96,7 @@ def _optics_keys() -> tuple[str, ...]:
     return tuple(key for name in others for key in (*number_keys(name), *list_keys(name)))
 
 
-def _projection(table: TomlTable, base: SensorProfile | None) -> Projection | None:
+def _projection(table: TomlTable, base: CameraSheet | None) -> Projection | None:
     """Where the pixels look; None for equal angles over the field of view."""
     before = None if base is None else base.projection
     name = DEFAULT_PROJECTION if before is None else before.name
@@ -119,17 +130,19 @@ def _refuse_missing(table: TomlTable, noise: TomlTable, *, seen: bool) -> None:
         raise table.error(f'missing {", ".join(missing)}; give them, or profile = "sr3000" for what is left out')
 
 
-def _noise_curve(noise: TomlTable, base: SensorProfile | None) -> NoiseCurve:
-    lists = {} if base is None else {"range_mm": base.noise.range_mm, "sigma_mm": base.noise.sigma_mm}
+def _noise_curve(noise: TomlTable, base: NoiseCurve | None) -> NoiseCurve:
+    lists = {} if base is None else {"range_mm": base.range_mm, "sigma_mm": base.sigma_mm}
     given: dict[str, Any] = {key: noise.numbers(key) for key in _NOISE_LISTS if key in noise}
+    if lacking := [key for key in _NOISE_LISTS if key not in lists | given]:
+        raise noise.error(f"missing {lacking[0]}; range_mm and sigma_mm go together")
     try:
         return NoiseCurve(**(lists | given))
     except ValueError as error:
         raise noise.error(str(error).removeprefix("noise curve: ")) from None
 
 
-def parse_profile(text: str, *, source: str) -> SensorProfile:
-    """Read a built-in camera's file: ``[about]`` and a ``[sensor]`` that gives every key.
+def parse_profile(text: str, *, source: str) -> CameraSheet:
+    """Read a built-in camera's file: ``[about]`` and a ``[sensor]`` with the keys that are known.
 
     Parameters
     ----------
@@ -147,5 +160,7 @@ def parse_profile(text: str, *, source: str) -> SensorProfile:
     root.refuse_unknown({"about", "sensor"})
     about = root.table("about")
     about.refuse_unknown({"confirmed", "sources"})
-    profile = read_sensor(root.table("sensor"), None)
-    return replace(profile, confirmed=about.boolean("confirmed"), sources=about.texts("sources"))
+    if "sensor" not in root:
+        raise root.error("no table [sensor], so no camera")
+    sheet = read_sheet(root.table("sensor"), None)
+    return replace(sheet, confirmed=about.boolean("confirmed"), sources=about.texts("sources"))
