@@ -73,6 +73,10 @@ class AmplitudeLaw:
         log_amplitude = np.log(np.where(values > 0, values, np.nan))
         return np.asarray(np.interp(log_amplitude, np.log(self.amplitude), np.log(self.factor)), dtype=np.float64)
 
+    def scaled(self, factor: float) -> Self:
+        """The same law of amplitudes that are `factor` times as large, as another integration time gives."""
+        return replace(self, reference=self.reference * factor, amplitude=self.amplitude * factor)
+
     def exponents(self) -> FloatArray:
         """Power (m - 1,) of amplitude by which noise falls from each point to the next."""
         return np.asarray(-np.diff(np.log(self.factor)) / np.diff(np.log(self.amplitude)))
@@ -142,9 +146,18 @@ class NoiseCurve:
         factor = np.exp(self.law.log_factor(amplitude) - self.law.log_factor(reference))
         return sigma * np.where(np.isnan(factor), 1.0, factor)
 
-    def scaled(self, factor: float) -> Self:
-        """The same curve with every sigma times `factor`, as another integration time gives."""
-        return replace(self, sigma_mm=self.sigma_mm * factor)
+    def scaled(self, factor: float, *, amplitude_factor: float = 1.0) -> Self:
+        """The same curve with every sigma times `factor`, and the law's amplitudes times `amplitude_factor`."""
+        law = None if self.law is None else self.law.scaled(amplitude_factor)
+        return replace(self, sigma_mm=self.sigma_mm * factor, law=law)
+
+    def same_as(self, other: "NoiseCurve") -> bool:
+        """Whether all numbers of two curves are equal."""
+        pairs = [(self.range_mm, other.range_mm), (self.sigma_mm, other.sigma_mm)]
+        if self.law is None or other.law is None:
+            return self.law is other.law and all(np.array_equal(*pair) for pair in pairs)
+        pairs += [(getattr(self.law, key), getattr(other.law, key)) for key in ("reference", "amplitude", "factor")]
+        return all(np.array_equal(*pair) for pair in pairs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

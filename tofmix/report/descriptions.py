@@ -247,6 +247,10 @@ def _sensor_section(sensor: Sensor) -> Section:
     noise = sensor.noise
     section["noise_range_mm"] = None if noise is None else noise.range_mm.tolist()
     section["noise_sigma_mm"] = None if noise is None else noise.sigma_mm.tolist()
+    if noise is not None and noise.law is not None:
+        section["noise_reference_amplitude"] = noise.law.reference.tolist()
+        section["noise_amplitude"] = noise.law.amplitude.tolist()
+        section["noise_amplitude_factor"] = noise.law.factor.tolist()
     return section
 
 

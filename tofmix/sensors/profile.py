@@ -138,7 +138,7 @@ class SensorProfile:
         Returns
         -------
         NoiseCurve
-            `noise` times (reference / tau) ** exponent.
+            `noise` times (reference / tau) ** exponent. Amplitudes grow with tau, those of its law too.
 
         Raises
         ------
@@ -151,7 +151,7 @@ class SensorProfile:
             factor = (self.reference_integration_time_ms / integration_time_ms) ** self.exponent
         except OverflowError:
             raise ValueError(f"exponent: {self.exponent:g}: sigma overflows at {integration_time_ms:g} ms") from None
-        return self.noise.scaled(factor)
+        return self.noise.scaled(factor, amplitude_factor=integration_time_ms / self.reference_integration_time_ms)
 
     def turn_mm(self, purpose: str) -> float:
         """Unambiguous range d_u = c / (2 f), mm, for what acts on the phase.

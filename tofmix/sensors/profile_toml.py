@@ -7,8 +7,10 @@ described, and `parse_profile` for a built-in camera's own file.
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from tofmix.projection import DEFAULT_PROJECTION, PROJECTIONS, Projection, list_keys, make_projection, number_keys
-from tofmix.sensor import NoiseCurve
+from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sheet import CameraSheet
 from tofmix.toml_table import TomlTable, nearest, parse_toml
@@ -24,6 +26,9 @@ _NUMBERS = (
 )
 _MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms")  # a camera without phase has no frequency
 _NOISE_LISTS = ("range_mm", "sigma_mm")
+_LAW = {"reference_amplitude": "reference", "amplitude": "amplitude", "amplitude_factor": "factor"}
+"""Keys of an `AmplitudeLaw` and its fields; they go together."""
+
 _NOISE_NUMBERS = ("reference_integration_time_ms", "exponent")
 _UNNAMED = "unnamed"
 
@@ -48,14 +53,14 @@ def read_sheet(table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[s
     noise = table.table("noise")
     optics = {"projection", *_optics_keys()}
     table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", *optics, *more_keys})
-    noise.refuse_unknown({*_NOISE_LISTS, *_NOISE_NUMBERS})
+    noise.refuse_unknown({*_NOISE_LISTS, *_LAW, *_NOISE_NUMBERS})
     settings: dict[str, Any] = {"name": _UNNAMED} if base is None else base.known()
     if "name" in table:
         settings["name"] = table.text("name")
     settings |= {key: table.integer(key) for key in _WHOLE if key in table}
     settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
     settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
-    if any(key in noise for key in _NOISE_LISTS):
+    if any(key in noise for key in (*_NOISE_LISTS, *_LAW)):
         settings["noise"] = _noise_curve(noise, settings.get("noise"))
     settings["projection"] = _projection(table, base)
     if settings["projection"] is not None:
@@ -136,9 +141,22 @@ def _noise_curve(noise: TomlTable, base: NoiseCurve | None) -> NoiseCurve:
     if lacking := [key for key in _NOISE_LISTS if key not in lists | given]:
         raise noise.error(f"missing {lacking[0]}; range_mm and sigma_mm go together")
     try:
-        return NoiseCurve(**(lists | given))
+        return NoiseCurve(**(lists | given), law=_amplitude_law(noise, base))
     except ValueError as error:
         raise noise.error(str(error).removeprefix("noise curve: ")) from None
+
+
+def _amplitude_law(noise: TomlTable, base: NoiseCurve | None) -> AmplitudeLaw | None:
+    """How noise depends on amplitude at the reference integration time; None where nothing is said."""
+    before = None if base is None or base.law is None else base.law
+    given = {key: noise.numbers(key) for key in _LAW if key in noise}
+    if before is not None:
+        given = {key: tuple(getattr(before, name).tolist()) for key, name in _LAW.items()} | given
+    if not given:
+        return None
+    if lacking := [key for key in _LAW if key not in given]:
+        raise noise.error(f"missing {lacking[0]}; {', '.join(_LAW)} go together")
+    return AmplitudeLaw(**{name: np.array(given[key]) for key, name in _LAW.items()})
 
 
 def parse_profile(text: str, *, source: str) -> CameraSheet:

@@ -133,7 +133,8 @@ class CameraSheet:
             return None
         if self.integration_time_ms is None:
             return None if self.exponent else self.noise
-        return self.noise.scaled((self.reference_integration_time_ms / self.integration_time_ms) ** self.exponent)
+        longer = self.integration_time_ms / self.reference_integration_time_ms
+        return self.noise.scaled((1.0 / longer) ** self.exponent, amplitude_factor=longer)
 
     def with_view(self, view_deg: tuple[float, float] | None) -> "CameraSheet":
         """The camera with another field of view (horizontal, vertical); itself where None."""

@@ -29,7 +29,8 @@ def _camera(model: Model) -> Iterator[str]:
         )
     middle = math.sqrt(max(sensor.range_min_mm, 1.0) * sensor.range_max_mm)
     sigma = float(sensor.noise_at(sensor.integration_time_ms).sigma(middle))
-    yield f"noise: Gaussian, sigma(r) of the camera, such as {sigma:.3g} mm at {middle:.0f} mm"
+    law = "" if sensor.noise.law is None else "; less where a sample is bright, more where it is faint"
+    yield f"noise: Gaussian, sigma(r) of the camera, such as {sigma:.3g} mm at {middle:.0f} mm{law}"
     yield (
         f"recording: {recording.frames} frames at {recording.frame_rate_hz:g} Hz, "
         f"{recording.frames / recording.frame_rate_hz:g} s in all, seed {recording.seed}"
