@@ -3,11 +3,15 @@
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 from commandline import Tofmix
+from files import boards, write_recording
+
+from tofmix.errors import ExitCode
 
 MODEL = """\
 [sensor]
@@ -124,3 +128,32 @@ def test_the_right_model_agrees_and_one_of_equal_angles_is_said_to_look_elsewher
     assert made.code == 0, made.err
     assert "its pixels see 73.2 x 56.5 degrees of a pinhole with distortion and look up to" in made.err
     assert json.loads((tmp_path / "other" / "gap.json").read_text())["verdict"] != "agree"
+
+
+@pytest.mark.parametrize(
+    ("attributes", "text"),
+    [
+        ({"fov_horizontal_deg": 400.0, "fov_vertical_deg": 30.0}, "fov_horizontal_deg: 400 is not above 0"),
+        (
+            {"projection": "pinhole", "fx": 3.0, "fy": 3.0, "cx": 2.5, "cy": 1.5, "distortion": [-0.5, 0, 0, 0, 0]},
+            "distortion: it folds",
+        ),
+    ],
+)
+def test_optics_that_no_camera_has_are_told_and_stop_only_what_needs_them(
+    tofmix: Tofmix, tmp_path: Path, attributes: dict[str, Any], text: str
+) -> None:
+    path = write_recording(tmp_path / "a.h5", boards(40), attributes=attributes)
+    assert tofmix("estimate", path).code == 0
+    layers = tmp_path / "a.layers.h5"
+    for file in (path, layers):
+        described = json.loads(tofmix("info", file, "--json").out)
+        (found,) = [w for w in described["warnings"] if w["code"] == "unfit_projection"]
+        assert text in found["text"]
+    made = tofmix("report", layers, "--html", tmp_path / "a.html")
+    assert made.code == 0, made.err
+    for command in (("export", layers, "-o", tmp_path / "a.csv"), ("map", layers, "-o", tmp_path / "a.yaml")):
+        refused = tofmix(*command)
+        assert refused.code == ExitCode.BAD_INPUT
+        assert refused.err.startswith(f"tofmix: {layers}: {text}")
+        assert refused.err.count("\n") == 1

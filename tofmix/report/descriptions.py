@@ -163,7 +163,10 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers
     )
     return Description(
-        kind="layers", name=name, sections=sections, warnings=(*warnings, *_view_findings(provenance.sensor))
+        kind="layers",
+        name=name,
+        sections=sections,
+        warnings=(*warnings, *_view_findings(provenance.sensor, (rows, cols))),
     )
 
 
@@ -296,14 +299,18 @@ def _recording_findings(file: RecordingHeader) -> list[Finding]:
     if sensor.range_max_mm is None:
         text = "No range_max_mm: what does not return is not told from surfaces."
         found.append(Finding(code="no_range_max", text=text))
-    found += _view_findings(sensor)
+    found += _view_findings(sensor, file.shape[1:])
     if file.shape[0] == 1:
         text = "One frame: a pixel's one sample cannot show several surfaces."
         found.append(Finding(code="one_frame", text=text))
     return found
 
 
-def _view_findings(sensor: Sensor) -> list[Finding]:
-    if sensor.optics is not None:
-        return []
+def _view_findings(sensor: Sensor, shape: tuple[int, int]) -> list[Finding]:
+    try:
+        if sensor.optics is not None:
+            sensor.optics.check(shape)
+            return []
+    except ValueError as error:
+        return [Finding(code="unfit_projection", text=f"Points cannot be placed: {error}.")]
     return [Finding(code="no_field_of_view", text="No field of view: points cannot be placed; export needs --fov.")]

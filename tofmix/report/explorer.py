@@ -182,11 +182,15 @@ def _settings(layers_file: LayersSource, scale: tuple[float, float], most: int) 
 
 def _angles(sensor: Sensor, shape: tuple[int, int]) -> list[list[float]] | None:
     """Where the pixels of the middle row look across, and those of the middle column down, rad; None if not known."""
-    optics, (rows, cols) = sensor.optics, shape
-    if optics is None:
+    rows, cols = shape
+    try:
+        optics = sensor.optics
+        if optics is None:
+            return None
+        across = optics.rays((rows - 1) / 2, np.arange(cols), shape=shape)
+        down = optics.rays(np.arange(rows), (cols - 1) / 2, shape=shape)
+    except ValueError:  # numbers that no camera has; `info` says which
         return None
-    across = optics.rays((rows - 1) / 2, np.arange(cols), shape=shape)
-    down = optics.rays(np.arange(rows), (cols - 1) / 2, shape=shape)
     angles = np.arctan2(across[:, 0], across[:, 2]), np.arctan2(down[:, 1], np.hypot(down[:, 0], down[:, 2]))
     return [[round(float(angle), _ANGLE_DIGITS) for angle in line] for line in angles]
 
