@@ -25,13 +25,14 @@ from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.modes import find_modes
 from tofmix.estimation.rivals import ForwardModel, fit_decaying_shares, fit_thin_beam
 from tofmix.estimation.samples import sort_samples
-from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
+from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.model_file import load_model
 from tofmix.layers import Layers
 from tofmix.projection import beam_directions_of
 from tofmix.report.pixel_figures import draw_density, draw_modes, new_figure, style_axes
 from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensors import load_profile
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import recording_sensor, render_blocks
@@ -370,17 +371,31 @@ PAPER_SIGMA = ("1252.4", "738.1", "960.0")
 PAPER_SHARE = ("0.068", "0.281", "0.632")
 """The paper's Table II; shares rounded."""
 
+PAPER_WEIGHTS = np.array([0.067577, 0.280792, 0.632203, 0.019318])
+"""p(c_1), p(c_2), p(c_3) and p(c_0) of the same table."""
+
+PAPER_SIGMA_0_MM = 57.2
+BOARDS_MM = np.array([2400.0, 3600.0, 4800.0])
+"""The boards' ranges by the paper's Fig. 3."""
+
+NOISE_FACTORS = (3, 4, 5)
+FAIR_PIXELS = 400
+
+PROCEDURES = {
+    "--paper --gamma 0.02": EstimateOptions(paper=True),
+    "--paper --gamma 0.1": EstimateOptions(paper=True, counter=Kde(gamma=0.1)),
+    "tofmix's default": EstimateOptions(),
+}
+
 
 def table_2(scene: Scene) -> list[str]:
     """Write the paper's Table II with ours beside it."""
     block = scene.samples[:, ROW, COL][:, np.newaxis]
-    as_paper = EstimateOptions(refine=Refine.NONE, sigma=SigmaMode.FREE)
-    fits = [layer_pixels(block, scene.sensor, one) for one in (as_paper, replace(as_paper, counter=Kde(gamma=0.1)))]
-    fits.append(layer_pixels(block, scene.sensor))
+    fits = [layer_pixels(block, scene.sensor, options) for options in PROCEDURES.values()]
     ranges, shares = scene.boards()
     places = [_matched(fit.range[0, : int(fit.n_modes[0])], ranges) for fit in fits]
     lines = [
-        "| | paper | our truth | paper's procedure | with gamma 0.1 | tofmix's default |",
+        _row("", "paper", "our truth", *PROCEDURES),
         "|---|---|---|---|---|---|",
     ]
     rows = (
@@ -397,12 +412,78 @@ def table_2(scene: Scene) -> list[str]:
             lines.append(_row(name.format(i + 1), *cells))
     lines.append(_row("a fourth", "", "", *(_spare(fit, place) for fit, place in zip(fits, places, strict=True))))
     sigma_0 = float(scene.noise.sigma(scene.model.sensor.range_max_mm))
-    lines.append(_row("sigma_0 (mm)", "57.2", f"{sigma_0:.1f}", *["held"] * 3))
+    lines.append(_row("sigma_0 (mm)", "57.2", f"{sigma_0:.1f}", *["no sample"] * 2, "held"))
     none = float(scene.truth.weight_no_return[ROW, COL])
     found = (f"{float(fit.weight_no_return[0]):.3f}" for fit in fits)
     lines.append(_row("p(c_0)", "0.019", f"{none:.3f}", *found))
     lines.append(_row("p(c_r)", "0.0001, supplied", f"{scene.sensor.outlier_probability:g}", *["held"] * 3))
     return lines
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spread:
+    """Pixels whose shares are the paper's: how they are counted, and where their boards are found."""
+
+    counts: tuple[int, ...]
+    offset_mm: FloatArray
+    sigma_mm: FloatArray
+
+
+def fair_table() -> list[str]:
+    """Write what each procedure makes of pixels with the paper's shares and more noise than the profile has."""
+    lines = [
+        _row("noise", "procedure", "1", "2", "3", "4 and more", "offsets of three (mm)", "their sigmas (mm)"),
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for factor in NOISE_FACTORS:
+        sensor, samples = _pixels_of_table_2(factor)
+        true = sensor.noise.sigma(BOARDS_MM) if sensor.noise is not None else BOARDS_MM
+        lines.append(_row(f"{factor} x", "truth", "", "", "100 %", "", "0, 0, 0", _three(true)))
+        for name, options in PROCEDURES.items():
+            spread = _spread(layer_pixels(samples, sensor, options))
+            shares = [f"{100.0 * n / FAIR_PIXELS:.0f} %" for n in spread.counts]
+            lines.append(_row("", name, *shares, _three(spread.offset_mm), _three(spread.sigma_mm)))
+    return lines
+
+
+def _pixels_of_table_2(factor: float) -> tuple[Sensor, Float32Array]:
+    """Draw samples (frame, pixel), mm, by equation (1) with the shares of Table II, and `factor` times the noise.
+
+    The spread of c_0 is the paper's sigma_0: the curve falls to it at r_max.
+    """
+    profile = load_profile("sr3000")
+    curve, far = profile.noise_at(1.2).scaled(factor), profile.range_max_mm
+    inside = curve.range_mm < far
+    range_mm = np.append(curve.range_mm[inside], [far - 1.0, far])
+    noise = NoiseCurve(range_mm, np.append(curve.sigma(range_mm[:-1]), PAPER_SIGMA_0_MM))
+    sensor = Sensor(
+        name="as in Table II", range_min_mm=profile.range_min_mm, range_max_mm=far, noise=noise,
+        outlier_probability=1.0e-4,
+    )  # fmt: skip
+    rng = np.random.default_rng(SEED)
+    means = np.append(BOARDS_MM, far)
+    which = rng.choice(len(means), p=PAPER_WEIGHTS / PAPER_WEIGHTS.sum(), size=(FRAMES, FAIR_PIXELS))
+    samples = means[which] + noise.sigma(means)[which] * rng.standard_normal(which.shape)
+    random = rng.random(which.shape) < sensor.outlier_probability
+    return sensor, np.where(random, rng.uniform(profile.range_min_mm, far, which.shape), samples).astype(np.float32)
+
+
+def _spread(found: Layers) -> Spread:
+    """Count pixels by their layers; of those with three, the median of offsets and sigmas."""
+    n = found.n_modes
+    three = n == len(BOARDS_MM)
+    offset = np.abs(found.range[three, : len(BOARDS_MM)] - BOARDS_MM)
+    sigma = found.sigma[three, : len(BOARDS_MM)].astype(np.float64)
+    none = np.full(len(BOARDS_MM), np.nan)
+    return Spread(
+        counts=tuple(np.bincount(np.clip(n, 1, len(BOARDS_MM) + 1), minlength=len(BOARDS_MM) + 2)[1:].tolist()),
+        offset_mm=np.median(offset, axis=0) if three.any() else none,
+        sigma_mm=np.median(sigma, axis=0) if three.any() else none,
+    )
+
+
+def _three(values: FloatArray) -> str:
+    return ", ".join("none" if np.isnan(v) else f"{v:.0f}" for v in values)
 
 
 def _row(*cells: str) -> str:
@@ -493,7 +574,7 @@ def main() -> None:
     with drawing(LIGHT):
         for name, draw in FIGURES.items():
             draw(scene).savefig(folder / f"paper_{name}.png", metadata={"Software": None})
-    sys.stdout.write("\n".join([*table_2(scene), "", *rivals(scene), ""]))
+    sys.stdout.write("\n".join([*table_2(scene), "", *fair_table(), "", *rivals(scene), ""]))
 
 
 if __name__ == "__main__":

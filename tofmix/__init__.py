@@ -10,7 +10,67 @@ recording -> `tofmix.estimation` (density -> modes -> mixture -> layers) -> laye
 scene -> `tofmix.simulation` (scene -> cast -> events -> render) -> recording
 
 `tofmix.io` reads and writes the files, `tofmix.cli` is the command line.
+In Python:
+
+>>> import tofmix as tm
+>>> layers = tm.estimate(tm.open("recording.h5"))  # doctest: +SKIP
+
+`open`, `from_array`, `estimate`, `simulate`, `reconcile` and `plot` are loaded from `tofmix.api` when they are first
+used.
 Nothing heavy is imported here, so that ``tofmix --help`` answers at once.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tofmix.api.estimates import Estimate, estimate
+    from tofmix.api.plots import plot
+    from tofmix.api.recordings import Recording, from_array
+    from tofmix.api.recordings import open_file as open  # noqa: A004  tofmix.open reads well, as gzip.open does
+    from tofmix.api.simulations import reconcile, simulate
+    from tofmix.sensor import NoiseCurve, Sensor
+
 __version__ = "0.1.0"
+
+_LAZY = {
+    "Estimate": ("tofmix.api.estimates", "Estimate"),
+    "NoiseCurve": ("tofmix.sensor", "NoiseCurve"),
+    "Recording": ("tofmix.api.recordings", "Recording"),
+    "Sensor": ("tofmix.sensor", "Sensor"),
+    "estimate": ("tofmix.api.estimates", "estimate"),
+    "from_array": ("tofmix.api.recordings", "from_array"),
+    "open": ("tofmix.api.recordings", "open_file"),
+    "plot": ("tofmix.api.plots", "plot"),
+    "reconcile": ("tofmix.api.simulations", "reconcile"),
+    "simulate": ("tofmix.api.simulations", "simulate"),
+}
+"""What `import tofmix` offers: the module that has it, and its name there."""
+
+__all__ = [
+    "Estimate",
+    "NoiseCurve",
+    "Recording",
+    "Sensor",
+    "__version__",
+    "estimate",
+    "from_array",
+    "open",
+    "plot",
+    "reconcile",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401  as the import system has it
+    """Load a public name when it is first used."""
+    if name not in _LAZY:
+        raise AttributeError(f"module 'tofmix' has no attribute {name!r}")
+    module, attribute = _LAZY[name]
+    value = getattr(import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -96,13 +96,13 @@ class Layers:
         """The arrays in the order of `LAYER_FIELDS`, for a kernel to fill."""
         return tuple(getattr(self, spec.name) for spec in LAYER_FIELDS)
 
-    def reshaped(self, shape: tuple[int, ...]) -> Self:
+    def reshaped(self, shape: tuple[int, ...]) -> "Layers":
         """The same pixels in another arrangement, as `numpy.reshape`; arrays are shared."""
         arrays: dict[str, Any] = {}
         for spec in LAYER_FIELDS:
             full = (*shape, self.max_layers) if spec.per_layer else shape
             arrays[spec.name] = getattr(self, spec.name).reshape(full)
-        return type(self)(**arrays)
+        return Layers(**arrays)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

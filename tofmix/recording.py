@@ -4,6 +4,7 @@ Anything with the methods of `SampleSource` can be estimated: a file
 (`tofmix.io.recording_file`), or an array in memory (`ArrayRecording`).
 """
 
+from copy import copy
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -104,6 +105,12 @@ class ArrayRecording:
     def sensor(self) -> Sensor:
         """The camera."""
         return self._sensor
+
+    def with_sensor(self, sensor: Sensor) -> "ArrayRecording":
+        """Return the same samples, not copied, of another camera."""
+        other = copy(self)
+        other._sensor = sensor  # noqa: SLF001  of its own class
+        return other
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -101,10 +101,10 @@ def test_more_false_alarms_are_had_for_the_asking(tofmix: Tofmix, tmp_path: Path
 
 def test_a_profile_stands_in_for_a_missing_curve(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_recording(tmp_path / "a.h5", boards(), noise=None)
-    outcome = tofmix("estimate", path)
-    assert outcome.code == ExitCode.BAD_INPUT
-    assert "--noise" in outcome.err
-    assert tofmix("estimate", path, "--noise", "sr3000").code == 0
+    outcome = tofmix("estimate", path, "--noise", "sr3000")
+    assert outcome.code == 0
+    with h5py.File(tmp_path / "a.layers.h5") as root:
+        assert json.loads(root.attrs["options"])["noise"] == "sr3000"
 
 
 @pytest.mark.parametrize("shape", [(20, 1, 16), (20, 16, 1), (20, 1, 1), (3, 2, 2), (25, 480, 3)])
@@ -176,3 +176,19 @@ def test_the_contract_holds(tofmix: Tofmix, recording: Path, tmp_path: Path) -> 
         pytest.skip("the contract's checker is not beside this checkout")
     tofmix("estimate", recording, "--window", 15)
     subprocess.run([sys.executable, contract, tmp_path / "a.layers.h5"], check=True)
+
+
+def test_paper_option_writes_the_papers_algorithm_and_refuses_options_that_it_does_not_have(
+    tofmix: Tofmix, recording: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "paper.layers.h5"
+    done = tofmix("estimate", recording, "-o", out, "--paper", "--gamma", "0.1")
+    assert done.code == 0, done.err
+    with h5py.File(out) as file:
+        options = json.loads(file.attrs["options"])
+        assert (options["paper"], options["gamma"], options["sigma"]) == (True, 0.1, "free")
+        assert set(np.unique(file["n_iter"][:])) <= {0, 50}
+    for option in (("--sigma", "tied"), ("--refine", "likelihood"), ("--tol", "0.01"), ("--wrap",)):
+        refused = tofmix("estimate", recording, "-o", tmp_path / "no.h5", "--paper", *option)
+        assert refused.code == 2
+        assert f"{option[0]} does not go with --paper" in refused.err

@@ -20,21 +20,36 @@ def samples() -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
     return boards(60, rows=20, cols=24)
 
 
-def test_a_recording_without_a_curve_works(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
+@pytest.mark.parametrize("option", [[], ["--noise", "auto"]])
+def test_recording_without_a_curve_is_estimated_with_the_measured_one_and_that_is_said(
+    tofmix: Tofmix, tmp_path: Path, samples: np.ndarray, option: list[str]
+) -> None:
     path = write_recording(tmp_path / "a.h5", samples, noise=None)
-    outcome = tofmix("estimate", path)
+    outcome = tofmix("estimate", path, *option)
     assert outcome.code == 0, outcome.err
+    assert re.search(r"a\.h5: noise: the file has no curve; its samples show sigma 1[45]\.?\d* mm at", outcome.err)
     assert outcome.err.count("\n") == 1
-    assert "no noise curve; it is measured from the samples (--noise auto)" in outcome.err
-    measured = (tmp_path / "a.layers.h5").read_bytes()
-    outcome = tofmix("estimate", path, "--noise", "auto", "--overwrite")
-    assert outcome.code == 0, outcome.err
-    assert outcome.err == ""
-    assert (tmp_path / "a.layers.h5").read_bytes() == measured
     with h5py.File(tmp_path / "a.layers.h5") as root:
         assert json.loads(root.attrs["options"])["noise"] == "auto"
         np.testing.assert_allclose(root["sensor/noise_sigma"][...], 15.0, rtol=0.08)
         np.testing.assert_allclose(root["range"][0, :, 0, 0], 1200, atol=15)
+
+
+def test_noise_file_insists_on_a_curve_in_the_file(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
+    path = write_recording(tmp_path / "a.h5", samples, noise=None)
+    refused = tofmix("estimate", path, "--noise", "file")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert "no noise curve; measure it with --noise auto" in refused.err
+
+
+def test_recording_without_a_curve_that_does_not_tell_it_is_refused_with_the_remedy(
+    tofmix: Tofmix, tmp_path: Path, samples: np.ndarray
+) -> None:
+    path = write_recording(tmp_path / "a.h5", samples[:2], noise=None)
+    refused = tofmix("estimate", path)
+    assert refused.code == ExitCode.BAD_INPUT
+    assert "choose a curve with --noise PROFILE" in refused.err
+    assert not (tmp_path / "a.layers.h5").exists()
 
 
 def test_a_wrong_curve_is_told_in_one_line(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:

@@ -52,7 +52,7 @@ def test_what_needs_the_unknown_says_what_it_misses(tofmix: Tofmix, tmp_path: Pa
     layers = tmp_path / "a.layers.h5"
     done = tofmix("estimate", tmp_path / "a.h5")
     assert done.code == 0, done.err
-    assert "no noise curve; it is measured from the samples" in done.err
+    assert "the file has no curve; its samples show sigma" in done.err
     assert "no range_max_mm" in done.err
     assert (read(layers, "n_modes") == 1).all()
     refused = tofmix("export", layers, "-o", tmp_path / "a.ply")

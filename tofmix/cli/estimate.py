@@ -26,6 +26,7 @@ tofmix estimate foreign.h5 --noise auto --outliers auto
 tofmix estimate foreign.h5 --noise sr3000 --sigma tied
 tofmix estimate folded.h5 --wrap
 tofmix estimate boards.h5 --counter cpdf --bins 30 -o cpdf.layers.h5
+tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 """
 )
 @click.command(short_help="Recover the surfaces in each pixel of a recording.")
@@ -44,8 +45,9 @@ tofmix estimate boards.h5 --counter cpdf --bins 30 -o cpdf.layers.h5
     help="A surface's sigma: the noise curve's, drawn towards it, or free as in the paper.",
 )
 @click.option(
-    "--noise", default="file", show_default=True, metavar="file|auto|PROFILE",
-    help="Where the noise curve comes from: the file, its samples (auto), or a built-in sensor such as sr3000.",
+    "--noise", metavar="file|auto|PROFILE",
+    help="Where the noise curve comes from: the file, its samples (auto), or a built-in sensor such as sr3000."
+    "  [default: file; auto where the file has no curve]",
 )  # fmt: skip
 @click.option(
     "--outliers", default="file", show_default=True, metavar="file|auto|P",
@@ -94,6 +96,10 @@ tofmix estimate boards.h5 --counter cpdf --bins 30 -o cpdf.layers.h5
     help="Take range as a circle of this length: a surface at the fold is one surface.",
 )  # fmt: skip
 @click.option("--wrap", is_flag=True, help="The same, with c / 2f of the recording's modulation frequency f.")
+@click.option(
+    "--paper", is_flag=True,
+    help="The algorithm of the paper as it is printed, for comparison; --gamma is its threshold.",
+)  # fmt: skip
 @click.option("--max-iter", type=click.IntRange(1, 65535), default=50, show_default=True, help="Most EM iterations.")
 @click.option(
     "--tol", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=1e-3, show_default=True,
@@ -131,7 +137,7 @@ def estimate(
     output_dir: Path | None,
     window: int | None,
     stride: int | None,
-    noise: str,
+    noise: str | None,
     outliers: str,
     unambiguous_range: float | None,
     wrap: bool,
@@ -142,7 +148,7 @@ def estimate(
     scheduler: str | None,
     overwrite: bool,
     as_json: bool,
-    **choices: float | str,
+    **choices: float | str | bool,
 ) -> None:
     """Recover the surfaces in each pixel of RECORDINGS, HDF5 files.
 
@@ -162,6 +168,8 @@ def estimate(
         raise UsageError("--shard computes alone; it does not go with --scheduler")
     if choices["refine"] == "none" and context.get_parameter_source("false_alarm") is not ParameterSource.DEFAULT:
         raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
+    if choices["paper"]:
+        _check_paper(context)
     try:
         counter = _counter(context, choices)
         length = circle_choice(unambiguous_range, wrap=wrap)
@@ -183,6 +191,15 @@ def estimate(
         scheduler=scheduler,
     )
     estimate_files(recordings, output, output_dir, request, as_json=as_json)
+
+
+def _check_paper(context: click.Context) -> None:
+    """Refuse options that the paper's algorithm does not have."""
+    for name in (
+        "sigma", "refine", "false_alarm", "counter", "epsilon", "max_iter", "tol", "unambiguous_range", "wrap"
+    ):  # fmt: skip
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            raise UsageError(f"--{name.replace('_', '-')} does not go with --paper, which runs the paper's algorithm")
 
 
 def _counter(context: click.Context, choices: dict[str, Any]) -> "Counter":

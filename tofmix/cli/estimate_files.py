@@ -38,7 +38,7 @@ class Request:
     wrap: bool
     window: int | None
     stride: int | None
-    noise: str
+    noise: str | None
     outliers: str | float
     workers: int
     memory_bytes: int

@@ -38,6 +38,13 @@ def outlier_choice(text: str) -> str | float:
     return probability
 
 
+def noise_choice(source: "RecordingFile", asked: str | None) -> str:
+    """What --noise says; without it ``file``, or ``auto`` where the file has no curve."""
+    if asked is not None:
+        return asked
+    return FILE if source.sensor.noise is not None else AUTO
+
+
 def circle_choice(unambiguous_range: float | None, *, wrap: bool) -> float | None:
     """What --unambiguous-range says.
 
@@ -69,16 +76,6 @@ def circle_of(source: "RecordingFile") -> float:
     return unambiguous_range_mm(frequency)
 
 
-def noise_choice(source: "RecordingFile", noise: str) -> str:
-    """What ``--noise`` comes to: a recording without a noise curve gets a measured one, and that is said."""
-    if noise != FILE or source.sensor.noise is not None:
-        return noise
-    click.echo(
-        f"tofmix: {source.path}: sensor: no noise curve; it is measured from the samples (--noise auto)", err=True
-    )
-    return AUTO
-
-
 def sensor_for(
     source: "RecordingFile", *, noise: str, outliers: str | float, circle_mm: float | None = None
 ) -> "Sensor":
@@ -89,7 +86,7 @@ def sensor_for(
     source : RecordingFile
         The recording.
     noise : str
-        What `noise_choice` returned: ``file``, ``auto`` or the name of a built-in sensor.
+        ``file``, ``auto`` or the name of a built-in sensor.
     outliers : str or float
         What `outlier_choice` returned.
     circle_mm : float, optional
@@ -102,7 +99,6 @@ def sensor_for(
     BadInputError
         If there is no noise curve, or the recording does not tell it.
     """
-    from tofmix.circle import has_no_return
     from tofmix.estimation.beam import beam_of
     from tofmix.sensors import PROFILES, profiles_with_noise
 
@@ -110,10 +106,15 @@ def sensor_for(
         known = ", ".join(profiles_with_noise())
         raise UsageError(f"--noise: unknown profile {noise!r}; choose file, auto or one of {known}")
     sensor = source.sensor
+    if noise == FILE and sensor.noise is None:
+        raise BadInputError(
+            f"{source.path}: sensor/noise_sigma: no noise curve; measure it with --noise auto,"
+            f" or choose a built-in one with --noise PROFILE ({', '.join(profiles_with_noise())})"
+        )
     measured = _measured(source, circle_mm) if AUTO in (noise, outliers) else None
     if noise == AUTO and measured is not None:
+        _say_what_was_measured(source, measured)
         _warn_where_they_differ(source, measured)
-        _say_what_amplitude_does(source, measured)
         sensor = replace(sensor, noise=measured.curve)
     elif noise != FILE:
         sensor = _with_profile(source, sensor, noise)
@@ -124,23 +125,29 @@ def sensor_for(
     if circle_mm is not None and sensor.noise is not None and sensor.noise.law is not None:
         sensor = replace(sensor, noise=replace(sensor.noise, law=None))
         click.echo(f"tofmix: {source.path}: noise: on a wrapped range axis sigma goes by range alone", err=True)
+    try:
+        beam_of(sensor, circle_mm)
+    except ValueError as error:
+        raise BadInputError(f"{source.path}: sensor: {error}") from error
+    _say_where_c_0_is_missing(source, sensor, circle_mm)
+    return sensor
+
+
+def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_mm: float | None) -> None:
+    from tofmix.circle import has_no_return
+
     if circle_mm is None and sensor.range_max_mm is None and sensor.noise is not None:
         click.echo(
             f"tofmix: {source.path}: sensor: no range_max_mm: there is no share without a return, and random values are"
             f" taken to spread up to the noise curve's end, {sensor.noise.range_mm[-1]:.0f} mm",
             err=True,
         )
-    try:
-        beam_of(sensor, circle_mm)
-    except ValueError as error:
-        raise BadInputError(f"{source.path}: sensor: {error}") from error
     if circle_mm is not None and sensor.range_max_mm is not None and not has_no_return(sensor, circle_mm):
         click.echo(
             f"tofmix: {source.path}: sensor: samples without a return, at range_max_mm {sensor.range_max_mm:g}, cannot"
             f" be told from a surface at the fold of {circle_mm:.1f} mm; there is no c_0",
             err=True,
         )
-    return sensor
 
 
 def _measured(source: "RecordingFile", circle_mm: float | None) -> "MeasuredNoise":
@@ -150,8 +157,7 @@ def _measured(source: "RecordingFile", circle_mm: float | None) -> "MeasuredNois
     try:
         return measure_noise(source if circle_mm is None else UnrolledSource(source, circle_mm))
     except ValueError as error:
-        remedy = "" if source.sensor.noise is not None else "; --noise PROFILE takes a built-in camera's curve"
-        raise BadInputError(f"{source.path}: {error}{remedy}") from error
+        raise BadInputError(f"{source.path}: {error}; choose a curve with --noise PROFILE") from error
 
 
 def _profile_with_noise(name: str) -> "SensorProfile":
@@ -177,22 +183,30 @@ def _with_profile(source: "RecordingFile", sensor: "Sensor", name: str) -> "Sens
     return replace(sensor, noise=profile.noise_at(sensor.integration_time_ms or profile.integration_time_ms))
 
 
-def _say_what_amplitude_does(source: "RecordingFile", measured: "MeasuredNoise") -> None:
-    if not source.has_amplitude:
-        return
+def _say_what_was_measured(source: "RecordingFile", measured: "MeasuredNoise") -> None:
+    """Say in one line which curve stands in for a missing one, and whether sigma depends on amplitude."""
+    said = []
+    if source.sensor.noise is None:
+        curve = measured.curve
+        first, last = (f"{curve.sigma_mm[k]:.3g} mm at {curve.range_mm[k]:.0f} mm" for k in (0, -1))
+        ends = first if len(curve.range_mm) == 1 else f"{first} to {last}"
+        said.append(f"the file has no curve; its samples show sigma {ends}")
+    if source.has_amplitude:
+        said.append(_amplitude_text(measured))
+    if said:
+        click.echo(f"tofmix: {source.path}: noise: {'; '.join(said)}", err=True)
+
+
+def _amplitude_text(measured: "MeasuredNoise") -> str:
     law = measured.curve.law
     if law is None or measured.law_gain is None:
-        chosen = "sigma is measured by range alone; amplitude does not tell more"
-    else:
-        powers = [f"^-{power:.2f}" for power in law.exponents()]
-        falls = powers[0] + "".join(
-            f", {p} from {a:.4g} on" for p, a in zip(powers[1:], law.amplitude[1:-1], strict=True)
-        )
-        chosen = (
-            f"sigma is measured by range and amplitude; it goes as amplitude{falls}"
-            f" (+{measured.law_gain:.0f} nat on pixels held out)"
-        )
-    click.echo(f"tofmix: {source.path}: noise: {chosen}", err=True)
+        return "sigma is measured by range alone; amplitude does not tell more"
+    powers = [f"^-{power:.2f}" for power in law.exponents()]
+    falls = powers[0] + "".join(f", {p} from {a:.4g} on" for p, a in zip(powers[1:], law.amplitude[1:-1], strict=True))
+    return (
+        f"sigma is measured by range and amplitude; it goes as amplitude{falls}"
+        f" (+{measured.law_gain:.0f} nat on pixels held out)"
+    )
 
 
 def _warn_where_they_differ(source: "RecordingFile", measured: "MeasuredNoise") -> None:

@@ -27,6 +27,7 @@ from tofmix.estimation.components import (
     Room,
     remove_surface,
 )
+from tofmix.estimation.counters import Kde
 from tofmix.estimation.counters.base import MAX_PEAKS, Peaks
 from tofmix.estimation.counting import (
     Rules,
@@ -51,6 +52,7 @@ from tofmix.estimation.mixture import (
     new_sigma,
     start_at,
 )
+from tofmix.estimation.paper import paper_pixels
 from tofmix.estimation.pixel_noise import beam_of_pixel, own_curves
 from tofmix.estimation.samples import Readings, SortedSamples, gather, padded, sort_samples
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED, EstimateOptions, Knobs, knobs_of
@@ -283,7 +285,11 @@ def layer_pixels(
     block = np.ascontiguousarray(samples).reshape(samples.shape[0], math.prod(samples.shape[1:]))
     out = Layers.empty((block.shape[1],), options.max_layers)
     ordered = sort_samples(block)
-    if options.unambiguous_range_mm is None:
+    if options.paper and isinstance(options.counter, Kde):
+        out = paper_pixels(
+            ordered, sensor, gamma=options.counter.gamma, max_layers=options.max_layers, min_samples=options.min_samples
+        )
+    elif options.unambiguous_range_mm is None:
         beam = beam_of(sensor)
         if amplitude is not None and sensor.noise is not None and sensor.noise.law is not None:
             if amplitude.shape != samples.shape:

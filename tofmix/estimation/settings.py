@@ -28,6 +28,10 @@ class SigmaMode(StrEnum):
     FREE = "free"
 
 
+_OF_PAPER = {"sigma": "free", "refine": "none", "max_iter": 50}
+_WITHOUT_MEANING = ("false_alarm", "tol", "epsilon")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimateOptions:
     """Every choice that affects the values of an estimate.
@@ -53,6 +57,10 @@ class EstimateOptions:
     unambiguous_range_mm : float or None
         Length of the circle that ranges are on, mm, finite and above 0: a surface at the fold is one surface. None:
         ranges are on a line, and nothing folds.
+    paper : bool
+        Whether each pixel is fitted by the paper's algorithm as it is printed (`tofmix.estimation.paper`). Of the other
+        options only `max_layers`, `min_samples` and gamma of the counter ``kde`` then have a meaning; `sigma`, `refine`
+        and `max_iter` are set to the paper's.
 
     Raises
     ------
@@ -69,8 +77,16 @@ class EstimateOptions:
     tol: float = 1.0e-3
     min_samples: int = 3
     unambiguous_range_mm: float | None = None
+    paper: bool = False
 
     def __post_init__(self) -> None:
+        if self.paper:
+            if not isinstance(self.counter, Kde):
+                raise ValueError("paper: its algorithm counts by kernel density; leave out the other counter")
+            if self.unambiguous_range_mm is not None:
+                raise ValueError("paper: its algorithm knows no wrapped range axis; leave out the unambiguous range")
+            for name, value in _OF_PAPER.items():
+                object.__setattr__(self, name, value)
         object.__setattr__(self, "sigma", SigmaMode(self.sigma))
         object.__setattr__(self, "refine", Refine(self.refine))
         check_false_alarm(self.false_alarm)
@@ -91,7 +107,9 @@ class EstimateOptions:
         values = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) is not None}
         names = {kind: name for name, kind in COUNTERS.items()}
         chosen = {"sigma": self.sigma.value, "refine": self.refine.value, "counter": names[type(self.counter)]}
-        return values | chosen | self.counter.as_dict()
+        options = values | chosen | self.counter.as_dict()
+        without = _WITHOUT_MEANING if self.paper else ("paper",)
+        return {name: value for name, value in options.items() if name not in without}
 
 
 class Knobs(NamedTuple):

@@ -4,6 +4,7 @@ Use `describe_recording`, `describe_layers` or `describe_model`. Headers are rea
 counts and the status. What an estimate found is told by `tofmix.report.summary`.
 """
 
+import textwrap
 import tomllib
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -27,6 +28,11 @@ GAP = 1.5
 
 _BYTES_A_SAMPLE = 6
 _NAME_WIDTH = 26
+_TEXT_WIDTH = 100
+_LONGEST_SENTENCE = 1000
+_OF_SENTENCES = ("sources", "next_steps")
+"""Sections whose values are sentences."""
+
 _SENSOR_NUMBERS = (
     "modulation_frequency_hz",
     "integration_time_ms",
@@ -48,7 +54,7 @@ class Description:
     Parameters
     ----------
     kind : str
-        ``recording``, ``layers``, ``model`` or ``sensor``.
+        ``recording``, ``layers``, ``model``, ``sensor``, ``source`` or ``reconciliation``.
     name : str
         The file as it was named.
     sections : dict of str to dict
@@ -202,7 +208,9 @@ def describe_model(model: Model, *, name: str) -> Description:
 
 def describe_sensor(camera: CameraSheet, *, name: str) -> Description:
     """Describe a camera's own file."""
-    sections = {"sensor": _profile_section(camera)}
+    sections = {"sensor": _profile_section(camera) | {"outlier_probability": camera.outlier_probability}}
+    if camera.sources:
+        sections["sources"] = {str(number): text for number, text in enumerate(camera.sources, 1)}
     return Description(kind="sensor", name=name, sections=sections, warnings=_profile_findings(camera))
 
 
@@ -212,11 +220,17 @@ def format_description(description: Description) -> str:
     for title, section in description.sections.items():
         lines += ["", title.replace("_", " ")]
         for key, value in section.items():
-            lines += _lines(key, value)
+            lines += _wrapped(value) if title in _OF_SENTENCES else _lines(key, value)
     if description.warnings:
         lines.append("")
     lines += [f"warning: {finding.text}" for finding in description.warnings]
     return "\n".join(lines)
+
+
+def _wrapped(value: Value) -> list[str]:
+    return textwrap.wrap(
+        printable(str(value), _LONGEST_SENTENCE), _TEXT_WIDTH, initial_indent="  - ", subsequent_indent="    "
+    )
 
 
 def _no_nan(value: Value) -> Value:
@@ -264,7 +278,7 @@ def _profile_section(camera: SensorProfile | CameraSheet) -> Section:
 def _profile_findings(camera: SensorProfile | CameraSheet) -> tuple[Finding, ...]:
     if camera.confirmed or not camera.sources:
         return ()
-    text = f"Figures of {camera.name} are unconfirmed; its profile says where each is from."
+    text = f"Figures of {camera.name} are unconfirmed; its sources say where each is from."
     return (Finding(code="unconfirmed_sensor", text=text),)
 
 

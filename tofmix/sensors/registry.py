@@ -9,7 +9,22 @@ from tofmix.sensors.profile_toml import parse_profile
 from tofmix.sensors.sheet import CameraSheet
 from tofmix.toml_table import nearest
 
-PROFILES: dict[str, str] = {"sr3000": "sr3000.toml", "sr4000": "sr4000.toml", "stoc": "stoc.toml"}
+PROFILES: dict[str, str] = {
+    "sr3000": "sr3000.toml",
+    "sr4000": "sr4000.toml",
+    "stoc": "stoc.toml",
+    "kinect-v2": "kinect_v2.toml",
+    "azure-kinect-nfov": "azure_kinect_nfov.toml",
+    "azure-kinect-nfov-binned": "azure_kinect_nfov_binned.toml",
+    "azure-kinect-wfov": "azure_kinect_wfov.toml",
+    "azure-kinect-wfov-binned": "azure_kinect_wfov_binned.toml",
+    "pico-flexx": "pico_flexx.toml",
+    "l515": "l515.toml",
+    "vl53l5cx": "vl53l5cx.toml",
+    "vl53l8cx": "vl53l8cx.toml",
+    "tmf8828": "tmf8828.toml",
+    "tmf8829": "tmf8829.toml",
+}
 
 
 def load_sheet(name: str) -> CameraSheet:

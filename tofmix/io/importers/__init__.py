@@ -68,6 +68,11 @@ def importer_for(path: Path) -> Importer:
     raise UsageError(f"{path}: not a known source; choose a folder of images, a ROS 2 bag, or a file of {known}")
 
 
+def is_importable(path: Path) -> bool:
+    """Whether a file's name says that it is a source."""
+    return any(path.suffix.lower() in importer.suffixes for importer in IMPORTERS)
+
+
 @contextmanager
 def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
     """Open a source of frames.

@@ -1,0 +1,176 @@
+"""`import tofmix as tm`: recordings, layers, simulations and figures in a few lines."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+from files import boards, write_recording
+
+import tofmix as tm
+from tofmix.errors import BadInputError, UsageError
+from tofmix.layers import LAYER_FIELDS
+from tofmix.sensor import NoiseCurve
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    return write_recording(tmp_path / "a.h5", boards(40))
+
+
+def _command(*arguments: object) -> None:
+    subprocess.run([sys.executable, "-m", "tofmix", *map(str, arguments)], capture_output=True, check=True)
+
+
+def _without_curve(path: Path) -> Path:
+    with h5py.File(path, "r+") as file:
+        del file["sensor/noise_range"], file["sensor/noise_sigma"]
+    return path
+
+
+def test_import_tofmix_loads_no_numba_h5py_or_numpy() -> None:
+    code = "import sys, tofmix; print(sorted({'numba', 'h5py', 'numpy', 'scipy', 'click'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_every_public_name_is_there_and_unknown_ones_are_refused() -> None:
+    for name in tm.__all__:
+        assert getattr(tm, name) is not None
+        assert name in dir(tm)
+    with pytest.raises(AttributeError, match="no attribute 'estimates'"):
+        tm.estimates  # noqa: B018
+
+
+def test_function_reconcile_is_not_hidden_by_the_package_of_reconciliation() -> None:
+    code = "import tofmix.reconciliation.workflow, tofmix; assert callable(tofmix.reconcile)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_estimate_gives_the_values_that_the_command_writes(recording: Path, tmp_path: Path) -> None:
+    _command("estimate", recording, "-o", tmp_path / "command.h5", "--window", 15, "--stride", 10)
+    found = tm.estimate(recording, window=15, stride=10)
+    command = tm.open(tmp_path / "command.h5")
+    assert isinstance(command, tm.Estimate)
+    for spec in LAYER_FIELDS:
+        np.testing.assert_array_equal(getattr(found, spec.name), getattr(command, spec.name))
+    np.testing.assert_array_equal(found.window_stop, command.window_stop)
+    assert found.options == command.options
+    found.save(tmp_path / "python.h5")
+    assert (tmp_path / "python.h5").read_bytes() == (tmp_path / "command.h5").read_bytes()
+
+
+def test_to_xarray_equals_the_saved_file_opened_with_xarray(recording: Path, tmp_path: Path) -> None:
+    found = tm.estimate(recording)
+    saved = found.save(tmp_path / "a.layers.h5")
+    with xarray.open_dataset(saved, engine="h5netcdf", mask_and_scale=False) as file:
+        data = found.to_xarray()
+        for name, variable in data.variables.items():
+            assert variable.dims == file[name].dims
+            assert variable.attrs["units"] == file[name].attrs["units"]
+            np.testing.assert_array_equal(variable.values, file[name].values)
+
+
+def test_save_does_not_replace_a_file_unasked(recording: Path, tmp_path: Path) -> None:
+    found = tm.estimate(recording)
+    (tmp_path / "there.h5").write_bytes(b"mine")
+    with pytest.raises(UsageError, match="exists"):
+        found.save(tmp_path / "there.h5")
+    assert (tmp_path / "there.h5").read_bytes() == b"mine"
+
+
+def test_from_array_in_metres_equals_the_same_array_in_millimetres(recording: Path) -> None:
+    source = tm.open(recording)
+    assert isinstance(source, tm.Recording)
+    ranges = source.range_mm.astype(np.float64)
+    layers = [
+        tm.estimate(tm.from_array(ranges / mm, units=unit, sensor=source.sensor))
+        for unit, mm in (("mm", 1.0), ("cm", 10.0), ("m", 1000.0))
+    ]
+    for other in layers[1:]:
+        np.testing.assert_allclose(other.range, layers[0].range, rtol=1e-6)
+    with pytest.raises(ValueError, match="units: 'inch' is not one of mm, cm, m"):
+        tm.from_array(ranges, units="inch")
+
+
+def test_from_array_takes_zeros_of_integers_and_given_values_for_no_samples() -> None:
+    ranges = np.full((10, 1, 2), 1200, dtype=np.uint16)
+    ranges[:3, 0, 0], ranges[:4, 0, 1] = 0, 65535
+    found = tm.from_array(ranges, units="mm", invalid=(65535,)).range_mm
+    assert np.isnan(found).sum(axis=0).tolist() == [[3, 4]]
+
+
+def test_from_array_with_a_built_in_camera_has_the_noise_of_the_given_integration_time() -> None:
+    stack = np.full((5, 1, 1), 1200.0)
+    fast, slow = (tm.from_array(stack, units="mm", sensor="sr3000", integration_time_ms=tau) for tau in (1.2, 4.8))
+    assert fast.sensor.noise is not None
+    assert slow.sensor.noise is not None
+    np.testing.assert_allclose(fast.sensor.noise.sigma_mm, 2.0 * slow.sensor.noise.sigma_mm)
+
+
+def test_recording_without_a_curve_is_estimated_with_the_measured_one(tmp_path: Path) -> None:
+    path = _without_curve(write_recording(tmp_path / "a.h5", boards(100, rows=12, cols=24)))
+    found = tm.estimate(path)
+    assert found.options["noise"] == "auto"
+    assert found.sensor.noise is not None
+    with pytest.raises(BadInputError, match="no noise curve; leave out noise='file'"):
+        tm.estimate(path, noise="file")
+
+
+def test_noise_can_be_a_curve_or_a_built_in_camera(recording: Path) -> None:
+    curve = NoiseCurve(np.array([1000.0]), np.array([33.0]))
+    assert tm.estimate(recording, noise=curve, sigma="tied").sigma[0, 0, 0, 0] == pytest.approx(33.0)
+    assert tm.estimate(recording, noise="sr3000").sensor.noise is not None
+    with pytest.raises(BadInputError, match="not a built-in sensor"):
+        tm.estimate(recording, noise="sr9000")
+
+
+def test_simulate_gives_the_samples_that_the_command_writes(tmp_path: Path) -> None:
+    _command("simulate", "near-far", "-o", tmp_path / "s.h5", "--frames", 5, "--seed", 3)
+    command = tm.open(tmp_path / "s.h5")
+    assert isinstance(command, tm.Recording)
+    memory = tm.simulate("near-far", frames=5, seed=3)
+    np.testing.assert_array_equal(memory.range_mm, command.range_mm)
+    np.testing.assert_array_equal(memory.amplitude, command.amplitude)
+    np.testing.assert_array_equal(memory.time_s, command.time_s)
+    assert memory.truth is not None
+    assert memory.truth.n_modes.shape == memory.shape[1:]
+
+
+def test_recording_saved_and_opened_again_is_the_same(recording: Path, tmp_path: Path) -> None:
+    source = tm.open(recording)
+    assert isinstance(source, tm.Recording)
+    again = tm.open(source.with_sensor(name="mine").save(tmp_path / "b.h5"))
+    assert isinstance(again, tm.Recording)
+    assert again.sensor.name == "mine"
+    np.testing.assert_array_equal(again.range_mm, source.range_mm)
+
+
+def test_layers_are_refused_as_a_recording(recording: Path, tmp_path: Path) -> None:
+    saved = tm.estimate(recording).save(tmp_path / "a.layers.h5")
+    with pytest.raises(BadInputError, match="a layers file, not a recording"):
+        tm.estimate(saved)
+
+
+def test_plot_draws_a_pixel_and_the_whole_image_and_refuses_pixels_that_are_not_there(recording: Path) -> None:
+    found = tm.estimate(recording)
+    png = b"\x89PNG"
+    one = tm.plot(found, pixel=(1, 3), neighbours=1)
+    assert len([axes for axes in one.axes if axes.get_visible()]) == 2
+    assert one._repr_png_().startswith(png)  # type: ignore[attr-defined]  # what a notebook calls
+    assert tm.plot(found)._repr_png_().startswith(png)  # type: ignore[attr-defined]
+    with pytest.raises(IndexError, match="rows 0 to 3 and columns 0 to 5"):
+        tm.plot(found, pixel=(4, 0))
+    with pytest.raises(IndexError, match="windows 0 to 0"):
+        tm.plot(found, window=1)
+
+
+def test_reconcile_of_a_model_with_its_own_simulation_agrees() -> None:
+    small = Path(__file__).parent.parent.parent / "sample_data" / "three_boards_model.toml"
+    measured = tm.simulate(small, frames=60, seed=4)
+    assert tm.reconcile(small, measured, effects=("range_offset",)).verified.verdict == "agree"
+    with pytest.raises(ValueError, match="effects: 'wobble' is not one of"):
+        tm.reconcile(small, measured, effects=("wobble",))

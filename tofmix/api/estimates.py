@@ -1,0 +1,316 @@
+"""Layers as Python holds them: estimated from a recording, or read from a layers file."""
+
+import hashlib
+import os
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix import __version__
+from tofmix.api.recordings import Recording
+from tofmix.errors import BadInputError
+from tofmix.layers import LAYER_FIELDS, Layers, Provenance
+from tofmix.sensor import NoiseCurve, Sensor
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+    from tofmix.estimation.counters import Counter
+    from tofmix.estimation.noise import MeasuredNoise
+    from tofmix.estimation.settings import EstimateOptions
+    from tofmix.windows import Windows
+
+FILE, AUTO = "file", "auto"
+_DIMS = ("window", "row", "col", "layer")
+
+
+class Choices(TypedDict, total=False):
+    """Options of `estimate` that change values: the fields of `tofmix.estimation.settings.EstimateOptions`."""
+
+    sigma: str
+    max_layers: int
+    counter: "Counter"
+    refine: str
+    false_alarm: float
+    max_iter: int
+    tol: float
+    min_samples: int
+    unambiguous_range_mm: float | None
+    paper: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Estimate(Layers):
+    """Layers of every pixel and window, with what they were made from.
+
+    The arrays are those of a layers file (docs/formats.md): (window, row, col), and (window, row, col, layer) where
+    each layer has a value of its own, near to far and NaN past `n_modes`.
+
+    Parameters
+    ----------
+    provenance : Provenance
+        Source, camera with the noise curve that was used, and options.
+    window_start, window_stop : (window,) uint64
+        Frames [start, stop) of each window.
+    recording : Recording or None
+        The samples; None for layers read from a file.
+    """
+
+    provenance: Provenance
+    window_start: NDArray[np.uint64]
+    window_stop: NDArray[np.uint64]
+    recording: Recording | None = None
+
+    def __repr__(self) -> str:
+        windows, rows, cols = self.shape
+        several = float((self.n_modes > 1).mean())
+        return (
+            f"<Estimate of {self.provenance.source}: {windows} x {rows} x {cols} pixels (window, row, col),"
+            f" {100 * several:.1f} % with several surfaces>"
+        )
+
+    @property
+    def sensor(self) -> Sensor:
+        """The camera, with the noise curve that was used."""
+        return self.provenance.sensor
+
+    @property
+    def options(self) -> dict[str, str | int | float]:
+        """Every option that affects values, by name."""
+        return self.provenance.options
+
+    def window(self, number: int) -> Layers:
+        """Layers of one window, of the leading shape (row, col); arrays are not copied."""
+        return Layers(**{spec.name: getattr(self, spec.name)[number] for spec in LAYER_FIELDS})
+
+    def to_xarray(self) -> "Dataset":
+        """The same as an xarray dataset with named dimensions, units and descriptions.
+
+        Returns
+        -------
+        xarray.Dataset
+            Equal to what xarray reads from the layers file that `save` writes.
+
+        Raises
+        ------
+        ModuleNotFoundError
+            If xarray is missing: pip install 'tofmix[notebook]'.
+        """
+        try:
+            import xarray
+        except ModuleNotFoundError as error:
+            raise ModuleNotFoundError("to_xarray needs xarray: pip install 'tofmix[notebook]'") from error
+        variables: dict[str, Any] = {
+            spec.name: (
+                _DIMS if spec.per_layer else _DIMS[:3], getattr(self, spec.name),
+                {"units": spec.units, "long_name": spec.long_name},
+            )
+            for spec in LAYER_FIELDS
+        }  # fmt: skip
+        for name, text in (("start", "first frame of the window"), ("stop", "one past the last frame of the window")):
+            attributes = {"units": "1", "long_name": text}
+            variables[f"window_{name}"] = ("window", getattr(self, f"window_{name}"), attributes)
+        made = self.provenance
+        about = {"source": made.source, "tofmix_version": made.version, "sensor": made.sensor.name}
+        return xarray.Dataset(variables, attrs=about | {"options": str(made.options)})
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write a layers file, which every command of tofmix reads.
+
+        Parameters
+        ----------
+        path : str or Path
+            The new file, by custom ``*.layers.h5``.
+        overwrite : bool
+            Whether it may be replaced.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        UsageError
+            If the file exists and must not be replaced.
+        StorageError
+            If it cannot be written.
+        """
+        from tofmix.grid import plan_grid
+        from tofmix.io.chunks import encode_cell
+        from tofmix.io.layers_file import LayersWriter
+
+        target, windows = Path(path), self._windows()
+        image = int(self.shape[1]), int(self.shape[2])
+        grid = plan_grid(windows, image)
+        source = None if self.recording is None else self.recording.path
+        writer = LayersWriter(
+            target, windows=windows, image=image, max_layers=self.max_layers, tile=grid.step,
+            provenance=self.provenance, overwrite=overwrite, inputs=() if source is None else (source,),
+        )  # fmt: skip
+        with writer:
+            for cell in grid.cells():
+                place = cell.windows, cell.rows
+                part = Layers(**{spec.name: getattr(self, spec.name)[place] for spec in LAYER_FIELDS})
+                writer.write_chunks(cell.windows, cell.rows, encode_cell(part, (*grid.step, image[1])).chunks)
+        return target
+
+    def _windows(self) -> "Windows":
+        from tofmix.windows import Windows
+
+        length = int(self.window_stop[0] - self.window_start[0])
+        stride = int(self.window_start[1]) if len(self.window_start) > 1 else int(self.options.get("stride", length))
+        return Windows(length, stride, len(self.window_start), self.provenance.frames_left_out)
+
+
+def estimate(
+    recording: Recording | str | os.PathLike[str],
+    *,
+    noise: str | NoiseCurve | None = None,
+    outliers: str | float = FILE,
+    window: int | None = None,
+    stride: int | None = None,
+    workers: int | None = None,
+    **choices: Unpack[Choices],
+) -> Estimate:
+    """Recover the surfaces in each pixel of a recording, in memory.
+
+    Parameters
+    ----------
+    recording : Recording or path
+        The samples; a path is opened.
+    noise : {"file", "auto"}, str or NoiseCurve, optional
+        Where sigma(r) comes from: the recording, its samples, the built-in camera of this name, or this curve. By
+        default the recording's, and where it has none, its samples.
+    outliers : {"file", "auto"} or float
+        p(c_r): the recording's, counted in its samples, or this share.
+    window, stride : int, optional
+        Frames that make one estimate, and frames from one window to the next; all frames, and the window.
+    workers : int, optional
+        Threads; all processors without it. It changes no value.
+    **choices
+        Fields of `tofmix.estimation.settings.EstimateOptions`, for example ``sigma="tied"`` or ``paper=True``.
+
+    Returns
+    -------
+    Estimate
+        The same values as `tofmix estimate` writes.
+
+    Raises
+    ------
+    ValueError
+        If an option is out of its bounds.
+    BadInputError
+        If the file cannot be read, or its samples do not tell the noise.
+    """
+    from tofmix.estimation.sequence import estimate_layers
+    from tofmix.estimation.settings import EstimateOptions
+    from tofmix.windows import plan_windows
+
+    source = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
+    options = EstimateOptions(**choices)  # type: ignore[arg-type]  # texts become members of their enumerations there
+    windows = plan_windows(source.shape[0], window=window, stride=stride)
+    asked = noise if noise is not None else AUTO if source.sensor.noise is None else FILE
+    sensor = _sensor(source, asked, outliers, options)
+    source = source.with_sensor(sensor)
+    with source.opened() as samples:
+        layers = estimate_layers(samples, options, windows=windows, workers=workers or os.cpu_count() or 1)
+    said = {"noise": asked if isinstance(asked, str) else "given", "outliers": outliers}
+    provenance = Provenance(
+        source=source.name, source_sha256=_checksum(source), version=__version__, sensor=sensor,
+        options=options.as_dict() | said | {"window": windows.length, "stride": windows.stride},
+        frames_left_out=windows.frames_left_out,
+    )  # fmt: skip
+    starts = np.arange(windows.count, dtype=np.uint64) * np.uint64(windows.stride)
+    return Estimate(
+        **_arrays(layers), provenance=provenance, window_start=starts,
+        window_stop=starts + np.uint64(windows.length), recording=source,
+    )  # fmt: skip
+
+
+def read_estimate(path: Path) -> Estimate:
+    """Read a layers file into memory.
+
+    Raises
+    ------
+    BadInputError
+        If it is missing, damaged or no layers file.
+    """
+    from tofmix.io.layers_file import open_layers
+
+    with open_layers(path) as file:
+        layers = file.read_block(slice(None), slice(None))
+        return Estimate(
+            **_arrays(layers), provenance=file.provenance, window_start=file.window_start, window_stop=file.window_stop
+        )
+
+
+def _arrays(layers: Layers) -> dict[str, Any]:
+    return {field.name: getattr(layers, field.name) for field in fields(Layers)}
+
+
+def opened_recording(path: Path) -> Recording:
+    """Open a recording; layers are refused.
+
+    Raises
+    ------
+    BadInputError
+        If the file is no recording.
+    """
+    from tofmix.api.recordings import open_file
+
+    found = open_file(path)
+    if not isinstance(found, Recording):
+        raise BadInputError(f"{path}: a layers file, not a recording; tofmix.open reads it as it is")
+    return found
+
+
+def _sensor(source: Recording, noise: str | NoiseCurve, outliers: str | float, options: "EstimateOptions") -> Sensor:
+    """The recording's camera with the noise and the p(c_r) that were asked for."""
+    sensor = source.sensor
+    if AUTO in (noise, outliers):
+        measured = _measured(source, options.unambiguous_range_mm)
+        if noise == AUTO:
+            sensor = replace(sensor, noise=measured.curve)
+        if outliers == AUTO:
+            sensor = replace(sensor, outlier_probability=measured.outlier_probability)
+    if not isinstance(outliers, str):
+        sensor = replace(sensor, outlier_probability=float(outliers))
+    elif outliers not in (FILE, AUTO):
+        raise ValueError(f"outliers: {outliers!r} is neither file, auto nor a number")
+    if isinstance(noise, NoiseCurve):
+        sensor = replace(sensor, noise=noise)
+    elif noise not in (FILE, AUTO):
+        from tofmix.sensors import load_profile
+
+        profile = load_profile(noise)
+        tau_ms = sensor.integration_time_ms or profile.integration_time_ms
+        sensor = replace(sensor, noise=profile.noise_at(tau_ms))
+    if sensor.noise is None:
+        raise BadInputError(f"{source.name}: no noise curve; leave out noise='file', and it is measured")
+    if options.unambiguous_range_mm is not None and sensor.noise.law is not None:
+        sensor = replace(sensor, noise=replace(sensor.noise, law=None))  # on a circle sigma goes by range alone
+    return sensor
+
+
+def _measured(source: Recording, length: float | None) -> "MeasuredNoise":
+    from tofmix.estimation.noise import measure_noise
+    from tofmix.estimation.unrolling import UnrolledSource
+
+    with source.opened() as samples:
+        try:
+            return measure_noise(samples if length is None else UnrolledSource(samples, length))
+        except ValueError as error:
+            raise BadInputError(f"{source.name}: {error}") from error
+
+
+def _checksum(source: Recording) -> str:
+    """SHA-256 of the file, or of the samples."""
+    if source.path is not None:
+        from tofmix.io.recording_file import file_sha256
+
+        return file_sha256(source.path)
+    return hashlib.sha256(np.ascontiguousarray(source.range_mm).tobytes()).hexdigest()

@@ -1,0 +1,308 @@
+"""Recordings as Python holds them: opened from a file, or made of an array."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.recording import ArrayRecording, SampleSource
+from tofmix.sensor import NoiseCurve, Sensor
+
+if TYPE_CHECKING:
+    from tofmix.api.estimates import Estimate
+    from tofmix.simulation.truth import Truth
+
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+"""Length of each unit of `from_array`, mm."""
+
+
+class Recording:
+    """Samples of a camera, in memory or in a file.
+
+    Made by `tofmix.open`, `tofmix.from_array` and `tofmix.simulate`. A file is opened when it is read, and then
+    closed again.
+
+    Parameters
+    ----------
+    source : Path or ArrayRecording
+        The file, or the samples.
+    sensor : Sensor
+        The camera.
+    time_s : (frame,) float64, optional
+        Start of each frame, s, of samples in memory.
+    truth : Truth, optional
+        Of a simulated recording.
+    model_text : str
+        The model file of a simulated recording.
+    """
+
+    def __init__(
+        self,
+        source: Path | ArrayRecording,
+        sensor: Sensor,
+        *,
+        shape: tuple[int, int, int],
+        time_s: FloatArray | None = None,
+        truth: "Truth | None" = None,
+        model_text: str = "",
+    ) -> None:
+        self._source, self._sensor, self._shape = source, sensor, shape
+        self._time_s, self._truth, self._model_text = time_s, truth, model_text
+
+    def __repr__(self) -> str:
+        frames, rows, cols = self._shape
+        return f"<Recording {self.name}: {frames} frames of {rows} x {cols} pixels, {self._sensor.name}>"
+
+    @property
+    def path(self) -> Path | None:
+        """The file; None for samples in memory."""
+        return self._source if isinstance(self._source, Path) else None
+
+    @property
+    def name(self) -> str:
+        """The file's name, or ``array``."""
+        return self._source.name if isinstance(self._source, Path) else "array"
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Frames, rows, columns."""
+        return self._shape
+
+    @property
+    def sensor(self) -> Sensor:
+        """The camera, as far as it is known."""
+        return self._sensor
+
+    @property
+    def truth(self) -> "Truth | None":
+        """What each pixel of a recording from `tofmix.simulate` really sees."""
+        return self._truth
+
+    def with_sensor(self, sensor: Sensor | None = None, **changes: Any) -> Self:  # noqa: ANN401  fields of several types
+        """The same samples with another camera, or with some of its properties changed.
+
+        Parameters
+        ----------
+        sensor : Sensor, optional
+            The camera; that of the recording without it.
+        **changes
+            Fields of `tofmix.sensor.Sensor`, for example ``range_max_mm=7500.0``.
+
+        Raises
+        ------
+        ValueError
+            If a value is out of its bounds.
+        """
+        changed = replace(sensor or self._sensor, **changes)
+        return type(self)(
+            self._source, changed, shape=self._shape, time_s=self._time_s, truth=self._truth,
+            model_text=self._model_text,
+        )  # fmt: skip
+
+    @contextmanager
+    def opened(self) -> Iterator[SampleSource]:
+        """Open the samples for reading in blocks, with this recording's camera.
+
+        Raises
+        ------
+        BadInputError
+            If the file cannot be read.
+        """
+        if isinstance(self._source, ArrayRecording):
+            yield self._source.with_sensor(self._sensor)
+            return
+        from tofmix.io.recording_file import open_recording
+
+        with open_recording(self._source) as file:
+            file.sensor = self._sensor
+            yield file
+
+    @property
+    def range_mm(self) -> Float32Array:
+        """All samples (frame, row, col) float32, mm; NaN where invalid. A file is read anew at each use."""
+        with self.opened() as source:
+            return source.read_range(slice(None), slice(None))
+
+    @property
+    def amplitude(self) -> Float32Array | None:
+        """All amplitudes (frame, row, col) float32; None where the recording has none."""
+        from tofmix.recording import amplitude_source
+
+        with self.opened() as source:
+            light = amplitude_source(source)
+            return None if light is None else light.read_amplitude(slice(None), slice(None))
+
+    @property
+    def time_s(self) -> FloatArray | None:
+        """Start of each frame (frame,) float64, s; None where it is not known."""
+        if isinstance(self._source, ArrayRecording):
+            return self._time_s
+        from tofmix.io.recording_file import open_recording
+
+        with open_recording(self._source) as file:
+            return file.read_time()
+
+    @property
+    def temperature_c(self) -> FloatArray | None:
+        """Temperature of the camera (frame,) float64, degC; None where it is not known."""
+        if isinstance(self._source, ArrayRecording):
+            return None
+        from tofmix.io.recording_file import open_recording
+
+        with open_recording(self._source) as file:
+            return file.read_temperature()
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the samples as a recording, ranges as float32.
+
+        Parameters
+        ----------
+        path : str or Path
+            The new file.
+        overwrite : bool
+            Whether it may be replaced.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        UsageError
+            If the file exists and must not be replaced.
+        StorageError
+            If it cannot be written.
+        """
+        from tofmix.io.recording_writer import RecordingWriter
+
+        target, range_mm, amplitude, time_s = Path(path), self.range_mm, self.amplitude, self.time_s
+        temperature_c = self.temperature_c
+        writer = RecordingWriter(
+            target, shape=self._shape, sensor=self._sensor, truth=self._truth, model_text=self._model_text,
+            has_amplitude=amplitude is not None, has_time=time_s is not None,
+            has_temperature=temperature_c is not None, dtype="f4", overwrite=overwrite,
+            inputs=() if self.path is None else (self.path,),
+        )  # fmt: skip
+        with writer:
+            writer.write(
+                0, range_mm, amplitude=amplitude, time_s=time_s,
+                temperature_c=None if temperature_c is None else temperature_c.astype(np.float32),
+            )  # fmt: skip
+        return target
+
+
+def open_file(path: str | Path) -> "Recording | Estimate":
+    """Open a recording, or the layers that `tofmix estimate` or `Estimate.save` wrote.
+
+    Parameters
+    ----------
+    path : str or Path
+        An HDF5 file.
+
+    Returns
+    -------
+    Recording or Estimate
+        Samples of a recording are read when they are asked for; layers are read at once.
+
+    Raises
+    ------
+    BadInputError
+        If the file is missing, damaged or neither of the two.
+    """
+    from tofmix.api.estimates import read_estimate
+    from tofmix.io.file_kind import format_of
+    from tofmix.io.layers_file import FORMAT
+    from tofmix.io.recording_file import open_recording
+
+    file = Path(path)
+    if format_of(file) == FORMAT:
+        return read_estimate(file)
+    with open_recording(file) as source:
+        return Recording(file, source.sensor, shape=source.shape)
+
+
+def from_array(
+    ranges: ArrayLike,
+    *,
+    units: str,
+    sensor: Sensor | str | None = None,
+    integration_time_ms: float | None = None,
+    noise: NoiseCurve | None = None,
+    invalid: tuple[float, ...] = (),
+    amplitude: ArrayLike | None = None,
+    time_s: ArrayLike | None = None,
+) -> Recording:
+    """Make a recording of an array of ranges.
+
+    Parameters
+    ----------
+    ranges : (frame, row, col) array_like
+        Distances along each pixel's beam. NaN and infinities are no samples; nor is 0 in an array of integers.
+    units : {"mm", "cm", "m"}
+        Unit of `ranges`.
+    sensor : Sensor or str, optional
+        The camera, or the name of a built-in one, whose noise is that of `integration_time_ms`. Without it nothing is
+        known of the camera.
+    integration_time_ms : float, optional
+        Integration time of one sample; without it, that of the sensor, or a built-in camera's default.
+    noise : NoiseCurve, optional
+        sigma(r), mm. Without it, that of the sensor; without one there, `tofmix.estimate` measures it.
+    invalid : tuple of float
+        Further values of `ranges` that are no samples, for example ``(65535,)``.
+    amplitude : (frame, row, col) array_like, optional
+        Amplitude of each sample.
+    time_s : (frame,) array_like, optional
+        Start of each frame, s.
+
+    Returns
+    -------
+    Recording
+        In memory.
+
+    Raises
+    ------
+    ValueError
+        If the unit is not known, or a shape does not fit.
+    BadInputError
+        If there is no built-in camera of that name.
+    """
+    if units not in UNITS_MM:
+        raise ValueError(f"units: {units!r} is not one of {', '.join(UNITS_MM)}")
+    raw = np.asarray(ranges)
+    if raw.dtype.kind not in "iuf":
+        raise ValueError(f"ranges: expected integers or floats, got {raw.dtype}")
+    range_mm = raw.astype(np.float64) * UNITS_MM[units]
+    range_mm[_no_sample(raw, invalid)] = np.nan
+    camera = _camera(sensor, integration_time_ms)
+    if noise is not None:
+        camera = replace(camera, noise=noise)
+    samples = ArrayRecording(range_mm, camera, amplitude)
+    time = None if time_s is None else np.asarray(time_s, dtype=np.float64)
+    if time is not None and time.shape != samples.shape[:1]:
+        raise ValueError(f"time_s: expected one number a frame, {samples.shape[0]}, got shape {time.shape}")
+    return Recording(samples, camera, shape=samples.shape, time_s=time)
+
+
+def _no_sample(raw: NDArray[Any], invalid: tuple[float, ...]) -> NDArray[np.bool_]:
+    bad = ~np.isfinite(raw) if raw.dtype.kind == "f" else raw == 0
+    for value in invalid:
+        bad |= raw == value
+    return np.asarray(bad, dtype=np.bool_)
+
+
+def _camera(sensor: Sensor | str | None, integration_time_ms: float | None) -> Sensor:
+    if isinstance(sensor, str):
+        from tofmix.sensors import load_sheet
+
+        sheet = load_sheet(sensor)
+        if integration_time_ms is not None:
+            sheet = replace(sheet, integration_time_ms=integration_time_ms)
+        return sheet.sensor()
+    camera = sensor or Sensor(name="unknown")
+    return camera if integration_time_ms is None else replace(camera, integration_time_ms=integration_time_ms)
