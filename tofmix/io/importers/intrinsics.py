@@ -208,17 +208,10 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def _parse(text: str) -> Any:  # noqa: ANN401  what YAML holds
-    """YAML, with what OpenCV adds to it: its own first line and the tag of its matrices."""
+    """Plain values of YAML, without what OpenCV adds to it: its own first line and the tag of its matrices."""
     yaml = need("yaml", extra="ros", what="a calibration in YAML")
-
-    class Loader(yaml.SafeLoader):  # type: ignore[misc, name-defined]  # a class of a module taken at run time
-        """Plain values alone; a matrix of OpenCV is a table."""
-
-    Loader.add_constructor(
-        "tag:yaml.org,2002:opencv-matrix", lambda loader, node: loader.construct_mapping(node, deep=True)
-    )
     first, _, rest = text.partition("\n")
-    return yaml.load(rest if first.startswith("%YAML:") else text, Loader=Loader)
+    return yaml.safe_load((rest if first.startswith("%YAML:") else text).replace("!!opencv-matrix", ""))
 
 
 def _first(found: Mapping[str, Any], *keys: str) -> Any:  # noqa: ANN401  what YAML holds
