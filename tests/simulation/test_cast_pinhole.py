@@ -81,7 +81,7 @@ def test_shares_and_ranges_agree_with_brute_force_rays() -> None:
         np.testing.assert_allclose(ranges[seen], expected_range[seen], atol=0.5)
         total = share.sum() + truth.weight_no_return[row, col] / (1 - P_R)
         assert total == pytest.approx(1.0, abs=1e-6)
-    assert several > 3
+    assert several >= 3
 
 
 def test_a_wall_square_to_the_axis_has_the_closed_form_range() -> None:
@@ -132,7 +132,7 @@ def test_moving_surfaces_are_cast_as_still_ones_at_their_places() -> None:
     effect = MAKE["motion"](surface="right", velocity_mm_s=300.0)
     model = Model(sensor=camera(), surfaces=BOARDS, effects=(effect,), recording=RecordingSettings(frames=3))
     caster = MovingCaster(model)
-    for time_s in (0.0, 0.7):
+    for time_s in sized((0.0, 0.7), (0.7,)):
         still = cast_scene(replace(model, surfaces=model.placed(time_s), effects=())).padded(caster.layers)
         moved = caster.cast(time_s)
         np.testing.assert_array_equal(moved.range_true, still.range_true)
