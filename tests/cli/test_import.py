@@ -182,8 +182,6 @@ def test_what_is_doubtful_is_pointed_out(tofmix: Tofmix, tmp_path: Path, sensor:
         "import", path, "-o", tmp_path / "v.h5", "--sensor", sensor, "--topic", DEPTH, "--amplitude", AMPLITUDE
     )
     assert said.code == 0, said.err
-    assert "look up to " in said.err
-    assert "have equal angles over 60 x 40 degrees" in said.err
     assert "1 frame without an amplitude image" in said.err
 
 
@@ -234,9 +232,13 @@ def test_refusals(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
         ((tmp_path / "none.npy", *out, *chosen), ExitCode.BAD_INPUT, "No such file"),
         ((tmp_path / "camera.toml", *out, *chosen), ExitCode.USAGE, "not a known source"),
         ((source, *out, *chosen, "--topic", "a"), ExitCode.USAGE, "--dataset does not go with"),
-        ((source, *out, *chosen, "--intrinsics", "5,5,2,1"), ExitCode.USAGE, "--depth-axis z"),
+        ((source, *out, *chosen, "--intrinsics", "lens.yaml"), ExitCode.USAGE, "nor a calibration file"),
         ((source, *out, *chosen, "--depth-axis", "z", "--intrinsics", "5,5"), ExitCode.USAGE, "FX,FY,CX,CY"),
-        ((source, *out, *chosen, "--depth-axis", "z", "--intrinsics", "0,5,1,1"), ExitCode.BAD_INPUT, "camera"),
+        (
+            (source, *out, *chosen, "--depth-axis", "z", "--intrinsics", "0,5,1,1"),
+            ExitCode.BAD_INPUT,
+            "--intrinsics: fx: 0 is",
+        ),
         ((source, *out, *chosen, "--scale", "inf"), ExitCode.USAGE, "--scale"),
         ((source, *out, *chosen, "--scale", "nan"), ExitCode.USAGE, "--scale"),
         ((source, *out, *chosen, "--amplitude", tmp_path / "none.npy"), ExitCode.BAD_INPUT, "none.npy"),

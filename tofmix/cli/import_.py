@@ -27,6 +27,7 @@ tofmix import depth.npy -o depth.h5 --units m
 tofmix import frames/ -o frames.h5 --fov 70x55 --frame-rate 25 --scale 0.25
 tofmix import other.h5 -o rec.h5 --dataset entry/data --invalid 65535
 tofmix import depth.tif -o depth.h5 --intrinsics 210,210,88,72
+tofmix import frames/ -o frames.h5 --intrinsics head_camera.yaml --frame-rate 30
 tofmix import samples.mat -o samples.h5 --sensor sr3000 --dataset r --axes row,col,frame
 tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 """
@@ -53,7 +54,11 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
     "--depth-axis", type=click.Choice(["z", "ray"]),
     help="What depths are measured along.  [default: z in images and bags, else ray]",
 )  # fmt: skip
-@click.option("--intrinsics", metavar="FX,FY,CX,CY", help="Pinhole camera of depths along z, in pixels.")
+@click.option(
+    "--intrinsics", metavar="FX,FY,CX,CY|FILE",
+    help="Pinhole camera, in pixels, or a file with its calibration and distortion: YAML of ROS or OpenCV (extra"
+    " tofmix[ros]).",
+)  # fmt: skip
 @click.option(
     "--fov", metavar="HxV",
     help="Full field of view, degrees, such as 70x55; depths along z become ranges by an ideal pinhole of it.",
@@ -103,7 +108,7 @@ def import_(
     are taken along the beam. What neither SOURCE nor --sensor tells stays unknown, and
     is listed. Frames are read and written in blocks.
     """
-    from tofmix.cli.import_camera import Lens, camera_of, geometry_of, pinhole_of, shape_of, view_of
+    from tofmix.cli.import_camera import Lens, camera_of, geometry_of, intrinsics_of, sensor_of, shape_of, view_of
     from tofmix.io.importers import open_source
     from tofmix.io.importers.axes import check_axes
     from tofmix.io.importers.base import Request
@@ -118,17 +123,17 @@ def import_(
     if units is not None and scale is not None:
         raise UsageError("--units and --scale both say the unit; give one of them")
     camera = camera_of(sensor)
-    lens = Lens(pinhole=pinhole_of(intrinsics), view_deg=view_of(fov))
+    lens = Lens(intrinsics=intrinsics_of(intrinsics), view_deg=view_of(fov))
     unit_mm = scale if units is None else UNITS_MM[units]
     request = Request(
         topic=topic, amplitude=amplitude, camera_info=camera_info, axes=None if axes is None else check_axes(axes),
-        shape=shape_of(shape), unit_given=unit_mm is not None,
+        shape=shape_of(shape), unit_given=unit_mm is not None, lens_given=intrinsics is not None or fov is not None,
         image=None if camera.rows is None or camera.cols is None else (camera.rows, camera.cols),
     )  # fmt: skip
-    inputs = [Path(name) for name in (source, sensor, amplitude) if name is not None]
+    inputs = [Path(name) for name in (source, sensor, amplitude, intrinsics) if name is not None]
     inputs += [file for folder in inputs if folder.is_dir() for file in folder.iterdir()]
     with claimed(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
-        known = frames.sensor if sensor is None and frames.sensor is not None else camera.sensor()
+        known = frames.sensor if sensor is None and frames.sensor is not None else sensor_of(camera, frames.shape[1:])
         geometry = geometry_of(frames, known, lens, depth_axis, source)
         conversion = Conversion(
             dtype=frames.dtype, unit_mm=unit_mm or frames.unit_mm or 1.0, invalid=(*frames.invalid, *invalid),
@@ -159,9 +164,10 @@ def _say(
     """Say on stderr what the user should know of a source."""
     _, rows, cols = frames.shape
     if camera.rows is not None and camera.cols is not None and (rows, cols) != (camera.rows, camera.cols):
+        view = "field of view is taken" if camera.projection is None else "projection is not taken"
         notes.append(
             f"{source}: {rows} x {cols} pixels, {camera.name} has {camera.rows} x {camera.cols};"
-            " its field of view is taken for the image's"
+            f" its {view} for the image's"
         )
     if imported.valid == 0:
         notes.append(f"{source}: no valid sample; check --invalid and --units")
@@ -181,6 +187,5 @@ def _say(
 def _say_what_is_not_known(sensor: "Sensor") -> None:
     from tofmix.cli.import_camera import not_known
 
-    has_view = sensor.fov_horizontal_deg is not None and sensor.fov_vertical_deg is not None
-    if missing := not_known(sensor, has_optics=has_view):
+    if missing := not_known(sensor, has_optics=sensor.optics is not None):
         click.echo(f"not known: {', '.join(missing)}")

@@ -9,7 +9,10 @@ from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
     from tofmix.arrays import FloatArray
-    from tofmix.io.importers.base import FrameSource, Pinhole
+    from tofmix.io.importers.base import FrameSource
+    from tofmix.io.importers.intrinsics import Calibration
+    from tofmix.pinhole import Pinhole
+    from tofmix.projection import Projection
     from tofmix.sensor import Sensor
     from tofmix.sensors.sheet import CameraSheet
 
@@ -43,6 +46,17 @@ def camera_of(name: str | None) -> "CameraSheet":
         raise BadInputError(f"--sensor: {name}: no such file, and not a built-in sensor ({', '.join(PROFILES)})")
     text = read_text(Path(name))
     return (parse_profile if "about" in parse_toml(text, source=name) else parse_sensor)(text, source=name)
+
+
+def sensor_of(camera: "CameraSheet", shape: tuple[int, int]) -> "Sensor":
+    """The camera as a recording of an image (rows, cols) describes it.
+
+    A projection is of an image of one size alone: where pixels of another look stays unknown.
+    """
+    sensor = camera.sensor()
+    if sensor.projection is None or (camera.rows or shape[0], camera.cols or shape[1]) == tuple(shape):
+        return sensor
+    return replace(sensor, projection=None)
 
 
 def view_of(text: str | None) -> tuple[float, float] | None:
@@ -82,15 +96,18 @@ def shape_of(text: str | None) -> tuple[int, int] | None:
     return shape
 
 
-def pinhole_of(text: str | None) -> "Pinhole | None":
-    """Intrinsics in pixels, from a text such as 210,210,88,72.
+def intrinsics_of(text: str | None) -> "Pinhole | Calibration | None":
+    """Intrinsics from a text such as 210,210,88,72, in pixels, or from a calibration file that it names.
 
     Raises
     ------
     UsageError
-        If it is none.
+        If it is neither, or PyYAML is missing.
+    BadInputError
+        If the file is no calibration, or the numbers are no camera's.
     """
-    from tofmix.io.importers.base import Pinhole
+    from tofmix.io.importers.intrinsics import read_calibration
+    from tofmix.pinhole import Pinhole
 
     if text is None:
         return None
@@ -98,16 +115,23 @@ def pinhole_of(text: str | None) -> "Pinhole | None":
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) != _INTRINSICS:
-        raise UsageError(f"--intrinsics: {text!r} is not FX,FY,CX,CY in pixels, such as 210,210,88,72")
-    return Pinhole(focal_px=(numbers[0], numbers[1]), centre_px=(numbers[2], numbers[3]))
+    if len(numbers) == _INTRINSICS:
+        try:
+            return Pinhole(fx=numbers[0], fy=numbers[1], cx=numbers[2], cy=numbers[3])
+        except ValueError as error:
+            raise BadInputError(f"--intrinsics: {error}") from error
+    if numbers or not Path(text).exists():
+        raise UsageError(
+            f"--intrinsics: {text!r} is not FX,FY,CX,CY in pixels, such as 210,210,88,72, nor a calibration file"
+        )
+    return read_calibration(Path(text))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lens:
     """What is said of the lens: intrinsics, and a field of view (horizontal, vertical) in degrees."""
 
-    pinhole: "Pinhole | None" = None
+    intrinsics: "Pinhole | Calibration | None" = None
     view_deg: tuple[float, float] | None = None
 
 
@@ -136,8 +160,8 @@ class Geometry:
 def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str | None, source: Path) -> Geometry:
     """Settle how depths become ranges, and where pixels look.
 
-    Along z, the first of these that is known is used: ``--intrinsics``, ``--fov`` (an ideal pinhole), the intrinsics of
-    the source, the sensor's field of view (equal angles, as its recordings have).
+    The first of these that is known is used: ``--intrinsics``, ``--fov``, the intrinsics of the source, the sensor.
+    ``--fov`` is that of an ideal pinhole where depths are along z, else of equal angles.
 
     Parameters
     ----------
@@ -154,72 +178,85 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
 
     Raises
     ------
-    UsageError
-        If intrinsics are given for depths along the beam.
     BadInputError
-        If depths along z cannot become ranges, as the lens is not known or cannot be.
+        If depths along z cannot become ranges, as the lens is not known, or the lens cannot be.
     """
-    if lens.view_deg is not None:
-        sensor = replace(sensor, fov_horizontal_deg=lens.view_deg[0], fov_vertical_deg=lens.view_deg[1])
-    if (axis or frames.depth_axis) == "ray":
-        if lens.pinhole is not None:
-            raise UsageError("--intrinsics goes with depths along z (--depth-axis z)")
-        otherwise = "" if axis else " (--depth-axis z if they are along z)"
-        return Geometry(factor=None, sensor=sensor, text=f"depths along the beam, taken as ranges{otherwise}")
-    otherwise = "" if axis else " (--depth-axis ray if they are along the beam)"
-    factor, how, notes = _along_z(frames, sensor, lens, source)
-    return Geometry(factor=factor, sensor=sensor, text=f"depths along z made ranges by {how}{otherwise}", notes=notes)
-
-
-def _along_z(
-    frames: "FrameSource", sensor: "Sensor", lens: Lens, source: Path
-) -> "tuple[FloatArray, str, tuple[str, ...]]":
-    """Range over depth of each pixel, by what it is, and what to say of it."""
-    from tofmix.geometry import beam_directions, largest_angle_deg, pinhole_directions, ray_over_depth
-    from tofmix.io.importers.base import Pinhole
-
-    _, rows, cols = frames.shape
-    view = None
-    if sensor.fov_horizontal_deg is not None and sensor.fov_vertical_deg is not None:
-        view = sensor.fov_horizontal_deg, sensor.fov_vertical_deg
-    pinhole, where = lens.pinhole or frames.pinhole, "--intrinsics" if lens.pinhole else str(source)
-    how = "pinhole"
-    if lens.pinhole is None and lens.view_deg is not None:
-        where, how = "--fov", f"an ideal pinhole of {lens.view_deg[0]:g} x {lens.view_deg[1]:g} degrees,"
-        focal, centre = _ideal(rows, cols, lens.view_deg)
-        pinhole = Pinhole(focal_px=focal, centre_px=centre)
-    if pinhole is None and view is None:
-        raise BadInputError(
-            f"{source}: depths along z are no ranges along the beam without the lens: give --intrinsics FX,FY,CX,CY or"
-            " --fov HxV, or --depth-axis ray if they are along the beam"
-        )
+    along_z = (axis or frames.depth_axis) == "z"
+    sensor, where = _with_optics(frames, sensor, lens, source, along_z=along_z)
+    shape = frames.shape[1:]
     try:
-        grid = (
-            None if view is None else beam_directions(rows, cols, fov_horizontal_deg=view[0], fov_vertical_deg=view[1])
-        )
-        if pinhole is None and grid is not None and view is not None:
-            return ray_over_depth(grid), f"field of view {view[0]:g} x {view[1]:g} degrees, equal angles", ()
-        assert pinhole is not None  # noqa: S101  for the type checker: refused above
-        beams = pinhole_directions(rows, cols, focal_px=pinhole.focal_px, centre_px=pinhole.centre_px)
-        factor = ray_over_depth(beams)
+        optics = sensor.optics
+        if optics is not None:
+            optics.check(shape)
+        if not along_z:
+            otherwise = "" if axis else " (--depth-axis z if they are along z)"
+            return Geometry(factor=None, sensor=sensor, text=f"depths along the beam, taken as ranges{otherwise}")
+        if optics is None:
+            raise BadInputError(
+                f"{source}: depths along z are no ranges along the beam without the lens: give --intrinsics FX,FY,CX,CY"
+                " or --fov HxV, or --depth-axis ray if they are along the beam"
+            )
+        factor = ray_factor(optics, shape)
     except ValueError as error:
         raise BadInputError(f"{where}: {error}") from error
-    notes: tuple[str, ...] = ()
-    if grid is not None and view is not None:
-        angle = largest_angle_deg(grid, beams)
-        if angle > min(view[0] / cols, view[1] / rows):
-            text = (
-                f"{source}: the pinhole's pixels look up to {angle:.1f} degrees beside the recording's, which have"
-                f" equal angles over {view[0]:g} x {view[1]:g} degrees; ranges are right, exported points are off by"
-                " that"
-            )
-            notes = (text,)
-    (fx, fy), (cx, cy) = pinhole.focal_px, pinhole.centre_px
-    return factor, f"{how} fx {fx:g} fy {fy:g} cx {cx:g} cy {cy:g}", notes
+    otherwise = "" if axis else " (--depth-axis ray if they are along the beam)"
+    by_view = lens.intrinsics is None and lens.view_deg is not None
+    how = _in_words(optics, shape, lens.view_deg if by_view else None)
+    return Geometry(factor=factor, sensor=sensor, text=f"depths along z made ranges by {how}{otherwise}")
 
 
-def _ideal(rows: int, cols: int, view_deg: tuple[float, float]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Focal lengths and centre, pixels, of a pinhole whose image's outer edges are at the field of view.
+def ray_factor(optics: "Projection", shape: tuple[int, int]) -> "FloatArray":
+    """Range along the beam over depth along z (row, col) of an image's pixels.
+
+    Raises
+    ------
+    ValueError
+        If a pixel looks nowhere, or 90 degrees or more off the axis.
+    """
+    from tofmix.geometry import ray_over_depth
+    from tofmix.projection import beam_directions_of
+
+    return ray_over_depth(beam_directions_of(optics, shape))
+
+
+def _with_optics(
+    frames: "FrameSource", sensor: "Sensor", lens: Lens, source: Path, *, along_z: bool
+) -> "tuple[Sensor, str]":
+    """The camera with where its pixels look, and who says so."""
+    from tofmix.pinhole import Pinhole
+
+    rows, cols = frames.shape[1:]
+    pinhole, where = frames.pinhole, str(source)
+    if isinstance(lens.intrinsics, Pinhole):
+        pinhole, where = lens.intrinsics, "--intrinsics"
+    elif lens.intrinsics is not None:
+        if not lens.intrinsics.calibrated:
+            raise BadInputError(f"{lens.intrinsics.what}: not calibrated: a focal length is not above 0")
+        pinhole = lens.intrinsics.pinhole((rows, cols), rectified=frames.rectified)
+        where = lens.intrinsics.what
+    elif lens.view_deg is not None:
+        where = "--fov"
+        pinhole = _ideal(rows, cols, lens.view_deg) if along_z else None
+        if pinhole is None:
+            horizontal, vertical = lens.view_deg
+            return replace(sensor, fov_horizontal_deg=horizontal, fov_vertical_deg=vertical, projection=None), where
+    if pinhole is None:
+        return sensor, where
+    return replace(sensor, projection=pinhole, fov_horizontal_deg=None, fov_vertical_deg=None), where
+
+
+def _in_words(optics: "Projection", shape: tuple[int, int], view_deg: tuple[float, float] | None) -> str:
+    from tofmix.pinhole import Pinhole
+
+    if not isinstance(optics, Pinhole):
+        return f"field of view {optics.words(shape)}, equal angles"
+    how = "pinhole" if view_deg is None else f"an ideal pinhole of {view_deg[0]:g} x {view_deg[1]:g} degrees,"
+    lens = "" if not optics.distortion else f" distortion {' '.join(f'{k:g}' for k in optics.distortion)}"
+    return f"{how} fx {optics.fx:g} fy {optics.fy:g} cx {optics.cx:g} cy {optics.cy:g}{lens}"
+
+
+def _ideal(rows: int, cols: int, view_deg: tuple[float, float]) -> "Pinhole":
+    """A pinhole without distortion whose image's outer edges are at the field of view.
 
     Raises
     ------
@@ -228,10 +265,12 @@ def _ideal(rows: int, cols: int, view_deg: tuple[float, float]) -> tuple[tuple[f
     """
     import math
 
+    from tofmix.pinhole import Pinhole
+
     if max(view_deg) >= _FLAT_DEG:
         raise UsageError(f"--fov: {view_deg[0]:g} x {view_deg[1]:g} degrees; a pinhole sees less than 180")
     fx, fy = (size / 2 / math.tan(math.radians(angle) / 2) for size, angle in zip((cols, rows), view_deg, strict=True))
-    return (fx, fy), ((cols - 1) / 2, (rows - 1) / 2)
+    return Pinhole(fx=fx, fy=fy, cx=(cols - 1) / 2, cy=(rows - 1) / 2)
 
 
 def not_known(sensor: "Sensor", *, has_optics: bool) -> list[str]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.flags import Status, status_name
+from tofmix.projection import projection_values
 from tofmix.report.findings import Finding, count_findings, target_findings
 from tofmix.report.sources import LayersSource
 from tofmix.report.tables import printable
@@ -180,7 +181,7 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         kind="layers",
         name=name,
         sections=sections,
-        warnings=(*warnings, *target_findings(provenance.targets), *_view_findings(provenance.sensor)),
+        warnings=(*warnings, *target_findings(provenance.targets), *_view_findings(provenance.sensor, (rows, cols))),
     )
 
 
@@ -265,9 +266,17 @@ def _shown(value: object) -> str:
 def _sensor_section(sensor: Sensor) -> Section:
     section: Section = {"name": sensor.name}
     section |= {key: getattr(sensor, key) for key in _SENSOR_NUMBERS}
+    if sensor.projection is not None:
+        section["projection"] = sensor.projection.name
+        for key, value in projection_values(sensor.projection).items():
+            section[key] = list(value) if isinstance(value, tuple) else value
     noise = sensor.noise
     section["noise_range_mm"] = None if noise is None else noise.range_mm.tolist()
     section["noise_sigma_mm"] = None if noise is None else noise.sigma_mm.tolist()
+    if noise is not None and noise.law is not None:
+        section["noise_reference_amplitude"] = noise.law.reference.tolist()
+        section["noise_amplitude"] = noise.law.amplitude.tolist()
+        section["noise_amplitude_factor"] = noise.law.factor.tolist()
     return section
 
 
@@ -313,7 +322,7 @@ def _recording_findings(file: RecordingHeader) -> list[Finding]:
     if sensor.range_max_mm is None:
         text = "No range_max_mm: what does not return is not told from surfaces."
         found.append(Finding(code="no_range_max", text=text))
-    found += _view_findings(sensor)
+    found += _view_findings(sensor, file.shape[1:])
     found += target_findings(file.targets)
     if file.frames == 1:
         text = "One frame: a pixel's one sample cannot show several surfaces."
@@ -321,7 +330,11 @@ def _recording_findings(file: RecordingHeader) -> list[Finding]:
     return found
 
 
-def _view_findings(sensor: Sensor) -> list[Finding]:
-    if sensor.fov_horizontal_deg is not None and sensor.fov_vertical_deg is not None:
-        return []
+def _view_findings(sensor: Sensor, shape: tuple[int, int]) -> list[Finding]:
+    try:
+        if sensor.optics is not None:
+            sensor.optics.check(shape)
+            return []
+    except ValueError as error:
+        return [Finding(code="unfit_projection", text=f"Points cannot be placed: {error}.")]
     return [Finding(code="no_field_of_view", text="No field of view: points cannot be placed; export needs --fov.")]

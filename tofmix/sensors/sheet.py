@@ -7,13 +7,16 @@ asked for, `CameraSheet.profile` gives the whole `SensorProfile`, or says what i
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from tofmix.projection import Projection
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 from tofmix.sensors.profile import MAX_PIXELS_A_SIDE, SensorProfile
 
 NOISE_KEYS = ("noise", "reference_integration_time_ms", "exponent")
 """What a noise curve at any integration time takes; they go together."""
 
-_MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms")
+_MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms", "projection")
+_VIEW = ("fov_horizontal_deg", "fov_vertical_deg")
+"""What a `projection` stands for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -42,6 +45,7 @@ class CameraSheet:
     cols: int | None = None
     fov_horizontal_deg: float | None = None
     fov_vertical_deg: float | None = None
+    projection: Projection | None = None
     range_min_mm: float | None = None
     range_max_mm: float | None = None
     integration_time_ms: float | None = None
@@ -79,7 +83,8 @@ class CameraSheet:
     def missing(self) -> tuple[str, ...]:
         """Fields that a simulation needs and that are not known; those of the noise as ``noise`` alone."""
         empty = [field.name for field in fields(self) if getattr(self, field.name) is None]
-        return tuple(key for key in empty if key not in (*_MAY_BE_LEFT_OUT, *NOISE_KEYS[1:]))
+        not_needed = (*_MAY_BE_LEFT_OUT, *NOISE_KEYS[1:], *(() if self.projection is None else _VIEW))
+        return tuple(key for key in empty if key not in not_needed)
 
     def profile(self) -> SensorProfile:
         """The whole camera.
@@ -116,6 +121,7 @@ class CameraSheet:
             range_max_mm=self.range_max_mm,
             fov_horizontal_deg=self.fov_horizontal_deg,
             fov_vertical_deg=self.fov_vertical_deg,
+            projection=self.projection,
             outlier_probability=(
                 DEFAULT_OUTLIER_PROBABILITY if self.outlier_probability is None else self.outlier_probability
             ),
@@ -127,13 +133,14 @@ class CameraSheet:
             return None
         if self.integration_time_ms is None:
             return None if self.exponent else self.noise
-        return self.noise.scaled((self.reference_integration_time_ms / self.integration_time_ms) ** self.exponent)
+        longer = self.integration_time_ms / self.reference_integration_time_ms
+        return self.noise.scaled((1.0 / longer) ** self.exponent, amplitude_factor=longer)
 
     def with_view(self, view_deg: tuple[float, float] | None) -> "CameraSheet":
         """The camera with another field of view (horizontal, vertical); itself where None."""
         if view_deg is None:
             return self
-        return replace(self, fov_horizontal_deg=view_deg[0], fov_vertical_deg=view_deg[1])
+        return replace(self, fov_horizontal_deg=view_deg[0], fov_vertical_deg=view_deg[1], projection=None)
 
 
 UNKNOWN = CameraSheet(name="unknown")

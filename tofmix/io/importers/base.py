@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError, TofmixError, os_error_text
+from tofmix.pinhole import Pinhole
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.sensor import Sensor
 
@@ -22,14 +23,6 @@ _MOST_SAMPLES_A_FRAME = 1 << 26
 """Four targets of the largest image: a frame is held whole."""
 
 DepthAxis = Literal["z", "ray"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pinhole:
-    """Intrinsics of a pinhole camera, in pixels: fx, fy and cx, cy."""
-
-    focal_px: tuple[float, float]
-    centre_px: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +45,8 @@ class Request:
         Rows and columns of the sensor, to tell the order of axes by.
     unit_given : bool
         Whether the unit of the depths was said, whatever the source says.
+    lens_given : bool
+        Whether it was said where the pixels look, whatever the source says.
     """
 
     topic: str | None = None
@@ -61,6 +56,7 @@ class Request:
     shape: tuple[int, int] | None = None
     image: tuple[int, int] | None = None
     unit_given: bool = False
+    lens_given: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,7 +96,9 @@ class FrameSource:
     has_amplitude, has_time : bool
         Whether frames carry them.
     pinhole : Pinhole, optional
-        Intrinsics, if the source has them.
+        Where its pixels look, if the source says.
+    rectified : bool
+        Whether the source says that the lens distortion is undone.
     sensor : Sensor, optional
         What the source knows of its camera.
     notes : tuple of str
@@ -118,6 +116,7 @@ class FrameSource:
     has_amplitude: bool = False
     has_time: bool = False
     pinhole: Pinhole | None = None
+    rectified: bool = False
     sensor: Sensor | None = None
     notes: tuple[str, ...] = ()
 
