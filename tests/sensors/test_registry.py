@@ -27,7 +27,7 @@ def test_each_number_of_a_profile_with_gaps_has_a_source_and_each_gap_is_said(na
     assert any(text.startswith("Not known:") for text in sheet.sources)
     sensor = sheet.sensor()
     assert sensor.noise is None
-    for key in ("range_min_mm", "range_max_mm", "fov_horizontal_deg", "fov_vertical_deg", "integration_time_ms"):
+    for key in ("range_min_mm", "range_max_mm", "fov_horizontal_deg", "fov_vertical_deg", "projection"):
         assert getattr(sensor, key) == getattr(sheet, key)
 
 
@@ -51,6 +51,16 @@ exponent = 0.5
     camera = sensor_of(parse_toml('[sensor]\nprofile = "vl53l5cx"\n' + gaps, source="m"))
     assert (camera.rows, camera.fov_vertical_deg, camera.range_max_mm) == (8, 45.0, 4000.0)
     assert float(camera.noise.sigma(4000.0)) == 40.0
+
+
+@pytest.mark.parametrize(("name", "view"), [("kinect-v2", "70.6 x 60.0"), ("l515", "70.0 x 55.0")])
+def test_a_derived_pinhole_spans_the_field_of_view_that_its_source_gives(name: str, view: str) -> None:
+    sheet = load_sheet(name)
+    assert sheet.projection is not None
+    assert sheet.rows is not None
+    assert sheet.cols is not None
+    assert sheet.projection.words((sheet.rows, sheet.cols)) == f"{view} degrees of a pinhole"
+    assert f"{view.replace('.0', '')} degrees" in " ".join(sheet.sources)
 
 
 def test_only_profiles_with_a_curve_are_offered_for_noise() -> None:

@@ -131,6 +131,10 @@ def map_(
                 raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
             beams = _beams(file, window, source, recording, min_probability, threads)
             comment = _comment(file, source, recording)
+            if file.provenance.sensor.range_max_mm is None:
+                click.echo(
+                    f"tofmix: {layers}: sensor: no range_max_mm: samples without a return leave no space free", err=True
+                )
         try:
             camera = Pose(x_mm=pose[0], y_mm=pose[1], yaw_deg=pose[2], pitch_deg=pitch)
             grid = plan_grid(beams, camera, cell_mm=cell, height_mm=None if voxels is not None else height)

@@ -9,6 +9,7 @@ from tofmix.cli.options import examples, json_option
 from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
+    from tofmix.projection import Projection
     from tofmix.sensors import CameraSheet
 
 
@@ -63,6 +64,7 @@ def _as_dict(name: str, sheet: "CameraSheet") -> dict[str, Any]:
     return {
         "profile": name, "name": sheet.name, "rows": sheet.rows, "cols": sheet.cols,
         "fov_horizontal_deg": sheet.fov_horizontal_deg, "fov_vertical_deg": sheet.fov_vertical_deg,
+        "projection": None if sheet.projection is None else _optics(sheet.projection),
         "range_min_mm": sheet.range_min_mm, "range_max_mm": sheet.range_max_mm,
         "modulation_frequency_hz": sheet.modulation_frequency_hz, "integration_time_ms": sheet.integration_time_ms,
         "outlier_probability": sheet.outlier_probability,
@@ -73,15 +75,26 @@ def _as_dict(name: str, sheet: "CameraSheet") -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _optics(projection: "Projection") -> dict[str, Any]:
+    from tofmix.projection import projection_values
+
+    return {"name": projection.name, **projection_values(projection)}
+
+
+def _view(sheet: "CameraSheet") -> str:
+    """Angles that the image spans, and of which projection where it is not equal angles."""
+    if sheet.projection is not None and sheet.rows is not None and sheet.cols is not None:
+        return sheet.projection.words((sheet.rows, sheet.cols)).replace(" degrees of a", "")
+    return "-" if sheet.fov_horizontal_deg is None else f"{sheet.fov_horizontal_deg:g} x {sheet.fov_vertical_deg:g}"
+
+
 def _table(sheets: "dict[str, CameraSheet]") -> str:
-    lines = [f"{'profile':<26}{'rows x cols':<13}{'view, degrees':<15}{'range':<16}{'noise':<7}camera"]
+    lines = [f"{'profile':<26}{'rows x cols':<13}{'view, degrees':<21}{'range':<16}{'noise':<7}camera"]
     for name, sheet in sheets.items():
         size = "-" if sheet.rows is None else f"{sheet.rows} x {sheet.cols}"
-        view = "-"
-        if sheet.fov_horizontal_deg is not None:
-            view = f"{sheet.fov_horizontal_deg:g} x {sheet.fov_vertical_deg:g}"
+        view = _view(sheet)
         ends = [None if end is None else f"{end / 1000:g}" for end in (sheet.range_min_mm, sheet.range_max_mm)]
         reach = "-" if ends == [None, None] else f"{ends[0] or '?'} to {ends[1] or '?'} m"
         noise = "-" if sheet.noise is None else "yes"
-        lines.append(f"{name:<26}{size:<13}{view:<15}{reach:<16}{noise:<7}{sheet.name}")
+        lines.append(f"{name:<26}{size:<13}{view:<21}{reach:<16}{noise:<7}{sheet.name}")
     return "\n".join(lines)

@@ -4,7 +4,7 @@ Use a sheet where a camera is only described: `tofmix sensors`, `tofmix import`.
 asked for, `CameraSheet.profile` gives the whole `SensorProfile`, or says what is missing.
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from typing import Any
 
 from tofmix.projection import Projection
@@ -135,12 +135,6 @@ class CameraSheet:
             return None if self.exponent else self.noise
         longer = self.integration_time_ms / self.reference_integration_time_ms
         return self.noise.scaled((1.0 / longer) ** self.exponent, amplitude_factor=longer)
-
-    def with_view(self, view_deg: tuple[float, float] | None) -> "CameraSheet":
-        """The camera with another field of view (horizontal, vertical); itself where None."""
-        if view_deg is None:
-            return self
-        return replace(self, fov_horizontal_deg=view_deg[0], fov_vertical_deg=view_deg[1], projection=None)
 
 
 UNKNOWN = CameraSheet(name="unknown")
