@@ -9,7 +9,7 @@ from files import boards, write_recording
 from tofmix.jit import cache_folder
 
 
-def test_it_says_where_the_kernels_are(tofmix: Tofmix) -> None:
+def test_it_prints_the_folder_and_the_number_of_kernels(tofmix: Tofmix) -> None:
     outcome = tofmix("warmup")
     assert outcome.code == 0, outcome.err
     assert outcome.out == f"{cache_folder()}: {len(_compiled())} compiled kernels\n"
@@ -20,25 +20,20 @@ def _compiled() -> dict[Path, int]:
 
 
 @pytest.mark.compiled("there is nothing to compile")
-@pytest.mark.parametrize(
-    "options",
-    [
+def test_after_it_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
+    assert tofmix("warmup").code == 0
+    before = _compiled()
+    recording = write_recording(tmp_path / "a.h5", boards())
+    for options in (
         ["--sigma", "tied"], ["--sigma", "free", "--refine", "none"], ["--counter", "cpdf"], ["--counter", "fourier"],
         ["--max-layers", "1"], ["--outliers", "0.01"], ["--window", "7"],
-    ],
-)  # fmt: skip
-def test_nothing_is_left_to_compile(tofmix: Tofmix, tmp_path: Path, options: list[str]) -> None:
-    outcome = tofmix("warmup")
-    assert outcome.code == 0, outcome.err
-    before = _compiled()
-    assert outcome.out == f"{cache_folder()}: {len(before)} compiled kernels\n"
-    recording = write_recording(tmp_path / "a.h5", boards())
-    assert tofmix("estimate", recording, *options).code == 0
-    assert _compiled() == before
+    ):  # fmt: skip
+        assert tofmix("estimate", recording, *options, "--overwrite").code == 0
+        assert _compiled() == before, options
 
 
 @pytest.mark.compiled("there is nothing to compile")
-def test_nor_for_measuring_noise_or_simulating(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_after_it_measuring_noise_and_simulating_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     assert tofmix("warmup").code == 0
     before = _compiled()
     recording = write_recording(tmp_path / "a.h5", boards(60, 8, 12))
@@ -48,7 +43,7 @@ def test_nor_for_measuring_noise_or_simulating(tofmix: Tofmix, tmp_path: Path) -
 
 
 @pytest.mark.compiled("there is nothing to compile")
-def test_nor_for_reconciling(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_after_it_reconciling_compiles_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     model, measured = tmp_path / "model.toml", tmp_path / "measured.h5"
     model.write_text(
         '[sensor]\nprofile = "sr4000"\nrows = 8\ncols = 10\n[recording]\nframes = 40\n'
