@@ -45,9 +45,7 @@ def folder(tofmix: Tofmix, tmp_path: Path) -> Path:
         ),
         (signal.SIGTERM, ("import", "a.npy", "-o", "out.h5", "--sensor", "sr3000")),
         (signal.SIGINT, ("export", "a.layers.h5", "-o", "out.ply", "--window", "0")),
-        pytest.param(
-            signal.SIGTERM, ("map", "a.layers.h5", "-o", "out.yaml", "--cell", "500"), marks=pytest.mark.slow
-        ),
+        pytest.param(signal.SIGTERM, ("map", "a.layers.h5", "-o", "out.yaml", "--cell", "500"), marks=pytest.mark.slow),
     ],
 )
 def test_a_signal_leaves_nothing(folder: Path, arguments: tuple[str, ...], number: signal.Signals) -> None:

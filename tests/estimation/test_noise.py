@@ -195,7 +195,9 @@ def test_two_overlapping_surfaces_fail_by_shape(rng: np.random.Generator) -> Non
     assert shaped_as_one(series_statistics(series(samples), 0.0), 0.2).mean() < 0.1
 
 
-@pytest.mark.parametrize("coefficient", [pytest.param(0.0, marks=pytest.mark.slow), 0.3, pytest.param(0.7, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "coefficient", [pytest.param(0.0, marks=pytest.mark.slow), 0.3, pytest.param(0.7, marks=pytest.mark.slow)]
+)
 def test_memory_is_corrected_as_simulated(rng: np.random.Generator, coefficient: float) -> None:
     noise = rng.standard_normal((4000, 100))
     for k in range(1, 100):

@@ -292,7 +292,11 @@ EVEN = [replace(board, reflectivity=0.4 * (board.z_mm / BOARDS[0].z_mm) ** 2) fo
 
 @pytest.mark.parametrize(
     ("share", "sigma_mm"),
-    [*(pytest.param(share, 40.0, marks=SLOW) for share in (0.0, 0.1)), (0.4, 40.0), pytest.param(0.2, 80.0, marks=SLOW)],
+    [
+        *(pytest.param(share, 40.0, marks=SLOW) for share in (0.0, 0.1)),
+        (0.4, 40.0),
+        pytest.param(0.2, 80.0, marks=SLOW),
+    ],
 )
 def test_interference_is_a_strangers_light_in_bursts(share: float, sigma_mm: float) -> None:
     """Few rows and many frames, for all pixels share the bursts. Column 1 sees both boards."""
