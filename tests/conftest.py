@@ -19,6 +19,9 @@ PLAIN = bool(numba_config.DISABLE_JIT)
 WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
 """Name of this process among pytest's workers: gw0, gw1, ...; empty where there are none."""
 
+SHARED_PROCESSES = {"cluster", "pool"}
+"""Fixtures that start processes, for seconds: a cluster of tests/cli, warm processes of tests/faults."""
+
 # The first call of a kernel compiles it: no deadline. One seed: CI sees what we saw.
 settings.register_profile("tofmix", deadline=None, derandomize=True)
 settings.register_profile("plain", settings.get_profile("tofmix"), max_examples=10)
@@ -42,11 +45,11 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put tests of a cluster first, so that one worker starts one; skip what plain Python cannot do.
+    """Put tests first that share processes, so that one worker starts them; skip what plain Python cannot do.
 
     Where kernels run as plain Python, that is what is about compiling or takes too many pixels.
     """
-    items.sort(key=lambda item: item.get_closest_marker("cluster") is None)
+    items.sort(key=lambda item: SHARED_PROCESSES.isdisjoint(getattr(item, "fixturenames", ())))
     for item in items:
         mark = item.get_closest_marker("compiled")
         if PLAIN and mark is not None:

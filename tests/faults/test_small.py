@@ -7,8 +7,6 @@ import random
 import shutil
 from pathlib import Path
 
-import pytest
-
 from faults.fuzz import Fuzz, judge
 from faults.hostile import HOSTILE
 from faults.inject import Injection
@@ -32,16 +30,15 @@ def test_failing_calls_and_kills_leave_all_or_nothing(shim: Path | None, injecti
     assert [tally.failure for tally in tallies if not tally.refused + tally.killed] == []
 
 
-@pytest.mark.parametrize("name", ["bomb", "external storage", "huge declared shape"])
-def test_a_hostile_file_is_refused_in_one_line(
-    pool: Pool, originals: dict[str, Original], tmp_path: Path, name: str
-) -> None:
-    path = tmp_path / "hostile.h5"
-    shutil.copyfile(originals["recording"].given, path)
-    HOSTILE[name](path, random.Random(1))  # noqa: S311  no secret
-    outcome = pool.run(Job(argv=("estimate", path.name, "-o", "out.layers.h5"), cwd=str(tmp_path)))
-    assert outcome.code == 3, outcome
-    assert judge(outcome, {file.name for file in tmp_path.iterdir()} - {path.name}, mutant=path.name) == ""
+def test_hostile_files_are_refused_in_one_line(pool: Pool, originals: dict[str, Original], tmp_path: Path) -> None:
+    for name in ("bomb", "external storage", "huge declared shape"):
+        path = tmp_path / "hostile.h5"
+        shutil.copyfile(originals["recording"].given, path)
+        HOSTILE[name](path, random.Random(1))  # noqa: S311  no secret
+        outcome = pool.run(Job(argv=("estimate", path.name, "-o", "out.layers.h5"), cwd=str(tmp_path)))
+        assert outcome.code == 3, (name, outcome)
+        left = {file.name for file in tmp_path.iterdir()} - {path.name}
+        assert judge(outcome, left, mutant=path.name) == "", name
 
 
 def test_two_mutants_of_each_kind_are_done_or_refused(fuzz: Fuzz, originals: dict[str, Original]) -> None:
