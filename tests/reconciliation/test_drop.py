@@ -46,7 +46,7 @@ def added(model: Model, record: Record, hidden: tuple[Effect, ...], kinds: tuple
         ((LARGE, LITTLE), ("excess_noise", "wiggling"), ["wiggling"]),  # a crumb of what the wave gains
     ],
 )  # fmt: skip
-def test_what_is_not_hidden_is_dropped(
+def test_effect_that_is_not_hidden_is_dropped_and_others_are_kept(
     model: Model, record: Record, hidden: tuple[Effect, ...], kinds: tuple[str, ...], kept: list[str]
 ) -> None:
     way = added(model, record, hidden, kinds)
