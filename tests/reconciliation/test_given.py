@@ -32,11 +32,11 @@ RIVALS = ("range_offset", "surface_pose", "excess_noise", "fixed_pattern", "temp
 
 
 def _with(small: Model, given: Effect) -> Model:
-    """The model with the effect; with few frames where surfaces move, since each is cast by itself."""
-    recording = small.recording
+    """The model with the effect; few frames of two surfaces where one moves, since each frame is cast by itself."""
     if given.kind == "motion":
-        recording = replace(recording, frames=30, frame_rate_hz=4.0)
-    return replace(small, effects=(given,), recording=recording)
+        recording = replace(small.recording, frames=30, frame_rate_hz=4.0)
+        return replace(small, effects=(given,), recording=recording, surfaces=small.surfaces[1:])
+    return replace(small, effects=(given,))
 
 
 def test_every_kind_of_effect_is_given_once() -> None:

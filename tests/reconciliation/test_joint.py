@@ -24,8 +24,8 @@ KINDS = ("range_offset", "surface_pose", "wiggling", "temperature_drift", "fixed
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    """Two boards and a slanted wall before a camera of 20 x 24 pixels, 60 frames."""
-    return scene(rows=20, cols=24, frames=60)
+    """Two boards and a slanted wall before a camera of 14 x 18 pixels, 60 frames."""
+    return scene(rows=14, cols=18, frames=60)
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from reconcile_errors import scene
 from recordings import MAKE, recorded
 
 from tofmix.reconciliation.profiles import numeric
@@ -22,18 +23,21 @@ FAINT, CLEAR = (MAKE["multipath"](surface="near", share=s, extra_path_mm=900.0) 
     [
         pytest.param(WEAK, STRONG, ("wiggling", "range_offset"), id="wiggling, few rivals"),
         pytest.param(WEAK, STRONG, KINDS, marks=pytest.mark.slow, id="wiggling"),
-        pytest.param(FAINT, CLEAR, KINDS, marks=pytest.mark.slow, id="multipath"),
+        pytest.param(FAINT, CLEAR, KINDS, id="multipath"),
     ],
 )
 def test_given_effect_with_wrong_numbers_is_unexplained_and_told_its_better_ones(
     small: Model, given: Effect, true: Effect, kinds: tuple[str, ...]
 ) -> None:
-    result = reconcile(replace(small, effects=(given,)), recorded(small, true), Settings(kinds=kinds))
+    model = scene(rows=10, cols=12, frames=60) if given is WEAK and kinds is KINDS else small
+    result = reconcile(replace(model, effects=(given,)), recorded(model, true), Settings(kinds=kinds))
     assert (result.verified.verdict, result.named) == ("unexplained", ())
     assert result.verified.own is not None
     assert result.verified.own.kind == true.kind
     if true.kind == "wiggling":  # a path and its share are told apart by less
-        assert numeric(result.verified.own) == pytest.approx(numeric(true), rel=0.05)
+        found, wanted = numeric(result.verified.own), numeric(true)
+        assert found["amplitude_mm"] == pytest.approx(wanted["amplitude_mm"], rel=0.05)
+        assert found["phase_rad"] == pytest.approx(wanted["phase_rad"], abs=0.1)
     assert "the model's own effect fits better with other numbers" in headline(result)
 
 

@@ -27,14 +27,19 @@ FULL = 150.0
 """An amplitude between those of the near board and of the middle one."""
 
 
-@pytest.mark.parametrize("beside", [(), (MEMORY,)], ids=["independent noise", "noise with a memory"])
-def test_offset_and_wave_lie_within_their_errors(beside: tuple[Effect, ...]) -> None:
+@pytest.mark.parametrize(
+    ("model", "beside"),
+    [
+        pytest.param(scene(rows=12, cols=14, frames=60), (), id="independent noise"),
+        pytest.param(scene(), (MEMORY,), marks=pytest.mark.slow, id="noise with a memory"),
+    ],
+)
+def test_offset_and_wave_lie_within_their_errors(model: Model, beside: tuple[Effect, ...]) -> None:
     """32 numbers in 16 recordings: of a normal deviate's squares the mean is 1 +- 0.25, which is 0.35 to 2.0 at 4 such.
 
     The largest of three estimates is a little too large, so that the lower margin is wider.
     """
     both = EFFECTS_OF["range_offset and wiggling"]
-    model = scene(rows=12, cols=16, frames=80)
     off = np.array([d for seed in range(RECORDINGS) for d in deviations(model, both, beside, seed=seed).values()])
     assert off.size == 3 * RECORDINGS
     assert 0.35 < (off**2).mean() < 2.0
