@@ -49,8 +49,9 @@ def test_structured_effect_is_named_beside_columns(small: Model, effect: Effect,
     assert named_within_errors(reconciled(small, effect, COLUMNS, kinds=kinds), (effect, COLUMNS))
 
 
-def test_columns_alone_are_a_pattern_and_nothing_else(small: Model) -> None:
-    assert named_within_errors(reconciled(small, COLUMNS, kinds=KINDS), (COLUMNS,))
+@pytest.mark.parametrize("kinds", [FEW, pytest.param(KINDS, marks=slow)], ids=["few rivals", "all rivals"])
+def test_columns_alone_are_a_pattern_and_nothing_else(small: Model, kinds: tuple[str, ...]) -> None:
+    assert named_within_errors(reconciled(small, COLUMNS, kinds=kinds), (COLUMNS,))
 
 
 @slow

@@ -87,7 +87,7 @@ def test_view_of_the_joint_likelihood_is_the_recording_by_itself(model: Model, o
 def test_second_recording_makes_standard_errors_smaller(model: Model, other: Model) -> None:
     hidden = MAKE["wiggling"](amplitude_mm=8.0, phase_rad=0.7)
     first, second = recorded(model, hidden), recorded(other, hidden, seed=6)
-    settings = Settings(kinds=("wiggling", "range_offset"))
+    settings = Settings(kinds=("wiggling",))
     both = reconcile(model, first, settings, also=[(other, second)])
     alone = [
         reconciled(model, hidden, kinds=settings.kinds), reconciled(other, hidden, seed=6, kinds=settings.kinds)

@@ -76,7 +76,9 @@ def averaged(evidence: Evidence, frames: int) -> Evidence:
     return replace(evidence, samples=np.where(quiet, np.rint(middle + mean), x).astype(np.uint16))
 
 
-@pytest.mark.parametrize("frames", [2, 4, 8])
+@pytest.mark.parametrize(
+    "frames", [pytest.param(2, marks=pytest.mark.slow), 4, pytest.param(8, marks=pytest.mark.slow)]
+)
 def test_noise_averaged_over_frames_is_an_unexplained_memory(small: Model, frames: int) -> None:
     result = reconcile(
         small, averaged(recorded(small), frames), Settings(kinds=("temporal_correlation", "range_offset"))

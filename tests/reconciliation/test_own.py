@@ -23,7 +23,7 @@ FAINT, CLEAR = (MAKE["multipath"](surface="near", share=s, extra_path_mm=900.0) 
     [
         pytest.param(WEAK, STRONG, ("wiggling", "range_offset"), id="wiggling, few rivals"),
         pytest.param(WEAK, STRONG, KINDS, marks=pytest.mark.slow, id="wiggling"),
-        pytest.param(FAINT, CLEAR, KINDS, id="multipath"),
+        pytest.param(FAINT, CLEAR, KINDS, marks=pytest.mark.slow, id="multipath"),
     ],
 )
 def test_given_effect_with_wrong_numbers_is_unexplained_and_told_its_better_ones(

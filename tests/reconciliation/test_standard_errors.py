@@ -22,27 +22,30 @@ from tofmix.reconciliation.standard_errors import polish, standard_errors
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 
-RECORDINGS = 16
 FULL = 150.0
 """An amplitude between those of the near board and of the middle one."""
 
 
 @pytest.mark.parametrize(
-    ("model", "beside"),
+    ("model", "beside", "recordings", "mean_square"),
     [
-        pytest.param(scene(rows=12, cols=14, frames=60), (), id="independent noise"),
-        pytest.param(scene(), (MEMORY,), marks=pytest.mark.slow, id="noise with a memory"),
+        pytest.param(scene(rows=12, cols=14, frames=60), (), 6, (0.2, 2.6), id="independent noise, few"),
+        pytest.param(scene(), (), 16, (0.35, 2.0), marks=pytest.mark.slow, id="independent noise"),
+        pytest.param(scene(), (MEMORY,), 16, (0.35, 2.0), marks=pytest.mark.slow, id="noise with a memory"),
     ],
 )
-def test_offset_and_wave_lie_within_their_errors(model: Model, beside: tuple[Effect, ...]) -> None:
+def test_offset_and_wave_lie_within_their_errors(
+    model: Model, beside: tuple[Effect, ...], recordings: int, mean_square: tuple[float, float]
+) -> None:
     """32 numbers in 16 recordings: of a normal deviate's squares the mean is 1 +- 0.25, which is 0.35 to 2.0 at 4 such.
 
-    The largest of three estimates is a little too large, so that the lower margin is wider.
+    The largest of three estimates is a little too large, so that the lower margin is wider. In 6 recordings the mean is
+    1 +- 0.41.
     """
     both = EFFECTS_OF["range_offset and wiggling"]
-    off = np.array([d for seed in range(RECORDINGS) for d in deviations(model, both, beside, seed=seed).values()])
-    assert off.size == 3 * RECORDINGS
-    assert 0.35 < (off**2).mean() < 2.0
+    off = np.array([d for seed in range(recordings) for d in deviations(model, both, beside, seed=seed).values()])
+    assert off.size == 3 * recordings
+    assert mean_square[0] < (off**2).mean() < mean_square[1]
     assert (np.abs(off) < 3).mean() > 0.9
 
 

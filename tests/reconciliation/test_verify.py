@@ -19,7 +19,7 @@ from tofmix.simulation.effects.base import Context
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.model import Model
 
-SETTINGS = Settings(kinds=("range_offset", "surface_pose"))
+SETTINGS = Settings(kinds=("range_offset",))
 
 
 def test_pose_that_was_tried_leaves_no_trace_in_the_gaps(model: Model, record: Record) -> None:
@@ -76,7 +76,7 @@ def test_pattern_that_grows_is_a_pattern_in_part(small: Model, rng: np.random.Ge
     evidence = recorded(small)
     growing = evidence.time_s[:, None] / evidence.time_s[-1] * rng.normal(0.0, 8.0, evidence.shape[1])
     moved = np.where(evidence.samples > 0, np.rint(evidence.samples + growing), 0).astype(np.uint16)
-    kinds = ("fixed_pattern", "interference", "temporal_correlation", "temperature_drift")
+    kinds = ("fixed_pattern", "temporal_correlation", "temperature_drift")
     result = reconcile(small, replace(evidence, samples=moved), Settings(kinds=kinds))
     assert result.verified.verdict in ("partly_explained", "unexplained")
     assert {n.effect.kind for n in result.named} <= {"fixed_pattern"}

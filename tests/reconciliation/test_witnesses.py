@@ -28,7 +28,7 @@ from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
 
-FRAMES = 100
+FRAMES = 80
 
 
 def recorded(

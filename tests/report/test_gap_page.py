@@ -72,6 +72,7 @@ def test_residual_maps_are_drawn_before_and_after(page: str) -> None:
     assert all(light != dark for light, dark in maps)
 
 
+@pytest.mark.slow
 def test_page_of_an_agreement_has_no_after() -> None:
     page = render_gap(reconciled(MODEL, kinds=("range_offset", "surface_pose")), source="a.h5")
     assert "Verdict: agree" in page
