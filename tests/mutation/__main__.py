@@ -81,7 +81,7 @@ class Study:
     def __init__(self, folder: Path, earlier: Path | None) -> None:
         self._folder = folder
         self._suites = {"ours": TOP} | ({} if earlier is None else {"earlier": earlier})
-        self._kernels = folder / "kernels"
+        self._kernels = folder / f"kernels-{fingerprint(TOP / 'tofmix')}"
         self._lock = threading.Lock()
 
     def draw(self, *, seed: int, count: int) -> None:
@@ -112,7 +112,7 @@ class Study:
 
     def run(self, *, jobs: int, first: int | None, budget_s: float) -> None:
         """Test every mutant that has no result yet."""
-        maps = {suite: CoverageMap.read(self._map_path(suite)) for suite in self._suites}
+        maps = {suite: CoverageMap.read(self._map_path(suite)).for_package(TOP) for suite in self._suites}
         names = Names(TOP)
         done = {result["number"] for result in self._results()}
         mutants = [mutant for mutant in self._mutants()[:first] if mutant.number not in done]
@@ -163,7 +163,7 @@ class Study:
         return Slot(self._folder / f"slot{number}", self._suites)
 
     def _map_path(self, suite: str) -> Path:
-        return self._folder / f"map-{suite}-{fingerprint(TOP / 'tofmix', self._suites[suite] / 'tests')}.json"
+        return self._folder / f"map-{suite}-{fingerprint(self._suites[suite] / 'tests')}.json"
 
     def _mutants(self) -> list[Mutant]:
         return [Mutant(**values) for values in json.loads((self._folder / "mutants.json").read_text())]

@@ -1,11 +1,12 @@
 """Which tests run which lines, from what `mutation.follow` wrote, and which tests can notice a mutant."""
 
 import ast
+import difflib
 import json
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,8 @@ class CoverageMap:
 
     tests: list[Test]
     lines: dict[str, dict[int, int]]
+    sources: dict[str, str]
+    """The package's files, as they were."""
     imports: dict[str, set[Name]]
     """What of the package each test file imports, through helpers and its folder's fixtures too."""
     readers: set[str]
@@ -60,8 +63,8 @@ class CoverageMap:
         lines = {file: {str(line): f"{bits:x}" for line, bits in found.items()} for file, found in self.lines.items()}
         imports = {file: sorted(names) for file, names in self.imports.items()}
         tests = [asdict(test) for test in self.tests]
-        values = {"tests": tests, "lines": lines, "imports": imports, "readers": sorted(self.readers)}
-        path.write_text(json.dumps(values | {"failed": self.failed}))
+        values = {"tests": tests, "lines": lines, "sources": self.sources, "imports": imports}
+        path.write_text(json.dumps(values | {"readers": sorted(self.readers), "failed": self.failed}))
 
     @classmethod
     def read(cls, path: Path) -> "CoverageMap":
@@ -73,10 +76,33 @@ class CoverageMap:
                 file: {int(line): int(bits, 16) for line, bits in found.items()}
                 for file, found in values["lines"].items()
             },
+            sources=values["sources"],
             imports={file: {(module, name) for module, name in found} for file, found in values["imports"].items()},
             readers=set(values["readers"]),
             failed=values["failed"],
         )
+
+    def for_package(self, top: Path) -> "CoverageMap":
+        """Return the map for a package that has changed a little: equal lines keep their tests.
+
+        A line that is new has all the tests of its file.
+        """
+        lines = dict(self.lines)
+        for path in (top / "tofmix").rglob("*.py"):
+            file, now = path.relative_to(top).as_posix(), path.read_text()
+            before = self.sources.get(file, "")
+            if now == before:
+                continue
+            known = self.lines.get(file, {})
+            bits = 0
+            for found in known.values():
+                bits |= found
+            moved = dict.fromkeys(range(1, now.count("\n") + 2), bits)
+            matcher = difflib.SequenceMatcher(None, before.splitlines(), now.splitlines(), autojunk=False)
+            for old, new, size in matcher.get_matching_blocks():
+                moved |= {new + step + 1: known.get(old + step + 1, 0) for step in range(size)}
+            lines[file] = moved
+        return replace(self, lines=lines)
 
     def noticing(self, mutant: Mutant, names: Names, source: bytes) -> list[Test]:
         """Return the tests that may notice a mutant, in the order in which to run them."""
@@ -182,6 +208,9 @@ def gathered(folder: Path, checkout: Path, names: Names, failing: Iterable[str])
     return CoverageMap(
         tests=tests,
         lines={file: dict(inner) for file, inner in lines.items()},
+        sources={
+            path.relative_to(checkout).as_posix(): path.read_text() for path in (checkout / "tofmix").rglob("*.py")
+        },
         imports={file: _imported(checkout / file, checkout, names) for file in files},
         readers={file for file in files if re.search(r"\b(tofmix|package)\.__file__", (checkout / file).read_text())},
         failed=sorted(left_out),
