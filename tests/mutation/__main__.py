@@ -27,11 +27,11 @@ import shutil
 import threading
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mutation.coverage_map import CoverageMap, Test, failed_once, gathered
+from mutation.coverage_map import CoverageMap, Test, failed_once, gathered, not_followed
 from mutation.draw import Mutant, draw
 from mutation.names import Names
 from mutation.slot import Ended, Slot, fingerprint
@@ -107,12 +107,14 @@ class Study:
         shutil.rmtree(self._kernels, ignore_errors=True)
         compiled.rename(self._kernels)
         print(f"{suite}: {len(found.tests)} tests of {sum(test.seconds for test in found.tests):.0f} s")
+        for test in not_followed(followed):
+            print(f"left out, for its process did not end as it should: {test}")
         for test in failing:
             print(f"left out, for it fails on the unchanged package: {test}")
 
     def run(self, *, jobs: int, first: int | None, budget_s: float) -> None:
         """Test every mutant that has no result yet."""
-        maps = {suite: CoverageMap.read(self._map_path(suite)).for_package(TOP) for suite in self._suites}
+        maps = {suite: self._map(suite) for suite in self._suites}
         names = Names(TOP)
         done = {result["number"] for result in self._results()}
         mutants = [mutant for mutant in self._mutants()[:first] if mutant.number not in done]
@@ -164,6 +166,18 @@ class Study:
 
     def _map_path(self, suite: str) -> Path:
         return self._folder / f"map-{suite}-{fingerprint(self._suites[suite] / 'tests')}.json"
+
+    def _map(self, suite: str) -> CoverageMap:
+        """A suite's map; if it was made with another package, without the tests that no longer can be collected."""
+        found = CoverageMap.read(self._map_path(suite))
+        if found.is_of(TOP):
+            return found
+        slot = self._slot(0)
+        slot.dress(suite)
+        collected = slot.collected()
+        gone = frozenset(test.id for test in found.tests) - collected
+        print(f"{suite}: mapped with another package; {len(gone)} of {len(found.tests)} tests cannot be collected now")
+        return replace(found.for_package(TOP), gone=gone)
 
     def _mutants(self) -> list[Mutant]:
         return [Mutant(**values) for values in json.loads((self._folder / "mutants.json").read_text())]

@@ -34,7 +34,7 @@ class Test:
 
     id: str
     seconds: float
-    """Set-up, call and tear-down, without compiling."""
+    """Processor time of set-up, call and tear-down, without compiling."""
     marks: tuple[str, ...]
 
     @property
@@ -57,6 +57,8 @@ class CoverageMap:
     """Test files that read the package's source."""
     failed: list[str]
     """Tests that fail on the unchanged package; left out."""
+    gone: frozenset[str] = frozenset()
+    """Tests that can no longer be collected; never chosen."""
 
     def write(self, path: Path) -> None:
         """Write it as JSON."""
@@ -81,6 +83,11 @@ class CoverageMap:
             readers=set(values["readers"]),
             failed=values["failed"],
         )
+
+    def is_of(self, top: Path) -> bool:
+        """Whether the package in `top` is the one that the map was made with."""
+        files = {path.relative_to(top).as_posix(): path.read_text() for path in (top / "tofmix").rglob("*.py")}
+        return files == self.sources
 
     def for_package(self, top: Path) -> "CoverageMap":
         """Return the map for a package that has changed a little: equal lines keep their tests.
@@ -112,7 +119,7 @@ class CoverageMap:
             other_module = ".py" in test.id.partition("[")[2] and not _names_file(test.id, mutant.file)
             if test.file in self.readers and test.seconds < _CHEAP_S and not other_module:
                 bits |= 1 << place
-        chosen = [test for place, test in enumerate(self.tests) if bits >> place & 1]
+        chosen = [test for place, test in enumerate(self.tests) if bits >> place & 1 and test.id not in self.gone]
         cost: dict[tuple[int, str], float] = defaultdict(float)
         for test in chosen:
             cost[_tier(test, mutant), test.file] += test.seconds
@@ -177,7 +184,14 @@ def _is_of_module(test_file: str, file: str) -> bool:
 def failed_once(folder: Path) -> list[Test]:
     """Return the tests that failed while they were followed: perhaps because they were."""
     found = (test for path in sorted(folder.glob("*.json")) for test in json.loads(path.read_text())["tests"].values())
-    return [_test(test) for test in found if "failed" in test["outcomes"]]
+    return [_test(test) for test in found if "failed" in test["outcomes"] and "end" in test]
+
+
+def not_followed(folder: Path) -> list[str]:
+    """Return the tests that were collected, and are not known to have ended: their worker crashed, or was stopped."""
+    noted = [json.loads(path.read_text()) for path in sorted(folder.glob("*.json"))]
+    ended = {test["id"] for one in noted for test in one["tests"].values() if "end" in test}
+    return sorted({test for one in noted for test in one["collected"]} - ended)
 
 
 def gathered(folder: Path, checkout: Path, names: Names, failing: Iterable[str]) -> CoverageMap:
@@ -218,8 +232,7 @@ def gathered(folder: Path, checkout: Path, names: Names, failing: Iterable[str])
 
 
 def _test(noted: dict[str, Any]) -> Test:
-    seconds = max(0.001, sum(noted["phases"].values()) - noted["compiling"])
-    return Test(id=noted["id"], seconds=round(seconds, 3), marks=tuple(noted["marks"]))
+    return Test(id=noted["id"], seconds=round(noted["seconds"], 3), marks=tuple(noted["marks"]))
 
 
 def _tests_of_owners(noted: dict[str, Any], places: dict[str, int]) -> dict[str, int]:

@@ -16,6 +16,7 @@ import importlib
 import json
 import os
 import pkgutil
+import resource
 import sys
 import time
 from collections import defaultdict
@@ -34,6 +35,27 @@ SOURCE = Path(os.environ["MUTATION_SOURCE"])
 WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
 
 
+class Compiling(event.Listener):
+    """Counts the processor time that compiling takes."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        self._depth = 0
+        self._start = 0.0
+
+    def on_start(self, event: object) -> None:  # noqa: ARG002  numba's signature
+        """Begin, unless it is a part of another."""
+        if not self._depth:
+            self._start = cpu_s()
+        self._depth += 1
+
+    def on_end(self, event: object) -> None:  # noqa: ARG002  numba's signature
+        """End."""
+        self._depth -= 1
+        if not self._depth:
+            self.seconds += cpu_s() - self._start
+
+
 class Follower:
     """The owners of lines, and what is known of each test."""
 
@@ -42,11 +64,12 @@ class Follower:
             data_file=str(FOLDER / f"tests.{WORKER}"), data_suffix=True, source=[str(SOURCE)], config_file=False
         )
         self._coverage.set_option("run:patch", ["_exit"])
+        self.collected: list[str] = []
         self._labels: dict[str, str] = {}
         self._owners: list[str] = []
         self._uses: dict[str, set[str]] = defaultdict(set)
         self._tests: dict[str, dict[str, Any]] = {}
-        self._compiling = event.TimingListener()  # type: ignore[no-untyped-call]
+        self._compiling = Compiling()
         event.register("numba:compiler_lock", self._compiling)  # type: ignore[no-untyped-call]
 
     def start(self) -> None:
@@ -86,18 +109,17 @@ class Follower:
         fixtures = getattr(item, "_fixtureinfo", None)
         for definitions in getattr(fixtures, "name2fixturedefs", {}).values():
             self._uses[label].update(self._label(_owner_name(d)) for d in definitions if d.scope != "function")
-        start, compiled = time.time(), self._compiled_s()
+        start, spent, compiled = time.time(), cpu_s(), self._compiling.seconds
         marks = sorted({mark.name for mark in item.iter_markers()})
-        self._tests[label] = {"id": item.nodeid, "marks": marks, "start": start, "phases": {}, "outcomes": []}
+        self._tests[label] = {"id": item.nodeid, "marks": marks, "start": start, "outcomes": []}
         with self.owned_by(item.nodeid):
             yield
-        self._tests[label] |= {"end": time.time(), "compiling": self._compiled_s() - compiled}
+        spent = cpu_s() - spent - (self._compiling.seconds - compiled)
+        self._tests[label] |= {"end": time.time(), "seconds": max(0.001, spent)}
 
     def report(self, report: pytest.TestReport) -> None:
-        """Keep a phase's time and outcome."""
-        test = self._tests[self._label(report.nodeid)]
-        test["phases"][report.when] = report.duration
-        test["outcomes"].append(report.outcome)
+        """Keep a phase's outcome."""
+        self._tests[self._label(report.nodeid)]["outcomes"].append(report.outcome)
 
     def end(self) -> None:
         """Write everything."""
@@ -105,6 +127,7 @@ class Follower:
         self._coverage.save()
         uses = {label: sorted(used) for label, used in self._uses.items()}
         found = {"tests": self._tests, "uses": uses, "owners": {label: name for name, label in self._labels.items()}}
+        found["collected"] = self.collected
         (FOLDER / f"{WORKER}.json").write_text(json.dumps(found))
 
     def share_cached(self, folder: Path) -> None:
@@ -126,9 +149,6 @@ class Follower:
         call.cache_clear, call.cache_info = cached.cache_clear, cached.cache_info  # type: ignore[attr-defined]
         return call
 
-    def _compiled_s(self) -> float:
-        return float(self._compiling.duration) if self._compiling.done else 0.0
-
     def _label(self, owner: str) -> str:
         return self._labels.setdefault(owner, f"{WORKER}-{len(self._labels)}")
 
@@ -136,6 +156,12 @@ class Follower:
         label = self._label(self._owners[-1] if self._owners else "")
         self._coverage.switch_context(label)
         os.environ["COVERAGE_OWNER"] = label
+
+
+def cpu_s() -> float:
+    """Return the processor time of this process and of those that it has waited for: a busy machine changes little."""
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
 
 
 def empty_caches() -> None:
@@ -160,6 +186,7 @@ if FOLLOWER is not None:
 def pytest_collection_finish(session: pytest.Session) -> None:
     """Know the cached functions of all test modules."""
     if FOLLOWER is not None:
+        FOLLOWER.collected = [item.nodeid for item in session.items]
         FOLLOWER.share_cached(session.config.rootpath / "tests")
 
 
@@ -182,7 +209,7 @@ def pytest_fixture_setup(fixturedef: Any) -> Iterator[Any]:  # noqa: ANN401  pyt
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Keep times and outcomes."""
+    """Keep outcomes."""
     if FOLLOWER is not None:
         FOLLOWER.report(report)
 

@@ -101,6 +101,13 @@ class Slot:
         ]  # fmt: skip
         return subprocess.run(command, cwd=self.checkout, env=environment, check=False).returncode
 
+    def collected(self) -> set[str]:
+        """Return the tests that pytest can collect, of the suite that runs now."""
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--collect-only"]
+        command.append("--continue-on-collection-errors")
+        done = subprocess.run(command, cwd=self.checkout, env=self.environment(), capture_output=True, check=False)
+        return {line for line in done.stdout.decode().splitlines() if "::" in line}
+
     def _copy_plugins(self) -> None:
         """Copy this study's own modules: beside them on the path, those of the tests would be in each other's way."""
         shutil.rmtree(self._plugins, ignore_errors=True)
