@@ -9,12 +9,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
-
-from coverage import CoverageData
+from typing import TYPE_CHECKING, Any
 
 from mutation.draw import Mutant
 from mutation.names import Name, Names, statement_lines
+
+if TYPE_CHECKING:
+    from coverage import CoverageData
 
 _OUTLIVES_S = 1.0
 """A process that ends later than this after its test serves other tests too."""
@@ -29,7 +30,7 @@ _NEARER_TIERS = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Test:
+class KnownTest:
     """A test that passes on the unchanged package."""
 
     id: str
@@ -47,7 +48,7 @@ class Test:
 class CoverageMap:
     """Tests, and the lines of the package that each of them runs, as bits of a number by file and line."""
 
-    tests: list[Test]
+    tests: list[KnownTest]
     lines: dict[str, dict[int, int]]
     sources: dict[str, str]
     """The package's files, as they were."""
@@ -73,7 +74,7 @@ class CoverageMap:
         """Read what `write` wrote."""
         values = json.loads(path.read_text())
         return cls(
-            tests=[Test(**test | {"marks": tuple(test["marks"])}) for test in values["tests"]],
+            tests=[KnownTest(**test | {"marks": tuple(test["marks"])}) for test in values["tests"]],
             lines={
                 file: {int(line): int(bits, 16) for line, bits in found.items()}
                 for file, found in values["lines"].items()
@@ -111,7 +112,7 @@ class CoverageMap:
             lines[file] = moved
         return replace(self, lines=lines)
 
-    def noticing(self, mutant: Mutant, names: Names, source: bytes) -> list[Test]:
+    def noticing(self, mutant: Mutant, names: Names, source: bytes) -> list[KnownTest]:
         """Return the tests that may notice a mutant, in the order in which to run them."""
         bits = self._of_lines(mutant, names, source)
         bits |= self._of_files(file for file in self._by_file if _is_of_module(file, mutant.file))
@@ -164,7 +165,7 @@ class CoverageMap:
         return dict(found)
 
 
-def _tier(test: Test, mutant: Mutant) -> int:
+def _tier(test: KnownTest, mutant: Mutant) -> int:
     tier = sum(test.seconds > limit for limit in _TIERS_S)
     return max(0, tier - _NEARER_TIERS) if _is_of_module(test.file, mutant.file) else tier
 
@@ -181,7 +182,7 @@ def _is_of_module(test_file: str, file: str) -> bool:
     return re.fullmatch(rf"test_{re.escape(module.stem.strip('_'))}(_.*)?", test.stem) is not None
 
 
-def failed_once(folder: Path) -> list[Test]:
+def failed_once(folder: Path) -> list[KnownTest]:
     """Return the tests that failed while they were followed: perhaps because they were."""
     found = (test for path in sorted(folder.glob("*.json")) for test in json.loads(path.read_text())["tests"].values())
     return [_test(test) for test in found if "failed" in test["outcomes"] and "end" in test]
@@ -231,8 +232,8 @@ def gathered(folder: Path, checkout: Path, names: Names, failing: Iterable[str])
     )
 
 
-def _test(noted: dict[str, Any]) -> Test:
-    return Test(id=noted["id"], seconds=round(noted["seconds"], 3), marks=tuple(noted["marks"]))
+def _test(noted: dict[str, Any]) -> KnownTest:
+    return KnownTest(id=noted["id"], seconds=round(noted["seconds"], 3), marks=tuple(noted["marks"]))
 
 
 def _tests_of_owners(noted: dict[str, Any], places: dict[str, int]) -> dict[str, int]:
@@ -250,9 +251,16 @@ def _tests_of_owners(noted: dict[str, Any], places: dict[str, int]) -> dict[str,
     return owned
 
 
-def _add(lines: dict[str, dict[int, int]], path: Path, owned: dict[str, int], checkout: Path) -> None:
+def _data(path: Path) -> "CoverageData":
+    from coverage import CoverageData  # needed for mapping alone
+
     data = CoverageData(str(path))
     data.read()
+    return data
+
+
+def _add(lines: dict[str, dict[int, int]], path: Path, owned: dict[str, int], checkout: Path) -> None:
+    data = _data(path)
     for file in data.measured_files():
         inner = lines[Path(file).relative_to(checkout).as_posix()]
         for line, labels in data.contexts_by_lineno(file).items():
@@ -271,8 +279,7 @@ class _Outliving:
         noted: dict[str, Any],
         talking: int,
     ) -> None:
-        data = CoverageData(str(path))
-        data.read()
+        data = _data(path)
         self.labels = data.measured_contexts()
         self._end = path.stat().st_mtime
         self._found, self._places, self._talking = found, places, talking

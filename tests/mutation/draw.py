@@ -7,7 +7,7 @@ Changed are operators, comparisons, `and`, `or` and `not`, numbers and truth val
 (assignments, calls, `return`, `raise`, `break` and `continue` become `pass`, or `return None`). Left alone are text,
 docstrings, annotations, type aliases, the arguments of `raise`, `__all__`, `if TYPE_CHECKING`,
 `if __name__ == "__main__"`, and the options of `dataclass` and `zip(strict=)`: no test can or should notice these. The
-only assignment of a name stays too: any test that runs the next lines would notice.
+first assignment of a name stays too: any test that runs the next lines would notice.
 """
 
 import ast
@@ -15,7 +15,7 @@ import difflib
 import random
 import re
 from bisect import bisect_right
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import accumulate, pairwise
@@ -133,22 +133,24 @@ class _Walk:
         self._source = source
         self._starts = starts
 
-    def changes(self, node: ast.AST, bound: Counter[str] | None = None) -> Iterator[_Change]:
-        """Yield the changes of a node and of all below; `bound` counts where the function at hand binds each name."""
+    def changes(self, node: ast.AST, bound: dict[str, int] | None = None) -> Iterator[_Change]:
+        """Yield the changes of a node and of all below; `bound` says where the function first binds a name."""
         if isinstance(node, ast.stmt) and bound is not None:
             yield from self._statement(node, bound)
         if isinstance(node, ast.expr):
             yield from self._expression(node)
         if isinstance(node, ast.AugAssign):
             yield from self._operator(node, node.target, node.op, node.value, "=")
-        inside = _bindings(node) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) else bound
+        inside = _first_bindings(node) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) else bound
         for child in _changeable_children(node):
             yield from self.changes(child, inside)
 
-    def _statement(self, node: ast.stmt, bound: Counter[str]) -> Iterator[_Change]:
+    def _statement(self, node: ast.stmt, bound: dict[str, int]) -> Iterator[_Change]:
         start, end = (node.lineno, node.col_offset), (node.end_lineno or node.lineno, node.end_col_offset or 0)
         match node:
-            case ast.Assign(targets=[ast.Name(id=name)]) | ast.AnnAssign(target=ast.Name(id=name)) if bound[name] == 1:
+            case ast.Assign(targets=[ast.Name(id=name)]) | ast.AnnAssign(target=ast.Name(id=name)) if (
+                bound[name] == node.lineno
+            ):
                 return  # without it the name is unknown, as any test that comes by notices
             case ast.Assign() | ast.AugAssign() | ast.Raise() | ast.Break() | ast.Continue() | ast.Delete():
                 yield "statement", node, start, end, "pass"
@@ -206,10 +208,15 @@ class _Walk:
         return line, position - self._starts[line - 1]
 
 
-def _bindings(function: ast.AST) -> Counter[str]:
-    """How often a function binds each name, its arguments included."""
-    names = [node.id for node in ast.walk(function) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]
-    return Counter(names + [node.arg for node in ast.walk(function) if isinstance(node, ast.arg)])
+def _first_bindings(function: ast.AST) -> dict[str, int]:
+    """The line at which a function first binds each name; its arguments at 0."""
+    first: dict[str, int] = {}
+    for node in ast.walk(function):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            first[node.id] = min(node.lineno, first.get(node.id, node.lineno))
+        elif isinstance(node, ast.arg):
+            first[node.arg] = 0
+    return first
 
 
 def _changeable_children(node: ast.AST) -> Iterator[ast.AST]:  # noqa: C901  one case a kind of node

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from mutation.coverage_map import Test
+from mutation.coverage_map import KnownTest
 from mutation.draw import Mutant
 from mutation.names import Names
 
@@ -159,7 +159,7 @@ class Slot:
         }  # fmt: skip
         return os.environ | ours | more
 
-    def run(self, tests: Sequence[Test], *, compiling_s: float = 60.0) -> Ended:
+    def run(self, tests: Sequence[KnownTest], *, compiling_s: float = 60.0) -> Ended:
         """Run tests in their order until one fails."""
         if not tests:
             return Ended(killed_by=None, how="passed", passed=[], seconds=0.0)
@@ -179,7 +179,7 @@ class Slot:
             with log.open("wb") as file:
                 code = _run(command, self.checkout, environment, file, whole_s)
             notes = [json.loads(line) for line in outcomes.read_text().splitlines()]
-            ended = _judged(code, notes)
+            ended = judged(code, notes)
             if ended.how == "broken":
                 (self.folder / "broken.log").write_bytes(log.read_bytes())
         return Ended(
@@ -187,7 +187,8 @@ class Slot:
         )
 
 
-def _judged(code: int | None, notes: list[list[str]]) -> Ended:
+def judged(code: int | None, notes: list[list[str]]) -> Ended:
+    """Judge a run by the exit code of pytest, None after its limit, and by the notes of `mutation.chosen`."""
     failed = [test for word, test in notes if word == "failed"]
     started = [test for word, test in notes if word == "start"]
     passed = [test for word, test in notes if word == "end" and test not in failed]
