@@ -148,9 +148,7 @@ class _Walk:
     def _statement(self, node: ast.stmt, bound: dict[str, int]) -> Iterator[_Change]:
         start, end = (node.lineno, node.col_offset), (node.end_lineno or node.lineno, node.end_col_offset or 0)
         match node:
-            case ast.Assign(targets=[ast.Name(id=name)]) | ast.AnnAssign(target=ast.Name(id=name)) if (
-                bound[name] == node.lineno
-            ):
+            case ast.Assign(targets=[target]) | ast.AnnAssign(target=target) if _first_bound(target, bound):
                 return  # without it the name is unknown, as any test that comes by notices
             case ast.Assign() | ast.AugAssign() | ast.Raise() | ast.Break() | ast.Continue() | ast.Delete():
                 yield "statement", node, start, end, "pass"
@@ -217,6 +215,12 @@ def _first_bindings(function: ast.AST) -> dict[str, int]:
         elif isinstance(node, ast.arg):
             first[node.arg] = 0
     return first
+
+
+def _first_bound(target: ast.expr, bound: dict[str, int]) -> bool:
+    """Whether an assignment binds names alone, all of them for the first time."""
+    names = target.elts if isinstance(target, ast.Tuple) else [target]
+    return all(isinstance(name, ast.Name) and bound.get(name.id) == name.lineno for name in names)
 
 
 def _changeable_children(node: ast.AST) -> Iterator[ast.AST]:  # noqa: C901  one case a kind of node
