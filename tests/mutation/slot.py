@@ -155,7 +155,7 @@ class Slot:
         path = os.pathsep.join([str(self.checkout), str(self._plugins)])
         ours = {
             "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(self.folder / "kernels"),
-            "NUMBA_NUM_THREADS": "1", "TMPDIR": str(place),
+            "NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "TMPDIR": str(place),
         }  # fmt: skip
         return os.environ | ours | more
 
