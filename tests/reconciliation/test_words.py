@@ -1,44 +1,27 @@
-"""What the headline says beside names and numbers."""
+"""What the summary says beside names and numbers."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
-from recordings import MAKE, Record
+from recordings import MAKE, reconciled
 
-from tofmix.reconciliation.way import Settings
-from tofmix.reconciliation.words import headline, summary_lines
-from tofmix.reconciliation.workflow import reconcile
+from tofmix.reconciliation.words import summary_lines
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.model import Model
 
-IMAGE = (20, 24)
 
-
-def test_a_map_s_size_and_the_number_of_stuck_pixels_are_said(model: Model, record: Record) -> None:
-    biases = np.random.default_rng(7).normal(0, 12, IMAGE).astype(np.float32)
-    stuck = np.full(IMAGE, np.nan, dtype=np.float32)
-    stuck.flat[::60] = 3000
+def test_summary_tells_size_of_a_map_and_number_of_stuck_pixels(small: Model) -> None:
+    image = small.sensor.rows, small.sensor.cols
+    biases = np.random.default_rng(7).normal(0, 12, image).astype(np.float32)
+    stuck = np.full(image, np.nan, dtype=np.float32)
+    stuck.flat[::32] = 3000
     hidden = (
         MAKE["fixed_pattern"](map=PixelMap("biases.npy", biases)),
         MAKE["stuck_pixels"](map=PixelMap("stuck.npy", stuck)),
     )
-    result = reconcile(model, record(*hidden), Settings(kinds=("fixed_pattern", "stuck_pixels")))
+    result = reconciled(small, *hidden, kinds=("fixed_pattern", "stuck_pixels"))
     said = "\n".join(summary_lines(result))
     assert 'stuck_pixels ("stuck_pixels.npy", 8 pixels)' in said
     (size,) = set(re.findall(r'fixed_pattern \("fixed_pattern.npy", ([\d.]+) mm rms\)', said))
     working = biases[np.isnan(stuck)]
     assert abs(float(size) - np.sqrt((working**2).mean())) < 1.5
-
-
-def test_what_is_left_within_the_tolerance_is_said(model: Model, record: Record) -> None:
-    """Poses off by a tenth of sigma, and the numbers beside an offset: not where they are exact."""
-    surfaces = tuple(
-        replace(s, center_mm=(*s.center_mm[:2], s.center_mm[2] + d))
-        for s, d in zip(model.surfaces, (0.4, -0.7, 1.6), strict=True)
-    )
-    offset = record(MAKE["range_offset"](offset_mm=7.0), seed=14)
-    clause = "within the tolerance, which errors do not hold."
-    settings = Settings(kinds=("range_offset",))
-    assert headline(reconcile(replace(model, surfaces=surfaces), offset, settings)).endswith(clause)
-    assert "tolerance" not in headline(reconcile(model, offset, settings))
