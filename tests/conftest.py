@@ -87,6 +87,7 @@ def _twins() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cast, "cast_row", cast_twin.cast_row)
+        patch.setattr(cast, "cast_cells", cast_twin.cast_cells)
         patch.setattr(noise_series, "_series_statistics", noise_twins.series_statistics)
         patch.setattr(likelihood, "log_likelihood", reconcile_twins.sorted_log_likelihood)
         patch.setattr(likelihood, "transform", reconcile_twins.transform)

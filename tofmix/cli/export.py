@@ -12,6 +12,7 @@ from tofmix.errors import BadInputError, UsageError
 if TYPE_CHECKING:
     from tofmix.io.layers_file import LayersFile
     from tofmix.points import PointFilter
+    from tofmix.projection import Projection
 
 _POINTS_ONLY = {"min_weight": "--min-weight", "min_probability": "--min-probability", "fov": "--fov"}
 _IMAGES_ONLY = {"layer": "--layer", "scale": "--scale"}
@@ -37,7 +38,9 @@ tofmix export boards.layers.h5 -o second.png --layer 2 --scale 0.25
 )
 @click.option("--min-weight", type=click.FloatRange(0, 1), help="Points: leave out layers of a lesser share.")
 @click.option("--min-probability", type=click.FloatRange(0, 1), help="Points: leave out layers that less surely exist.")
-@click.option("--fov", metavar="H,V", help="Points: field of view in degrees.  [default: the layers file's]")
+@click.option(
+    "--fov", metavar="H,V", help="Points: field of view in degrees, of equal angles.  [default: the layers file's]"
+)
 @click.option("--layer", type=click.IntRange(1), default=1, show_default=True, help="Images: which layer, 1 = nearest.")
 @click.option(
     "--scale", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, help="Images: mm of one count."
@@ -92,10 +95,9 @@ def _export_points(
     from tofmix.io.exporters import export_points
     from tofmix.points import LayerPoints
 
-    view = _field_of_view(file, fov)
     windows = range(file.shape[0]) if window is None else [window]
     try:
-        points = LayerPoints(file, fov_horizontal_deg=view[0], fov_vertical_deg=view[1], windows=windows, chosen=chosen)
+        points = LayerPoints(file, optics=_optics(file, fov), windows=windows, chosen=chosen)
     except ValueError as error:
         raise (UsageError if fov else BadInputError)(f"{'--fov' if fov else file.path}: {error}") from error
     title = f"layers of {file.provenance.source}"
@@ -108,7 +110,10 @@ def _export_points(
     click.echo(f"{output}: {count:,} points of {len(windows)} window{'s' * (len(windows) > 1)}")
 
 
-def _field_of_view(file: "LayersFile", fov: str | None) -> tuple[float, float]:
+def _optics(file: "LayersFile", fov: str | None) -> "Projection":
+    """Where the pixels look: --fov, with equal angles, or as the layers file says."""
+    from tofmix.equiangular import Equiangular
+
     if fov is not None:
         try:
             numbers = [float(part) for part in fov.split(",")]
@@ -116,13 +121,13 @@ def _field_of_view(file: "LayersFile", fov: str | None) -> tuple[float, float]:
             numbers = []
         if len(numbers) != _ANGLES:
             raise UsageError(f"--fov: {fov!r} is not two angles in degrees, such as 47,39")
-        return numbers[0], numbers[1]
-    sensor = file.provenance.sensor
-    if sensor.fov_horizontal_deg is None or sensor.fov_vertical_deg is None:
+        return Equiangular(fov_horizontal_deg=numbers[0], fov_vertical_deg=numbers[1])
+    optics = file.provenance.sensor.optics
+    if optics is None:
         raise BadInputError(
             f"{file.path}: sensor: no field of view, so points cannot be placed; give it with --fov H,V"
         )
-    return sensor.fov_horizontal_deg, sensor.fov_vertical_deg
+    return optics
 
 
 def _export_image(

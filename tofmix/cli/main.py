@@ -20,6 +20,7 @@ from tofmix.cli.map import map_
 from tofmix.cli.merge import merge
 from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import report
+from tofmix.cli.sensors import sensors
 from tofmix.cli.simulate import simulate
 from tofmix.cli.verify import verify
 from tofmix.cli.warmup import warmup
@@ -62,7 +63,8 @@ def main() -> None:
 
 
 for _command in (
-    simulate, estimate, report, reconcile, inspect, info, verify, compare, import_, export, map_, merge, warmup,
+    simulate, estimate, report, reconcile, inspect, info, verify, compare, import_, export, map_, sensors, merge,
+    warmup,
 ):  # fmt: skip
     main.add_command(_command)
 

@@ -19,6 +19,15 @@ from tofmix.errors import BadInputError
 from tofmix.io import guard
 from tofmix.io.hdf5_memory import make_room
 from tofmix.io.storage import AtomicFile, Sink
+from tofmix.projection import (
+    DEFAULT_PROJECTION,
+    PROJECTIONS,
+    Projection,
+    list_keys,
+    make_projection,
+    number_keys,
+    projection_values,
+)
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
 
 FORMAT_VERSION = "1.0"
@@ -28,6 +37,7 @@ CONVENTIONS = "CF-1.11"
 _LIBVER = (h5py.h5f.LIBVER_V18, h5py.h5f.LIBVER_V110)
 
 _MOST_POINTS = 100_000
+_MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
 
 _SENSOR_NUMBERS = (
     "modulation_frequency_hz",
@@ -156,6 +166,10 @@ def write_sensor(root: h5py.File, sensor: Sensor) -> None:
     for key in _SENSOR_NUMBERS:
         value = getattr(sensor, key)
         group.attrs[key] = np.nan if value is None else float(value)
+    if sensor.projection is not None:
+        group.attrs["projection"] = sensor.projection.name
+        for key, value in projection_values(sensor.projection).items():
+            group.attrs[key] = value
     if sensor.noise is not None:
         curve = {"noise_range": (sensor.noise.range_mm, "mm"), "noise_sigma": (sensor.noise.sigma_mm, "mm")}
         if sensor.noise.law is not None:
@@ -190,10 +204,37 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
     known = {key: value for key, value in numbers.items() if value is not None and np.isfinite(value)}
     known.setdefault("outlier_probability", DEFAULT_OUTLIER_PROBABILITY)
     try:
-        noise = _read_noise(group, path)
-        return Sensor(name=text_attribute(group, "name") or "unknown", noise=noise, **known)
+        noise, projection = _read_noise(group, path), _read_projection(group, path)
+        return Sensor(name=text_attribute(group, "name") or "unknown", noise=noise, projection=projection, **known)
     except ValueError as error:
         raise BadInputError(f"{path}: sensor: {error}") from error
+
+
+def _read_projection(group: h5py.Group, path: Path) -> Projection | None:
+    """Where the pixels look; None for equal angles over the field of view."""
+    if "projection" not in group.attrs:
+        return None
+    name = text_attribute(group, "projection") or ""
+    if name == DEFAULT_PROJECTION:
+        return None
+    if name not in PROJECTIONS:
+        raise ValueError(f"projection: {name!r} is not known; known: {', '.join(PROJECTIONS)}")
+    values: dict[str, float | list[float]] = {}
+    for key in number_keys(name):
+        number = _number(group, key, path)
+        if number is not None:
+            values[key] = number
+    for key in list_keys(name):
+        if key in group.attrs:
+            values[key] = _short_list(group, key, path)
+    return make_projection(name, values)
+
+
+def _short_list(group: h5py.Group, key: str, path: Path) -> list[float]:
+    value = np.asarray(group.attrs[key])
+    if value.size > _MOST_COEFFICIENTS or (value.size > 0 and value.dtype.kind not in "iuf"):
+        raise BadInputError(f"{path}: sensor: {key}: expected a few numbers, got {value.dtype} of shape {value.shape}")
+    return [float(number) for number in value.ravel()]
 
 
 def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:

@@ -22,6 +22,7 @@ from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE
 
 FORMAT = "tofmix-recording"
 DIMS = ("frame", "row", "col")
+TARGET = "target"
 
 _HASHED_BYTES = 1 << 20
 

@@ -48,7 +48,7 @@ def verify_recording(root: h5py.File, recording: RecordingFile, findings: Findin
         except BadInputError as error:
             findings.add_error(error, recording.path)
     if recording.sensor.noise is None:
-        findings.notes.append("sensor: no noise curve; estimate needs --noise auto or --noise PROFILE")
+        findings.notes.append("sensor: no noise curve; estimate measures one, or takes --noise PROFILE")
 
 
 def _check_units(root: h5py.File, name: str, findings: Findings, *, ours: bool) -> None:

@@ -4,6 +4,7 @@ Use `describe_recording`, `describe_layers` or `describe_model`. Headers are rea
 counts and the status. What an estimate found is told by `tofmix.report.summary`.
 """
 
+import textwrap
 import tomllib
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -13,11 +14,13 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.flags import Status, status_name
+from tofmix.projection import projection_values
 from tofmix.report.findings import Finding, count_findings
 from tofmix.report.sources import LayersSource
 from tofmix.report.tables import printable
 from tofmix.sensor import Sensor
 from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.sheet import CameraSheet
 from tofmix.simulation.model import Model
 
 GAP = 1.5
@@ -25,6 +28,11 @@ GAP = 1.5
 
 _BYTES_A_SAMPLE = 6
 _NAME_WIDTH = 26
+_TEXT_WIDTH = 100
+_LONGEST_SENTENCE = 1000
+_OF_SENTENCES = ("sources", "next_steps")
+"""Sections whose values are sentences."""
+
 _SENSOR_NUMBERS = (
     "modulation_frequency_hz",
     "integration_time_ms",
@@ -46,7 +54,7 @@ class Description:
     Parameters
     ----------
     kind : str
-        ``recording``, ``layers``, ``model`` or ``sensor``.
+        ``recording``, ``layers``, ``model``, ``sensor``, ``source`` or ``reconciliation``.
     name : str
         The file as it was named.
     sections : dict of str to dict
@@ -161,7 +169,10 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers
     )
     return Description(
-        kind="layers", name=name, sections=sections, warnings=(*warnings, *_view_findings(provenance.sensor))
+        kind="layers",
+        name=name,
+        sections=sections,
+        warnings=(*warnings, *_view_findings(provenance.sensor, (rows, cols))),
     )
 
 
@@ -195,9 +206,11 @@ def describe_model(model: Model, *, name: str) -> Description:
     return Description(kind="model", name=name, sections=sections, warnings=tuple(warnings))
 
 
-def describe_sensor(camera: SensorProfile, *, name: str) -> Description:
+def describe_sensor(camera: CameraSheet, *, name: str) -> Description:
     """Describe a camera's own file."""
-    sections = {"sensor": _profile_section(camera)}
+    sections = {"sensor": _profile_section(camera) | {"outlier_probability": camera.outlier_probability}}
+    if camera.sources:
+        sections["sources"] = {str(number): text for number, text in enumerate(camera.sources, 1)}
     return Description(kind="sensor", name=name, sections=sections, warnings=_profile_findings(camera))
 
 
@@ -207,11 +220,17 @@ def format_description(description: Description) -> str:
     for title, section in description.sections.items():
         lines += ["", title.replace("_", " ")]
         for key, value in section.items():
-            lines += _lines(key, value)
+            lines += _wrapped(value) if title in _OF_SENTENCES else _lines(key, value)
     if description.warnings:
         lines.append("")
     lines += [f"warning: {finding.text}" for finding in description.warnings]
     return "\n".join(lines)
+
+
+def _wrapped(value: Value) -> list[str]:
+    return textwrap.wrap(
+        printable(str(value), _LONGEST_SENTENCE), _TEXT_WIDTH, initial_indent="  - ", subsequent_indent="    "
+    )
 
 
 def _no_nan(value: Value) -> Value:
@@ -238,20 +257,28 @@ def _shown(value: object) -> str:
 def _sensor_section(sensor: Sensor) -> Section:
     section: Section = {"name": sensor.name}
     section |= {key: getattr(sensor, key) for key in _SENSOR_NUMBERS}
+    if sensor.projection is not None:
+        section["projection"] = sensor.projection.name
+        for key, value in projection_values(sensor.projection).items():
+            section[key] = list(value) if isinstance(value, tuple) else value
     noise = sensor.noise
     section["noise_range_mm"] = None if noise is None else noise.range_mm.tolist()
     section["noise_sigma_mm"] = None if noise is None else noise.sigma_mm.tolist()
+    if noise is not None and noise.law is not None:
+        section["noise_reference_amplitude"] = noise.law.reference.tolist()
+        section["noise_amplitude"] = noise.law.amplitude.tolist()
+        section["noise_amplitude_factor"] = noise.law.factor.tolist()
     return section
 
 
-def _profile_section(camera: SensorProfile) -> Section:
+def _profile_section(camera: SensorProfile | CameraSheet) -> Section:
     return {"rows": camera.rows, "cols": camera.cols} | _sensor_section(camera.sensor())
 
 
-def _profile_findings(camera: SensorProfile) -> tuple[Finding, ...]:
+def _profile_findings(camera: SensorProfile | CameraSheet) -> tuple[Finding, ...]:
     if camera.confirmed or not camera.sources:
         return ()
-    text = f"Figures of {camera.name} are unconfirmed; its profile says where each is from."
+    text = f"Figures of {camera.name} are unconfirmed; its sources say where each is from."
     return (Finding(code="unconfirmed_sensor", text=text),)
 
 
@@ -281,19 +308,23 @@ def _recording_findings(file: RecordingHeader) -> list[Finding]:
     found = []
     sensor = file.sensor
     if sensor.noise is None:
-        text = "No noise curve: estimate needs --noise auto, or --noise with a built-in sensor."
+        text = "No noise curve: estimate measures one, or takes a built-in sensor's with --noise."
         found.append(Finding(code="no_noise_curve", text=text))
     if sensor.range_max_mm is None:
         text = "No range_max_mm: what does not return is not told from surfaces."
         found.append(Finding(code="no_range_max", text=text))
-    found += _view_findings(sensor)
+    found += _view_findings(sensor, file.shape[1:])
     if file.shape[0] == 1:
         text = "One frame: a pixel's one sample cannot show several surfaces."
         found.append(Finding(code="one_frame", text=text))
     return found
 
 
-def _view_findings(sensor: Sensor) -> list[Finding]:
-    if sensor.fov_horizontal_deg is not None and sensor.fov_vertical_deg is not None:
-        return []
+def _view_findings(sensor: Sensor, shape: tuple[int, int]) -> list[Finding]:
+    try:
+        if sensor.optics is not None:
+            sensor.optics.check(shape)
+            return []
+    except ValueError as error:
+        return [Finding(code="unfit_projection", text=f"Points cannot be placed: {error}.")]
     return [Finding(code="no_field_of_view", text="No field of view: points cannot be placed; export needs --fov.")]

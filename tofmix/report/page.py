@@ -11,12 +11,14 @@ from importlib import import_module
 
 from tofmix.errors import UsageError
 from tofmix.layers import Provenance
+from tofmix.projection import projection_values
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary import Summary, noise_of, summarise
 from tofmix.report.tables import ordinal
 from tofmix.report.templates import load_template, read_part
+from tofmix.sensor import Sensor
 
 SCRIPTS = ("explorer_data.js", "explorer_plots.js", "explorer.js", "explorer_views.js")
 
@@ -141,12 +143,25 @@ def _sensor_rows(provenance: Provenance) -> list[Row]:
         ("integration time", sensor.integration_time_ms, 1.0, "ms"),
         ("least range", sensor.range_min_mm, 1.0, "mm"),
         ("largest range", sensor.range_max_mm, 1.0, "mm"),
-        ("field of view, horizontal", sensor.fov_horizontal_deg, 1.0, "degrees"),
-        ("field of view, vertical", sensor.fov_vertical_deg, 1.0, "degrees"),
+        *_view_values(sensor),
         ("outlier probability p(c_r)", sensor.outlier_probability, 1.0, ""),
     )
     rows = [(name, "not known" if v is None else f"{v * factor:g} {unit}".strip()) for name, v, factor, unit in values]
     return [("name", sensor.name), *rows]
+
+
+def _view_values(sensor: Sensor) -> list[tuple[str, float | None, float, str]]:
+    """Where the pixels look, number by number."""
+    if sensor.projection is None:
+        names = (("horizontal", sensor.fov_horizontal_deg), ("vertical", sensor.fov_vertical_deg))
+        return [(f"field of view, {name}", value, 1.0, "degrees") for name, value in names]
+    rows: list[tuple[str, float | None, float, str]] = []
+    for key, value in projection_values(sensor.projection).items():
+        if isinstance(value, tuple):
+            rows += [(f"{sensor.projection.name}, {key} {n}", part, 1.0, "") for n, part in enumerate(value, 1)]
+        else:
+            rows.append((f"{sensor.projection.name}, {key}", value, 1.0, "pixels"))
+    return rows
 
 
 def _noise_rows(provenance: Provenance) -> list[Row]:
