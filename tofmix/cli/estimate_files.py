@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tofmix.cli.options import progress_bar
+from tofmix.cli.recording_check import opened_recording
 from tofmix.cli.sensor_choice import circle_of, sensor_for
 from tofmix.errors import ExitCode, StorageError, TofmixError, UsageError, os_error_text
 
@@ -133,7 +134,7 @@ def _pixels(pairs: Sequence[tuple[Path, Path]], request: Request) -> int:
     total = 0
     for recording, _ in pairs:
         try:
-            with open_recording(recording) as source:
+            with open_recording(recording, check_units=False) as source:
                 _, rows, cols = source.shape
                 total += _windows(source, request).count * rows * cols // (request.shard or (1, 1))[1]
         except TofmixError:
@@ -155,7 +156,6 @@ def _estimate(
 ) -> tuple[str, dict[str, Any]]:
     """Estimate one recording; return what to say of it, as a line and for JSON."""
     from tofmix.io.journal import WHOLE, Shard
-    from tofmix.io.recording_file import open_recording
     from tofmix.io.storage import check_output
     from tofmix.pipeline.job import plan_job
     from tofmix.pipeline.local import LocalEngine
@@ -165,7 +165,7 @@ def _estimate(
         with bar.external_write_mode(file=sys.stderr):
             click.echo(f"tofmix: {text}", err=True)
 
-    with open_recording(recording) as source:
+    with opened_recording(recording) as source:
         if not request.resume:
             check_output(target, overwrite=request.overwrite, inputs=(recording,))
         options = request.options

@@ -29,8 +29,8 @@ def info(file: Path, as_json: bool) -> None:
     """Say what FILE is: a recording, a layers file, or a TOML file of a model or a sensor.
 
     Prints its sizes, units, options, camera and what to be wary of. FILE may also be
-    the name of a built-in model. Samples are not read, so that it takes no time; what
-    was found in a layers file is told by tofmix report.
+    the name of a built-in model. It takes no time: of samples at most a few blocks are
+    read, to check their unit. What was found in a layers file is told by tofmix report.
     """
     from tofmix.report.descriptions import format_description
     from tofmix.simulation.builtin import BUILTIN_MODELS
@@ -59,6 +59,7 @@ def _of_hdf5(path: Path) -> "Description":
     from tofmix.io import layers_file
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers_file import open_layers
+    from tofmix.io.range_check import look, unit_doubt, zeros_doubt
     from tofmix.io.recording_file import open_recording
     from tofmix.report.descriptions import describe_layers, describe_recording
 
@@ -66,5 +67,7 @@ def _of_hdf5(path: Path) -> "Description":
     if kind == layers_file.FORMAT:
         with open_layers(path) as layers:
             return describe_layers(layers, name=str(path), file_bytes=size)
-    with open_recording(path) as recording:
-        return describe_recording(recording, name=str(path), file_bytes=size)
+    with open_recording(path, check_units=False) as recording:
+        found = look(recording)
+        doubts = {"range_units": unit_doubt(recording, found), "range_zeros": zeros_doubt(recording, found)}
+        return describe_recording(recording, name=str(path), file_bytes=size, doubts=doubts)

@@ -171,13 +171,13 @@ def _check_call(output: Path | None, voxels: Path | None, source: str, recording
 def _beams(
     file: "LayersFile", window: int, source: str, recording: Path | None, min_probability: float, workers: int
 ) -> "Beams":
-    from tofmix.io.recording_file import open_recording
+    from tofmix.cli.recording_check import opened_recording
     from tofmix.mapping.beams import beams_from_layers
 
     try:
         if recording is None:
             return beams_from_layers(file.read_window(window), file.provenance.sensor, min_probability=min_probability)
-        with open_recording(recording) as samples:
+        with opened_recording(recording) as samples:
             frames = _frames(file, window, samples)
             if source == AVERAGED:
                 return _averaged(file, samples, frames)

@@ -1,5 +1,8 @@
-"""Whether a recording goes with a layers file; shared by the commands that take both."""
+"""Opening recordings, and whether one goes with a layers file; shared by the commands that read recordings."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -7,6 +10,23 @@ import click
 if TYPE_CHECKING:
     from tofmix.io.layers_file import LayersFile
     from tofmix.io.recording_file import RecordingFile
+
+
+@contextmanager
+def opened_recording(path: Path) -> Iterator["RecordingFile"]:
+    """Open a recording, and say on stderr what is doubtful about it.
+
+    Raises
+    ------
+    BadInputError
+        As `tofmix.io.recording_file.open_recording`.
+    """
+    from tofmix.io.recording_file import open_recording
+
+    with open_recording(path) as recording:
+        for line in recording.remarks:
+            click.echo(f"tofmix: {line}", err=True)
+        yield recording
 
 
 def check_recording(file: "LayersFile", source: "RecordingFile") -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from tofmix.cli.options import PATH, examples, json_option, overwrite_option
-from tofmix.cli.recording_check import check_recording
+from tofmix.cli.recording_check import check_recording, opened_recording
 
 
 @examples(
@@ -35,7 +35,6 @@ def report(
     """
     from tofmix.errors import UsageError
     from tofmix.io.layers_file import open_layers
-    from tofmix.io.recording_file import open_recording
     from tofmix.io.storage import claimed, write_text
     from tofmix.report.summary import summarise
     from tofmix.report.tables import format_table
@@ -43,7 +42,7 @@ def report(
     inputs = tuple(path for path in (layers, recording) if path is not None)
     with ExitStack() as stack:
         file = stack.enter_context(open_layers(layers))
-        source = None if recording is None else stack.enter_context(open_recording(recording))
+        source = None if recording is None else stack.enter_context(opened_recording(recording))
         if source is not None:
             check_recording(file, source)
         if window >= file.shape[0]:

@@ -5,7 +5,9 @@ counts and the status. What an estimate found is told by `tofmix.report.summary`
 """
 
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -108,12 +110,17 @@ class LayersHeader(LayersSource, Protocol):
         """One dataset of one window."""
 
 
-def describe_recording(file: RecordingHeader, *, name: str, file_bytes: int) -> Description:
-    """Describe a recording from its header and its frames' times."""
+def describe_recording(
+    file: RecordingHeader, *, name: str, file_bytes: int, doubts: Mapping[str, str | None] = MappingProxyType({})
+) -> Description:
+    """Describe a recording from its header and its frames' times.
+
+    `doubts` are what its samples make doubtful, text by code, None where they do not (`tofmix.io.range_check`).
+    """
     frames, rows, cols = file.shape
     time_s = file.read_time()
     samples: Section = {
-        "units": "mm",
+        "units": None if doubts.get("range_units") else "mm",
         "type": file.stored_type,
         "invalid_value": file.fill,
         "amplitude": file.has_amplitude,
@@ -128,7 +135,8 @@ def describe_recording(file: RecordingHeader, *, name: str, file_bytes: int) -> 
         sections["time"] = _time_section(time_s)
     sections["sensor"] = _sensor_section(file.sensor)
     sections["attributes"] = dict(file.attributes())
-    warnings = [*_recording_findings(file), *_time_findings(time_s)]
+    of_samples = [Finding(code=code, text=f"Range: {text}.") for code, text in doubts.items() if text is not None]
+    warnings = [*of_samples, *_recording_findings(file), *_time_findings(time_s)]
     return Description(kind="recording", name=name, sections=sections, warnings=tuple(warnings))
 
 
