@@ -131,7 +131,7 @@ def _attribute(item: str, name: str, value: Any) -> Callable[[h5py.File], None]:
         (_attribute("sensor", "range_max_mm", -4.0), "sensor: range_max_mm"),
         (_attribute("sensor", "range_max_mm", "far"), "range_max_mm: expected one number"),
         (_attribute("sensor", "range_min_mm", [1.0, 2.0]), "range_min_mm: expected one number"),
-        (_attribute("/", "format", "tofmix-layers"), "expected a tofmix-recording file"),
+        (_attribute("/", "format", "tofmix-layers"), "is a layers file, not a recording"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_name(tmp_path: Path, change: Callable[[h5py.File], None], reason: str) -> None:

@@ -14,7 +14,7 @@ def import_command(path: Path, *options: str) -> str:
     return shlex.join(["tofmix", "import", str(path), *options, "-o", str(target)])
 
 
-def command(name: str, path: Path, *options: str) -> str:
+def next_command(name: str, path: Path, *options: str) -> str:
     """Another command on a file."""
     return shlex.join(["tofmix", name, str(path), *options])
 

@@ -285,6 +285,8 @@ def _whole_chunks(start: int, stop: int, step: int, wanted: int) -> Iterator[sli
 
 
 def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
+    if name == "range" and name not in root:
+        raise BadInputError(f"{path}: no dataset range; of a file of another layout: {import_command(path)}")
     dataset = guard.checked_dataset(root, name, path)
     if dataset.ndim != len(DIMS):
         raise BadInputError(f"{path}: {name}: expected (frame, row, col), got shape {dataset.shape}")
