@@ -13,7 +13,8 @@ from tofmix.report.tables import format_table, ordinal, printable
 def check_form(text: str) -> None:
     lines = text.splitlines()
     assert text.isascii()
-    assert max(len(line) for line in lines) <= 80
+    # Commands are whole, to be copied.
+    assert max(len(line) for line in lines if not line.startswith("  try: tofmix ")) <= 80
     assert all(line == line.rstrip() for line in lines)
     assert "nan" not in text.lower()
 

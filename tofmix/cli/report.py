@@ -2,12 +2,13 @@
 
 import json
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from tofmix.cli.options import PATH, examples, json_option, overwrite_option
-from tofmix.cli.recording_check import check_recording, opened_recording
+from tofmix.cli.recording_check import check_recording, findings_of_samples, opened_recording
 
 
 @examples(
@@ -36,7 +37,7 @@ def report(
     from tofmix.errors import UsageError
     from tofmix.io.layers_file import open_layers
     from tofmix.io.storage import claimed, write_text
-    from tofmix.report.summary import summarise
+    from tofmix.report.summary import find, remedy_for, summarise
     from tofmix.report.tables import format_table
 
     inputs = tuple(path for path in (layers, recording) if path is not None)
@@ -50,6 +51,11 @@ def report(
         if html is not None:
             stack.enter_context(claimed(html, overwrite=overwrite, inputs=inputs))
         summary = summarise(file)
+        if source is not None:
+            made = file.provenance
+            remedy = remedy_for(made, file.shape[0], str(recording))
+            of_samples = findings_of_samples(source, made.sensor, made.unambiguous_range_mm, remedy)
+            summary = replace(summary, warnings=(*of_samples, *find(file, remedy)))
         if html is not None:
             from tofmix.report.page import render_page
 

@@ -116,7 +116,7 @@ def measure_noise(source: SampleSource) -> MeasuredNoise:
     series = read_series(source)
     step = quantisation_step(series.samples)
     found = series_statistics(series, step)
-    chosen = _single_surface(found)
+    chosen = single_surface(found)
     bins = cut_into_bins(found.range_mm[chosen])
     if not bins:
         raise ValueError(_what_is_missing(source, found, chosen))
@@ -137,8 +137,8 @@ def measure_noise(source: SampleSource) -> MeasuredNoise:
     )
 
 
-def _single_surface(found: SeriesStatistics) -> IntArray:
-    """Numbers of the series that are shaped as one surface, by range."""
+def single_surface(found: SeriesStatistics) -> IntArray:
+    """Numbers of the series that are shaped as one surface, by range; all with samples where hardly any is."""
     usable = found.kept > 0
     fits = usable & shaped_as_one(found, STRICTNESS)
     # Noise that is not Gaussian fails the tests nearly everywhere: then they tell nothing of surfaces.

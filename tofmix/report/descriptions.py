@@ -17,6 +17,7 @@ from tofmix.arrays import FloatArray
 from tofmix.flags import Status, status_name
 from tofmix.report.findings import Finding, count_findings
 from tofmix.report.sources import LayersSource
+from tofmix.report.summary import remedy_for
 from tofmix.report.tables import printable
 from tofmix.sensor import Sensor
 from tofmix.sensors.profile import SensorProfile
@@ -64,7 +65,7 @@ class Description:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the same for JSON: None for numbers that are not finite."""
-        warnings = [{"code": finding.code, "text": finding.text} for finding in self.warnings]
+        warnings = [{"code": finding.code, "text": finding.line} for finding in self.warnings]
         sections = {title: {k: _no_nan(v) for k, v in part.items()} for title, part in self.sections.items()}
         return {"kind": self.kind, "file": self.name, **sections, "warnings": warnings}
 
@@ -166,8 +167,9 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         "sensor": _sensor_section(provenance.sensor),
     }  # fmt: skip
     warnings = count_findings(
-        pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers
-    )
+        pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers,
+        remedy=remedy_for(provenance, windows),
+    )  # fmt: skip
     return Description(
         kind="layers", name=name, sections=sections, warnings=(*warnings, *_view_findings(provenance.sensor))
     )
@@ -218,7 +220,7 @@ def format_description(description: Description) -> str:
             lines += _lines(key, value)
     if description.warnings:
         lines.append("")
-    lines += [f"warning: {finding.text}" for finding in description.warnings]
+    lines += [f"warning: {finding.line}" for finding in description.warnings]
     return "\n".join(lines)
 
 
