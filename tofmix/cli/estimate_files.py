@@ -16,6 +16,7 @@ from tofmix.cli.options import progress_bar
 from tofmix.cli.recording_check import check_not_averaged, findings_of_samples, opened_recording
 from tofmix.cli.sensor_choice import circle_of, sensor_for
 from tofmix.errors import ExitCode, StorageError, TofmixError, UsageError, os_error_text
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -195,10 +196,9 @@ def _estimate(
             progress=bar.update, say=say, settle=source.settle,
         )  # fmt: skip
     if outcome.continued:
-        say(f"{target}: {outcome.continued} of {outcome.cells} blocks were there already")
+        say(f"{target}: {outcome.continued} of {counted(outcome.cells, 'block')} were there already")
     if windows.frames_left_out:
-        left_out = f"{windows.frames_left_out} frame{'s' * (windows.frames_left_out > 1)}"
-        say(f"{recording}: {left_out} after the last whole window left out")
+        say(f"{recording}: {counted(windows.frames_left_out, 'frame')} after the last whole window left out")
     if request.shard is None:
         findings += say_findings(target, findings_of(target, remedy), say)
     return describe(outcome, findings, request.shard)
@@ -245,8 +245,8 @@ def describe(
     found = ", ".join(f"{n}: {count:,}" for n, count in enumerate(outcome.tally) if count) or "none"
     part = f"part {shard[0]} of {shard[1]} of " if shard else ""
     line = (
-        f"{outcome.target}: {part}{rows} x {cols} pixels, {windows.count} window{'s' * (windows.count > 1)}"
-        f" of {windows.length} frames; pixels by surfaces {found}"
+        f"{outcome.target}: {part}{rows} x {cols} pixels, {counted(windows.count, 'window')}"
+        f" of {counted(windows.length, 'frame')}; pixels by surfaces {found}"
     )
     return line, {
         "status": "done", "exit_code": 0, "rows": rows, "cols": cols, "windows": windows.count,

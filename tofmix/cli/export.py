@@ -8,6 +8,7 @@ from click.core import ParameterSource
 
 from tofmix.cli.options import PATH, examples, overwrite_option, progress_bar
 from tofmix.errors import BadInputError, UsageError
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.io.layers_file import LayersFile
@@ -105,7 +106,7 @@ def _export_points(
         )
     if count == 0:
         click.echo(f"tofmix: {output}: no layer passed, so there is no point in it", err=True)
-    click.echo(f"{output}: {count:,} points of {len(windows)} window{'s' * (len(windows) > 1)}")
+    click.echo(f"{output}: {counted(count, 'point', ',')} of {counted(len(windows), 'window')}")
 
 
 def _field_of_view(file: "LayersFile", fov: str | None) -> tuple[float, float]:
@@ -144,4 +145,4 @@ def _export_image(
     except BadInputError as error:
         raise BadInputError(f"{file.path}: {error}") from error
     filled = int((image.counts() > 0).sum())
-    click.echo(f"{output}: {filled:,} pixels with a layer {layer}, {scale:g} mm a count, 0 = none")
+    click.echo(f"{output}: {counted(filled, 'pixel', ',')} with a layer {layer}, {scale:g} mm a count, 0 = none")

@@ -47,11 +47,14 @@ class _InOrder(click.Group):
 
 @click.group(
     cls=_InOrder,
+    invoke_without_command=True,
+    subcommand_metavar="COMMAND [ARGS]...",
     epilog=_EPILOG,
     context_settings={"help_option_names": ["-h", "--help"], "auto_envvar_prefix": "TOFMIX", "max_content_width": 100},
 )
 @click.version_option(__version__, prog_name="tofmix", allow_from_autoenv=False)
-def main() -> None:
+@click.pass_context
+def main(context: click.Context, /) -> None:
     """Every surface in a time-of-flight pixel.
 
     A pixel of a time-of-flight camera is a cone: where it meets several surfaces,
@@ -59,6 +62,9 @@ def main() -> None:
     range sequences and recovers every surface in each pixel: how many, how far,
     what share of the beam, how sure.
     """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help(), err=True)
+        context.exit(ExitCode.USAGE)
 
 
 for _command in (

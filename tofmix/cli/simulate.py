@@ -8,6 +8,7 @@ import click
 
 from tofmix.cli.options import PATH, default_workers, examples, overwrite_option, progress_bar
 from tofmix.errors import BadInputError
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.simulation.model import Model
@@ -163,5 +164,5 @@ def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: b
                 range_true=block.range_true,
             )
             bar.update(len(block.range_mm))
-    kind = f"{'averaged ' * averaged}frame{'s' * (n_frames > 1)}"
-    click.echo(f"{output}: {n_frames} {kind} of {shape[1]} x {shape[2]} pixels, seed {seed}")
+    frames = counted(n_frames, "averaged frame" if averaged else "frame")
+    click.echo(f"{output}: {frames} of {shape[1]} x {shape[2]} pixels, seed {seed}")

@@ -49,6 +49,7 @@ from tofmix.estimation.noise_series import (
 from tofmix.estimation.outliers import measure_outliers
 from tofmix.recording import SampleSource
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.wording import counted
 
 STRICTNESS = 0.1
 """Share of Gaussian series that each test of shape turns away: it costs no bias."""
@@ -154,12 +155,13 @@ def single_surface(found: SeriesStatistics) -> IntArray:
 def _what_is_missing(source: SampleSource, found: SeriesStatistics, chosen: IntArray) -> str:
     frames = source.shape[0]
     if frames < LEAST_SAMPLES:
-        return f"noise: {frames} frames are too few to measure it; at least {LEAST_SAMPLES} are needed"
+        return f"noise: {counted(frames, 'frame')}; at least {LEAST_SAMPLES} are needed to measure it"
     filled = int((found.valid >= LEAST_SAMPLES).sum())
     if filled < LEAST_IN_BIN:
-        return f"noise: {filled} pixels have {LEAST_SAMPLES} valid samples; at least {LEAST_IN_BIN} are needed"
+        seen = counted(filled, "pixel")
+        return f"noise: {seen} with {LEAST_SAMPLES} valid samples or more; at least {LEAST_IN_BIN} are needed"
     return (
-        f"noise: {chosen.size} pixels show one surface, and nowhere {LEAST_IN_BIN} of them within"
+        f"noise: one surface in {counted(chosen.size, 'pixel')}, and nowhere {LEAST_IN_BIN} of them within"
         f" {100 * WIDE:.0f} % of one range, as measuring it needs"
     )
 

@@ -22,6 +22,7 @@ from tofmix.report.tables import printable
 from tofmix.sensor import Sensor
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.model import Model
+from tofmix.wording import counted, number
 
 GAP = 1.5
 """A step of `time` longer than this many median steps is a gap."""
@@ -242,7 +243,7 @@ def _shown(value: object) -> str:
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
         return " ".join(_shown(item) for item in value) or "none"
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
+    return number(value, ".9g") if isinstance(value, float) else str(value)
 
 
 def _sensor_section(sensor: Sensor) -> Section:
@@ -283,7 +284,7 @@ def _time_findings(time_s: FloatArray | None) -> list[Finding]:
     gaps = int((steps > GAP * np.median(steps)).sum()) if steps.size else 0
     if not gaps:
         return []
-    text = f"{gaps} steps of time are longer than {GAP:g} times the median: frames are missing."
+    text = f"{counted(gaps, 'step')} of time longer than {GAP:g} times the median: frames are missing."
     return [Finding(code="time_gaps", text=text)]
 
 
