@@ -55,11 +55,11 @@ class _InOrder(click.Group):
 @click.version_option(__version__, prog_name="tofmix", allow_from_autoenv=False)
 @click.pass_context
 def main(context: click.Context, /) -> None:
-    """Every surface in a time-of-flight pixel.
+    """The surfaces in a time-of-flight pixel.
 
     A pixel of a time-of-flight camera is a cone: where it meets several surfaces,
     the camera's averaging invents obstacles between them. tofmix reads recorded
-    range sequences and recovers every surface in each pixel: how many, how far,
+    range sequences and recovers the surfaces in each pixel: how many, how far,
     what share of the beam, how sure.
     """
     if context.invoked_subcommand is None:
