@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import progress_bar
+from tofmix.cli.options import is_quiet, progress_bar
 from tofmix.cli.recording_check import check_not_averaged, findings_of_samples, opened_recording
 from tofmix.cli.sensor_choice import circle_of, sensor_for
 from tofmix.errors import ExitCode, StorageError, TofmixError, UsageError, os_error_text
@@ -195,7 +195,7 @@ def _estimate(
             job, engine, target, shard=shard, overwrite=request.overwrite, resume=request.resume,
             progress=bar.update, say=say, settle=source.settle,
         )  # fmt: skip
-    if outcome.continued:
+    if outcome.continued and not is_quiet():
         say(f"{target}: {outcome.continued} of {counted(outcome.cells, 'block')} were there already")
     if windows.frames_left_out:
         say(f"{recording}: {counted(windows.frames_left_out, 'frame')} after the last whole window left out")
@@ -277,7 +277,8 @@ def announced() -> Iterator[None]:
     """Say in one line on stderr what takes so long, if it does."""
     text = "tofmix: compiling the kernels; a first run takes 15 to 30 seconds longer"
     timer = threading.Timer(_COMPILING_AFTER_S, click.echo, (text,), {"err": True})
-    timer.start()
+    if not is_quiet():  # asked here, for the timer's thread knows no command
+        timer.start()
     try:
         yield
     finally:

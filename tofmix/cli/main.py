@@ -18,6 +18,7 @@ from tofmix.cli.info import info
 from tofmix.cli.inspect import inspect
 from tofmix.cli.map import map_
 from tofmix.cli.merge import merge
+from tofmix.cli.options import quiet_option
 from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import report
 from tofmix.cli.simulate import simulate
@@ -32,6 +33,17 @@ Start here:
   tofmix simulate three-boards -o boards.h5
   tofmix estimate boards.h5
   tofmix report boards.layers.h5 --recording boards.h5 --html boards.html
+
+\b
+Completion of commands and options, for this shell:
+  eval "$(_TOFMIX_COMPLETE=bash_source tofmix)"
+  eval "$(_TOFMIX_COMPLETE=zsh_source tofmix)"
+  _TOFMIX_COMPLETE=fish_source tofmix | source
+
+\b
+Environment: an option that takes a value, as TOFMIX_COMMAND_OPTION.
+  TOFMIX_ESTIMATE_WORKERS=1 tofmix estimate boards.h5
+  NUMBA_CACHE_DIR=/opt/tofmix-kernels tofmix warmup
 
 \b
 Exit codes:
@@ -71,6 +83,8 @@ for _command in (
     simulate, estimate, report, reconcile, inspect, info, verify, compare, import_, export, map_, merge, warmup,
 ):  # fmt: skip
     main.add_command(_command)
+for _command in (simulate, estimate, reconcile, import_, export, map_, warmup):  # those that take their time
+    quiet_option(_command)
 
 
 def run(arguments: list[str] | None = None) -> NoReturn:

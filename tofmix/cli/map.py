@@ -140,13 +140,13 @@ def map_(
             raise UsageError(str(error)) from error
         with progress_bar(grid.size, "map", "cell") as bar:
             space = map_beams(beams, camera, grid, min_share=min_share, workers=threads, progress=bar.update)
-        contents: dict[Path, bytes] = {}
-        if voxels is not None:
-            contents[voxels] = encode_voxels(space, voxels, comment=comment)
-        floor = None if output is None else project(space, height)
-        if output is not None and floor is not None:
-            contents |= encode_map(floor, output, comment=comment)
-        write_together(contents, overwrite=overwrite, inputs=inputs)
+            contents: dict[Path, bytes] = {}
+            if voxels is not None:
+                contents[voxels] = encode_voxels(space, voxels, comment=comment)
+            floor = None if output is None else project(space, height)
+            if output is not None and floor is not None:
+                contents |= encode_map(floor, output, comment=comment)
+            write_together(contents, overwrite=overwrite, inputs=inputs)
     _say(output, floor, voxels, space, as_json)
 
 

@@ -97,7 +97,9 @@ def reconcile(
                 bar.update(1)
 
             result = run(*first, settings, tick, also=others)
-        _write(result, files, output, overwrite)
+            bar.total = bar.n  # no other way is tried: the page is left
+            bar.set_description("reconcile: page")
+            _write(result, files, output, overwrite)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return

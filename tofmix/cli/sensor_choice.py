@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tofmix.cli.options import note
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
@@ -168,7 +169,7 @@ def _say_what_amplitude_does(source: "RecordingFile", measured: "MeasuredNoise")
             f"sigma is measured by range and amplitude; it goes as amplitude{falls}"
             f" (+{measured.law_gain:.0f} nat on pixels held out)"
         )
-    click.echo(f"tofmix: {source.path}: noise: {chosen}", err=True)
+    note(f"{source.path}: noise: {chosen}")
 
 
 def _warn_where_they_differ(source: "RecordingFile", measured: "MeasuredNoise") -> None:
