@@ -182,7 +182,7 @@ def test_parts_that_do_not_make_one_run_are_refused(tofmix: Tofmix, recording: P
     one, two, other, foreign = part(1, 2), part(2, 2), part(2, 3), part(2, 2, "--gamma", 0.5)
     (tmp_path / "cut").write_bytes(two.read_bytes()[:5000])
     for given, code, reason in (
-        ([one], ExitCode.USAGE, "2 parts make the run; missing: 2"),
+        ([one], ExitCode.USAGE, "the run has 2 parts; missing: 2"),
         ([one, two, one], ExitCode.USAGE, "part 1 again"),
         ([one, other], ExitCode.USAGE, "of 3 parts, but"),
         ([one, foreign], ExitCode.USAGE, "it differs in --gamma (0.5, now 0.02)"),

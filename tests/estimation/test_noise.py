@@ -272,8 +272,8 @@ def test_the_files_own_curve_is_not_looked_at(rng: np.random.Generator, sensor: 
 @pytest.mark.parametrize(
     ("shape", "reason"),
     [
-        ((9, 20, 20), "9 frames are too few"),
-        ((30, 3, 3), "9 pixels have 10 valid samples"),
+        ((9, 20, 20), "9 frames; at least 10"),
+        ((30, 3, 3), "9 pixels with 10 valid samples"),
         ((30, 5, 5), "within 12 %"),
     ],
 )

@@ -1,11 +1,14 @@
 """What the summary says beside names and numbers."""
 
+import json
 import re
+from dataclasses import replace
 
 import numpy as np
 from recordings import MAKE, reconciled
 
-from tofmix.reconciliation.words import summary_lines
+from tofmix.reconciliation.words import effect_tables, effect_text, headline, summary_lines
+from tofmix.report.gap_page import render_gap
 from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.model import Model
 
@@ -25,3 +28,29 @@ def test_summary_tells_size_of_a_map_and_number_of_stuck_pixels(small: Model) ->
     (size,) = set(re.findall(r'fixed_pattern \("fixed_pattern.npy", ([\d.]+) mm rms\)', said))
     working = biases[np.isnan(stuck)]
     assert abs(float(size) - np.sqrt((working**2).mean())) < 1.5
+
+
+def test_summary_calls_the_floor_noise_alone_and_says_which_round_candidates_are_of(small: Model) -> None:
+    hidden = MAKE["range_offset"](offset_mm=9.0), MAKE["excess_noise"](factor=1.4)
+    result = reconciled(small, *hidden, kinds=("range_offset", "excess_noise"))
+    assert len(result.named) == 2
+    assert "noise alone gives" in headline(result)
+    (candidates,) = [line for line in summary_lines(result) if line.startswith("candidates")]
+    assert "each alone:" in candidates
+    page = render_gap(result, source="x.h5")
+    assert "is chance" not in page
+    assert "The floor is what noise alone gives" in page
+    assert "each effect beside the others: there its numbers and gains differ from those here" in page
+
+
+def test_zero_is_written_without_a_sign(small: Model) -> None:
+    result = reconciled(small, MAKE["range_offset"](offset_mm=9.0), kinds=("range_offset",))
+    (named,) = result.named
+    nothing = replace(
+        named, effect=MAKE["range_offset"](offset_mm=-0.0), stderr={"offset_mm": 0.2}, heldout_gain_nats=-0.2
+    )
+    said = replace(result, named=(nothing,))
+    assert effect_text(nothing, said) == "range_offset (offset_mm 0.00 +- 0.20)"
+    assert "held-out gain 0 nats" in "\n".join(summary_lines(said))
+    assert "-0" not in json.dumps(said.as_dict()["effects"]).replace("-0.2", "")
+    assert "offset_mm = 0.0" in effect_tables(said)
