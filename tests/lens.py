@@ -26,7 +26,10 @@ def undistorted(x: Floats, y: Floats, k: tuple[float, ...]) -> tuple[Floats, Flo
     for _ in range(300):
         s = u**2 + v**2
         f = (1 + k1 * s + k2 * s**2 + k3 * s**3) / (1 + k4 * s + k5 * s**2 + k6 * s**3)
+        before = u
         u, v = (x - 2 * p1 * u * v - p2 * (s + 2 * u**2)) / f, (y - p1 * (s + 2 * v**2) - 2 * p2 * u * v) / f
+        if np.abs(u - before).max() < 1e-15:
+            break
     return u, v
 
 

@@ -76,12 +76,12 @@ def test_fold_radius_is_where_the_formula_turns(k: tuple[float, ...], radius: fl
 
 def test_fold_is_that_of_a_fine_scan() -> None:
     rng = np.random.default_rng(5)
-    r = np.linspace(0, 3, 300_001)
-    for k in rng.uniform(-0.4, 0.4, (50, 8)) * [1, 1, 0, 0, 1, 1, 1, 1]:
+    r = np.linspace(0, 3, 100_001)
+    for k in rng.uniform(-0.4, 0.4, (25, 8)) * [1, 1, 0, 0, 1, 1, 1, 1]:
         imaged = lens.distorted(r, np.zeros_like(r), tuple(k))[0]
         turns = np.flatnonzero(np.diff(imaged) <= 0)
         expected = r[turns[0]] if turns.size else math.inf
-        assert min(Distortion(tuple(k)).fold_radius(), 3.0) == pytest.approx(min(expected, 3.0), abs=2e-5)
+        assert min(Distortion(tuple(k)).fold_radius(), 3.0) == pytest.approx(min(expected, 3.0), abs=6e-5)
 
 
 def test_an_image_that_reaches_the_fold_is_refused_with_the_angle() -> None:

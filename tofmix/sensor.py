@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from tofmix.arrays import FloatArray
 from tofmix.equiangular import Equiangular
 from tofmix.projection import Projection
+from tofmix.wording import counted
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4
 
@@ -63,7 +64,9 @@ class AmplitudeLaw:
             values.setflags(write=False)
             object.__setattr__(self, key, values)
         if self.amplitude.shape != self.factor.shape:
-            raise ValueError(f"noise curve: {self.amplitude.size} amplitudes, but {self.factor.size} factors")
+            raise ValueError(
+                f"noise curve: {counted(self.amplitude.size, 'amplitude')}, but {counted(self.factor.size, 'factor')}"
+            )
         if not (np.diff(self.amplitude) > 0).all():
             raise ValueError("noise curve: its amplitudes do not ascend")
 
@@ -131,7 +134,8 @@ class NoiseCurve:
         object.__setattr__(self, "range_mm", range_mm)
         object.__setattr__(self, "sigma_mm", sigma_mm)
         if self.law is not None and self.law.reference.shape != range_mm.shape:
-            raise ValueError(f"noise curve: {range_mm.size} ranges, but {self.law.reference.size} reference amplitudes")
+            references = counted(self.law.reference.size, "reference amplitude")
+            raise ValueError(f"noise curve: {counted(range_mm.size, 'range')}, but {references}")
 
     def sigma(self, range_mm: FloatArray | float, amplitude: ArrayLike | None = None) -> FloatArray:
         """sigma(r) in mm at ranges of any shape, mm.

@@ -44,7 +44,8 @@ def made(tofmix: Tofmix, tmp_path: Path) -> Path:
     assert "90 frames of 6 x 8 pixels of 3 targets" in imported.out
     estimated = tofmix("estimate", folder / "t.h5")
     assert estimated.code == 0, estimated.err
-    assert "a share is one of detections, up to 3 a frame" in estimated.out
+    assert "Pixels return up to 3 targets a frame" in estimated.err
+    assert "a share of detections" in estimated.err
     return folder
 
 

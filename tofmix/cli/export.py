@@ -1,13 +1,15 @@
 """``tofmix export``: layers in the formats of other programs."""
 
+import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
-from tofmix.cli.options import PATH, examples, overwrite_option, progress_bar
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar
 from tofmix.errors import BadInputError, UsageError
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.io.layers_file import LayersFile
@@ -45,6 +47,7 @@ tofmix export boards.layers.h5 -o second.png --layer 2 --scale 0.25
 @click.option(
     "--scale", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, help="Images: mm of one count."
 )
+@json_option
 @overwrite_option
 @click.pass_context
 def export(
@@ -58,6 +61,7 @@ def export(
     fov: str | None,
     layer: int,
     scale: float,
+    as_json: bool,
     overwrite: bool,
 ) -> None:
     """Write LAYERS, a layers file, for other programs.
@@ -81,17 +85,18 @@ def export(
         if window is not None and window >= file.shape[0]:
             raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
         if as_image:
-            _export_image(file, output, window, layer, scale, overwrite)
+            line, made = _export_image(file, output, window, layer, scale, overwrite)
         else:
             from tofmix.points import PointFilter
 
             chosen = PointFilter(min_weight=min_weight, min_probability=min_probability)
-            _export_points(file, output, window, fov, chosen, overwrite)
+            line, made = _export_points(file, output, window, fov, chosen, overwrite)
+    click.echo(json.dumps({"output": str(output), **made}) if as_json else line)
 
 
 def _export_points(
     file: "LayersFile", output: Path, window: int | None, fov: str | None, chosen: "PointFilter", overwrite: bool
-) -> None:
+) -> tuple[str, dict[str, Any]]:
     from tofmix.io.exporters import export_points
     from tofmix.points import LayerPoints
 
@@ -107,7 +112,8 @@ def _export_points(
         )
     if count == 0:
         click.echo(f"tofmix: {output}: no layer passed, so there is no point in it", err=True)
-    click.echo(f"{output}: {count:,} points of {len(windows)} window{'s' * (len(windows) > 1)}")
+    line = f"{output}: {counted(count, 'point', ',')} of {counted(len(windows), 'window')}"
+    return line, {"points": count, "windows": len(windows)}
 
 
 def _optics(file: "LayersFile", fov: str | None) -> "Projection":
@@ -132,7 +138,7 @@ def _optics(file: "LayersFile", fov: str | None) -> "Projection":
 
 def _export_image(
     file: "LayersFile", output: Path, window: int | None, layer: int, scale: float, overwrite: bool
-) -> None:
+) -> tuple[str, dict[str, Any]]:
     from tofmix.io.exporters import export_image
     from tofmix.io.exporters.image import RangeImage
 
@@ -149,4 +155,5 @@ def _export_image(
     except BadInputError as error:
         raise BadInputError(f"{file.path}: {error}") from error
     filled = int((image.counts() > 0).sum())
-    click.echo(f"{output}: {filled:,} pixels with a layer {layer}, {scale:g} mm a count, 0 = none")
+    line = f"{output}: {counted(filled, 'pixel', ',')} with a layer {layer}, {scale:g} mm a count, 0 = none"
+    return line, {"pixels": filled, "window": chosen, "layer": layer, "scale_mm": scale}

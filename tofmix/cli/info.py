@@ -33,9 +33,9 @@ def info(file: Path, as_json: bool) -> None:
 
     Prints its sizes, units, options, camera and what to be wary of. FILE may also be
     the name of a built-in model or sensor, a folder that tofmix reconcile wrote, or
-    anything that tofmix import reads: a bag, images, an array, CSV, other HDF5. Samples
-    are not read, so that it takes no time; what was found in a layers file is told by
-    tofmix report.
+    anything that tofmix import reads: a bag, images, an array, CSV, other HDF5. Of
+    samples at most a few blocks are read, to check their unit, so that it takes no
+    time; what was found in a layers file is told by tofmix report.
     """
     from tofmix.report.descriptions import format_description
 
@@ -79,15 +79,13 @@ def _is_foreign(path: Path) -> bool:
 
 
 def _of_source(path: Path) -> "Description":
-    import shlex
-
     from tofmix.io.importers import open_source
     from tofmix.io.importers.base import Request
+    from tofmix.io.next_command import import_command
     from tofmix.report.source_descriptions import describe_source
 
-    command = shlex.join(["tofmix", "import", str(path), "-o", f"{path.stem or 'recording'}.recording.h5"])
     with open_source(path, Request()) as source:
-        return describe_source(source, name=str(path), command=command)
+        return describe_source(source, name=str(path), command=import_command(path))
 
 
 def _of_text(name: str) -> "Description":
@@ -106,6 +104,7 @@ def _of_hdf5(path: Path) -> "Description":
     from tofmix.io import layers_file
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers_file import open_layers
+    from tofmix.io.range_check import look, unit_doubt, zeros_doubt
     from tofmix.io.recording_file import open_recording
     from tofmix.report.descriptions import describe_layers, describe_recording
 
@@ -113,5 +112,7 @@ def _of_hdf5(path: Path) -> "Description":
     if kind == layers_file.FORMAT:
         with open_layers(path) as layers:
             return describe_layers(layers, name=str(path), file_bytes=size)
-    with open_recording(path) as recording:
-        return describe_recording(recording, name=str(path), file_bytes=size)
+    with open_recording(path, check_units=False) as recording:
+        found = look(recording)
+        doubts = {"range_units": unit_doubt(recording, found), "range_zeros": zeros_doubt(recording, found)}
+        return describe_recording(recording, name=str(path), file_bytes=size, doubts=doubts)

@@ -99,7 +99,9 @@ def reconcile(
                 bar.update(1)
 
             result = run(*first, settings, tick, also=others)
-        _write(result, files, output, overwrite)
+            bar.total = bar.n  # no other way is tried: the page is left
+            bar.set_description("reconcile: page")
+            _write(result, files, output, overwrite)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return
@@ -145,12 +147,12 @@ def _read_all(files: "Files") -> list[tuple["Model", "Evidence"]]:
 def _read(scene: "Model", measured: Path) -> "Evidence":
     import numpy as np
 
+    from tofmix.cli.recording_check import opened_recording
     from tofmix.errors import BadInputError
-    from tofmix.io.recording_file import open_recording
     from tofmix.reconciliation.evidence import make_evidence
 
     every = slice(0, None)
-    with open_recording(measured) as file:
+    with opened_recording(measured) as file:
         if file.targets:
             raise BadInputError(
                 f"{measured}: range: {file.targets} targets a pixel and frame; reconcile compares one sample a frame"

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tofmix.cli.options import note
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
@@ -194,7 +195,7 @@ def _say_what_was_measured(source: "RecordingFile", measured: "MeasuredNoise") -
     if source.has_amplitude:
         said.append(_amplitude_text(measured))
     if said:
-        click.echo(f"tofmix: {source.path}: noise: {'; '.join(said)}", err=True)
+        note(f"{source.path}: noise: {'; '.join(said)}")
 
 
 def _amplitude_text(measured: "MeasuredNoise") -> str:

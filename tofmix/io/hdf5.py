@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from tofmix.errors import BadInputError
 from tofmix.io import guard
 from tofmix.io.hdf5_memory import make_room
+from tofmix.io.next_command import next_command
 from tofmix.io.storage import AtomicFile, Sink
 from tofmix.projection import (
     DEFAULT_PROJECTION,
@@ -38,6 +39,9 @@ _LIBVER = (h5py.h5f.LIBVER_V18, h5py.h5f.LIBVER_V110)
 
 _MOST_POINTS = 100_000
 _MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
+
+_COMMANDS = {"tofmix-recording": ("recording", "estimate"), "tofmix-layers": ("layers file", "report")}
+"""What a file of each format is, and the command that takes it."""
 
 _SENSOR_NUMBERS = (
     "modulation_frequency_hz",
@@ -294,6 +298,11 @@ def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> N
     found = text_attribute(root, "format")
     if found is None and not required:
         return
+    if found != kind and found in _COMMANDS:
+        what, command = _COMMANDS[found]
+        raise BadInputError(f"{path} is a {what}, not a {_COMMANDS[kind][0]}: {next_command(command, path)}")
+    if found is None and "range" in root and "n_modes" not in root:
+        raise BadInputError(f"{path}: no layers file; if it is a recording: {next_command('estimate', path)}")
     if found != kind:
         raise BadInputError(f"{path}: expected a {kind} file, its format attribute is {found!r}")
     version = text_attribute(root, "format_version") or ""

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.errors import BadInputError, os_error_text
 from tofmix.io import guard, hdf5
+from tofmix.io.next_command import import_command
+from tofmix.io.range_check import check_range
 from tofmix.io.watchdog import watched
 from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
 
@@ -26,12 +28,19 @@ TARGET = "target"
 
 _HASHED_BYTES = 1 << 20
 
+_MM = ("mm", "millimeter", "millimetre", "millimeters", "millimetres")
+_CONVERTED = dict.fromkeys(("m", "meter", "metre", "meters", "metres"), "m") | dict.fromkeys(
+    ("cm", "centimeter", "centimetre", "centimeters", "centimetres"), "cm"
+)
+"""Units of `range` that are no mm, and what `tofmix import --units` calls them."""
+
 
 class RecordingFile:
     """An open recording. It is a `tofmix.recording.SampleSource`, and a `tofmix.recording.TargetSource`.
 
-    Made by `open_recording`; reads are in blocks, nothing is kept. Where pixels return several targets, the targets of
-    a frame are samples that follow each other: `shape`, `frame_step` and blocks count samples, not frames.
+    Made by `open_recording`; reads are in blocks, nothing is kept. `units` is the attribute of `range`; `remarks` are
+    lines for the user. Where pixels return several targets, the targets of a frame are samples that
+    follow each other: `shape`, `frame_step` and blocks count samples, not frames.
     """
 
     def __init__(self, root: h5py.File, path: Path) -> None:
@@ -40,6 +49,8 @@ class RecordingFile:
         self.settled = False
         self.sensor = hdf5.read_sensor(root, path)
         self._range = _samples(root, "range", path)
+        self.units = hdf5.text_attribute(self._range, "units")
+        self.remarks: tuple[str, ...] = ()
         self.frames = int(self._range.shape[0])
         self.targets = int(self._range.shape[1]) if self._range.ndim > len(DIMS) else 0
         rows, cols = self._range.shape[-2:]
@@ -228,19 +239,29 @@ class RecordingFile:
 
 
 @contextmanager
-def open_recording(path: Path) -> Iterator[RecordingFile]:
+def open_recording(path: Path, *, check_units: bool = True) -> Iterator[RecordingFile]:
     """Open a recording for reading.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    check_units : bool
+        Whether floats without `units` are held against mm (`tofmix.io.range_check`).
 
     Raises
     ------
     BadInputError
-        If the file is missing, not HDF5 or cut short, is no recording, or does not fit the contract.
+        If the file is missing, not HDF5 or cut short, is no recording, or does not fit the contract; with
+        `check_units`, if its ranges are not in mm, as it seems.
     """
     recording: RecordingFile | None = None
     with guard.open_for_reading(path, settled=lambda: recording is not None and recording.settled) as root:
         with guard.reading(path, "header"):
             hdf5.check_format(root, path, kind=FORMAT, required=False)
             recording = RecordingFile(root, path)
+        if check_units:
+            recording.remarks = check_range(recording)
         yield recording
 
 
@@ -280,6 +301,8 @@ def _whole_chunks(start: int, stop: int, step: int, wanted: int) -> Iterator[sli
 
 
 def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
+    if name == "range" and name not in root:
+        raise BadInputError(f"{path}: no dataset range; of a file of another layout: {import_command(path)}")
     dataset = guard.checked_dataset(root, name, path)
     if dataset.ndim == len(DIMS) + 1:
         _check_targets(dataset, name, path)
@@ -295,8 +318,9 @@ def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
     if dataset.dtype.kind not in "iuf":
         raise BadInputError(f"{path}: {name}: expected integers or floats, got {dataset.dtype}")
     units = hdf5.text_attribute(dataset, "units")
-    if name == "range" and units not in (None, "mm", "millimeter", "millimetre"):
-        raise BadInputError(f"{path}: range: units {units!r}, expected 'mm'")
+    if name == "range" and units not in (None, *_MM):
+        remedy = import_command(path, "--units", _CONVERTED[units]) if units in _CONVERTED else ""
+        raise BadInputError(f"{path}: range: units {units!r}, expected 'mm'{': ' * bool(remedy)}{remedy}")
     return dataset
 
 
@@ -307,7 +331,7 @@ def _check_targets(dataset: h5py.Dataset, name: str, path: Path) -> None:
     if scales != [DIMS[0], TARGET, *DIMS[1:]]:
         raise BadInputError(
             f"{path}: {name}: got shape {dataset.shape}, four axes, and no scales frame, {TARGET}, row, col say which"
-            f" is which: tofmix import {path} -o NEW.h5 --axes {DIMS[0]},{TARGET},row,col, in their order"
+            f" is which; in their order: {import_command(path, '--axes', ','.join((DIMS[0], TARGET, *DIMS[1:])))}"
         )
     if dataset.shape[1] > MOST_TARGETS:
         raise BadInputError(f"{path}: {name}: {dataset.shape[1]} targets; no more than {MOST_TARGETS}")

@@ -6,7 +6,9 @@ counts and the status. What an estimate found is told by `tofmix.report.summary`
 
 import textwrap
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -17,11 +19,13 @@ from tofmix.flags import Status, status_name
 from tofmix.projection import projection_values
 from tofmix.report.findings import Finding, count_findings, target_findings
 from tofmix.report.sources import LayersSource
+from tofmix.report.summary import remedy_for
 from tofmix.report.tables import printable
 from tofmix.sensor import Sensor
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sheet import CameraSheet
 from tofmix.simulation.model import Model
+from tofmix.wording import counted, number
 
 GAP = 1.5
 """A step of `time` longer than this many median steps is a gap."""
@@ -70,7 +74,7 @@ class Description:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the same for JSON: None for numbers that are not finite."""
-        warnings = [{"code": finding.code, "text": finding.text} for finding in self.warnings]
+        warnings = [{"code": finding.code, "text": finding.line} for finding in self.warnings]
         sections = {title: {k: _no_nan(v) for k, v in part.items()} for title, part in self.sections.items()}
         return {"kind": self.kind, "file": self.name, **sections, "warnings": warnings}
 
@@ -124,12 +128,17 @@ class LayersHeader(LayersSource, Protocol):
         """One dataset of one window."""
 
 
-def describe_recording(file: RecordingHeader, *, name: str, file_bytes: int) -> Description:
-    """Describe a recording from its header and its frames' times."""
+def describe_recording(
+    file: RecordingHeader, *, name: str, file_bytes: int, doubts: Mapping[str, str | None] = MappingProxyType({})
+) -> Description:
+    """Describe a recording from its header and its frames' times.
+
+    `doubts` are what its samples make doubtful, text by code, None where they do not (`tofmix.io.range_check`).
+    """
     _, rows, cols = file.shape
     time_s = file.read_time()
     samples: Section = {
-        "units": "mm",
+        "units": None if doubts.get("range_units") else "mm",
         "type": file.stored_type,
         "invalid_value": file.fill,
         "amplitude": file.has_amplitude,
@@ -145,7 +154,8 @@ def describe_recording(file: RecordingHeader, *, name: str, file_bytes: int) -> 
         sections["time"] = _time_section(time_s)
     sections["sensor"] = _sensor_section(file.sensor)
     sections["attributes"] = dict(file.attributes())
-    warnings = [*_recording_findings(file), *_time_findings(time_s)]
+    of_samples = [Finding(code=code, text=f"Range: {text}.") for code, text in doubts.items() if text is not None]
+    warnings = [*of_samples, *_recording_findings(file), *_time_findings(time_s)]
     return Description(kind="recording", name=name, sections=sections, warnings=tuple(warnings))
 
 
@@ -175,8 +185,9 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         "sensor": _sensor_section(provenance.sensor),
     }  # fmt: skip
     warnings = count_findings(
-        pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers
-    )
+        pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers,
+        remedy=remedy_for(provenance, windows),
+    )  # fmt: skip
     return Description(
         kind="layers",
         name=name,
@@ -232,7 +243,7 @@ def format_description(description: Description) -> str:
             lines += _wrapped(value) if title in _OF_SENTENCES else _lines(key, value)
     if description.warnings:
         lines.append("")
-    lines += [f"warning: {finding.text}" for finding in description.warnings]
+    lines += [f"warning: {finding.line}" for finding in description.warnings]
     return "\n".join(lines)
 
 
@@ -260,7 +271,7 @@ def _shown(value: object) -> str:
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
         return " ".join(_shown(item) for item in value) or "none"
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
+    return number(value, ".9g") if isinstance(value, float) else str(value)
 
 
 def _sensor_section(sensor: Sensor) -> Section:
@@ -309,7 +320,7 @@ def _time_findings(time_s: FloatArray | None) -> list[Finding]:
     gaps = int((steps > GAP * np.median(steps)).sum()) if steps.size else 0
     if not gaps:
         return []
-    text = f"{gaps} steps of time are longer than {GAP:g} times the median: frames are missing."
+    text = f"{counted(gaps, 'step')} of time longer than {GAP:g} times the median: frames are missing."
     return [Finding(code="time_gaps", text=text)]
 
 

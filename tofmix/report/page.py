@@ -19,6 +19,7 @@ from tofmix.report.summary import Summary, noise_of, summarise
 from tofmix.report.tables import ordinal
 from tofmix.report.templates import load_template, read_part
 from tofmix.sensor import Sensor
+from tofmix.wording import counted
 
 SCRIPTS = ("explorer_data.js", "explorer_plots.js", "explorer.js", "explorer_views.js")
 
@@ -104,8 +105,8 @@ def render_page(
 
 def headline(summary: Summary) -> str:
     """Say in one sentence what was found, for example ``25,344 pixels, 1 window of 100 frames: 13 % see ...``."""
-    windows = f"{summary.windows:,} window{'s' if summary.windows != 1 else ''} of {summary.window_frames:,} frames"
-    pixels = f"{summary.rows * summary.cols:,} pixel{'s' if summary.rows * summary.cols != 1 else ''}"
+    windows = f"{counted(summary.windows, 'window', ',')} of {counted(summary.window_frames, 'frame', ',')}"
+    pixels = counted(summary.rows * summary.cols, "pixel", ",")
     several = percent(summary.share_several_surfaces)
     return f"{pixels}, {windows}: {several} see more than one surface, {percent(summary.share_no_surface)} see none."
 
@@ -176,8 +177,8 @@ def _provenance_rows(summary: Summary, sensor: str) -> list[Row]:
         ("recording", summary.source),
         ("SHA-256 of the recording", summary.source_sha256),
         ("estimated by tofmix", summary.version),
-        ("image", f"{summary.rows} rows x {summary.cols} columns"),
-        ("windows", f"{summary.windows} of {summary.window_frames} frames"),
+        ("image", f"{counted(summary.rows, 'row')} x {counted(summary.cols, 'column')}"),
+        ("windows", f"{summary.windows} of {counted(summary.window_frames, 'frame')}"),
         ("frames left out at the end", f"{summary.frames_left_out}"),
         ("options of estimate", ", ".join(f"{name} {value}" for name, value in summary.options.items()) or "none"),
         ("sensor", sensor),

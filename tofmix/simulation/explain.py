@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from tofmix.ranging import unambiguous_range_mm
 from tofmix.simulation.effects.base import LEVEL_NAMES, Level
 from tofmix.simulation.model import Model
+from tofmix.wording import counted
 
 
 def explain(model: Model) -> str:
@@ -32,14 +33,18 @@ def _camera(model: Model) -> Iterator[str]:
     law = "" if sensor.noise.law is None else "; less where a sample is bright, more where it is faint"
     yield f"noise: Gaussian, sigma(r) of the camera, such as {sigma:.3g} mm at {middle:.0f} mm{law}"
     yield (
-        f"recording: {recording.frames} frames at {recording.frame_rate_hz:g} Hz, "
+        f"recording: {counted(recording.frames, 'frame')} at {recording.frame_rate_hz:g} Hz, "
         f"{recording.frames / recording.frame_rate_hz:g} s in all, seed {recording.seed}"
     )
 
 
 def _scene(model: Model) -> Iterator[str]:
     names = ", ".join(f'"{surface.name}"' for surface in model.surfaces)
-    yield f"scene: {len(model.surfaces)} surfaces: {names}" if names else "scene: no surface, no return anywhere"
+    yield (
+        f"scene: {counted(len(model.surfaces), 'surface')}: {names}"
+        if names
+        else "scene: no surface, no return anywhere"
+    )
 
 
 def _samples(model: Model) -> Iterator[str]:
