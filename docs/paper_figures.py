@@ -28,6 +28,7 @@ from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.model_file import load_model
 from tofmix.layers import Layers
+from tofmix.projection import beam_directions_of
 from tofmix.report.pixel_figures import draw_density, draw_modes, new_figure, style_axes
 from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve, Sensor
@@ -175,11 +176,8 @@ def noise_curves(scene: Scene) -> Figure:
 def _from_above(range_mm: Float32Array, scene: Scene) -> tuple[FloatArray, FloatArray]:
     """Coordinates x and z, m, of an image (row, col) of the rows `ROWS`."""
     camera = scene.model.sensor
-    rows, cols = np.arange(camera.rows)[ROWS, np.newaxis], np.arange(camera.cols)
-    azimuth = np.deg2rad((cols - (camera.cols - 1) / 2) * camera.fov_horizontal_deg / camera.cols)
-    elevation = np.deg2rad((rows - (camera.rows - 1) / 2) * camera.fov_vertical_deg / camera.rows)
-    level = range_mm * np.cos(elevation) / 1000.0
-    return np.asarray(level * np.sin(azimuth), dtype=np.float64), np.asarray(level * np.cos(azimuth), dtype=np.float64)
+    directions = beam_directions_of(camera.optics, camera.shape)[ROWS]
+    return range_mm * directions[..., 0] / 1000.0, range_mm * directions[..., 2] / 1000.0
 
 
 def _nowhere(range_mm: Float32Array, scene: Scene) -> BoolArray:
@@ -207,10 +205,11 @@ def set_up(scene: Scene) -> Figure:
     axes = figure.subplots()
     style_axes(axes, "the set-up from above", LIGHT)
     camera = scene.model.sensor
+    view_deg = camera.fov_horizontal_deg or 0.0
     for side in (-1, 1):
-        edge = np.deg2rad(side * camera.fov_horizontal_deg / 2)
+        edge = np.deg2rad(side * view_deg / 2)
         axes.plot([0, 7 * np.cos(edge)], [0, 7 * np.sin(edge)], color=LIGHT.grid, linewidth=1.5, zorder=1)
-    beam = camera.fov_horizontal_deg / camera.cols
+    beam = view_deg / camera.cols
     middle = (COL - (camera.cols - 1) / 2) * beam
     sides = np.deg2rad([middle - _WIDENED * beam / 2, middle + _WIDENED * beam / 2])
     axes.fill([0, *(5.25 * np.cos(sides))], [0, *(5.25 * np.sin(sides))], color="#f0e442", alpha=0.55, linewidth=0)

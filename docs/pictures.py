@@ -23,6 +23,7 @@ from matplotlib.lines import Line2D
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.estimation.sequence import estimate_layers
 from tofmix.io.model_file import load_model
+from tofmix.projection import beam_directions_of
 from tofmix.recording import ArrayRecording
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Model
@@ -172,11 +173,7 @@ def _draw_layers(axes: Axes, scene: Scene) -> None:
 def _from_above(range_mm: FloatArray, scene: Scene) -> tuple[FloatArray, FloatArray]:
     """Coordinates x and z in m of ranges (row, col) or (row, col, layer) along the pixels' beams."""
     sensor = scene.model.sensor
-    rows, cols = np.arange(sensor.rows)[ROWS], np.arange(sensor.cols)
-    azimuth = np.deg2rad((cols - (sensor.cols - 1) / 2) * sensor.fov_horizontal_deg / sensor.cols)
-    elevation = np.deg2rad((rows - (sensor.rows - 1) / 2) * sensor.fov_vertical_deg / sensor.rows)
-    level = np.cos(elevation)[:, np.newaxis]
-    sideways, forward = level * np.sin(azimuth), level * np.cos(azimuth)
+    sideways, _, forward = np.moveaxis(beam_directions_of(sensor.optics, sensor.shape)[ROWS], -1, 0)
     more = (...,) + (np.newaxis,) * (range_mm.ndim - 2)
     return range_mm * sideways[more] / 1000.0, range_mm * forward[more] / 1000.0
 

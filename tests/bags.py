@@ -69,21 +69,30 @@ class Bag:
         intrinsics: Sequence[float],
         *,
         distortion: Sequence[float] = (0.0,) * 5,
+        model: str = "plumb_bob",
+        projection: Sequence[float] = (0.0,) * 4,
+        region: tuple[int, int, int, int] = (0, 0, 0, 0),
+        binning: tuple[int, int] = (0, 0),
     ) -> None:
-        """Write one camera_info with fx, fy, cx, cy."""
+        """Write one camera_info with fx, fy, cx, cy, and those of rectified images.
+
+        `region` is its first row and column, its rows and columns; `binning` down and across.
+        """
         fx, fy, cx, cy = intrinsics
         types = self._store.types
-        roi = types["sensor_msgs/msg/RegionOfInterest"](x_offset=0, y_offset=0, height=0, width=0, do_rectify=False)
+        roi = types["sensor_msgs/msg/RegionOfInterest"](
+            x_offset=region[1], y_offset=region[0], height=region[2], width=region[3], do_rectify=False
+        )
         names = dict(zip("dkrp", "DKRP" if self._ros1 else "dkrp", strict=True))
         matrices = {
             names["d"]: np.array(distortion or (0.0,) * 5, dtype=np.float64),
             names["k"]: np.array([fx, 0, cx, 0, fy, cy, 0, 0, 1], dtype=np.float64),
             names["r"]: np.eye(3).ravel(),
-            names["p"]: np.zeros(12),
+            names["p"]: np.array([projection[0], 0, projection[2], 0, 0, projection[1], projection[3], 0] + [0.0] * 4),
         }
         message = types["sensor_msgs/msg/CameraInfo"](
-            header=self._header(1), height=size[0], width=size[1], distortion_model="plumb_bob", binning_x=0,
-            binning_y=0, roi=roi, **matrices,
+            header=self._header(1), height=size[0], width=size[1], distortion_model=model, binning_x=binning[1],
+            binning_y=binning[0], roi=roi, **matrices,
         )  # fmt: skip
         self._write(topic, "sensor_msgs/msg/CameraInfo", message, 1)
 

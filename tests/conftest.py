@@ -1,7 +1,9 @@
 """Fixtures and helpers that several folders of tests share."""
 
+import os
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,12 @@ from tofmix.sensor import NoiseCurve, Sensor
 PLAIN = bool(numba_config.DISABLE_JIT)
 """Kernels run as plain Python, some hundred times slower: for branch coverage, or a debugger."""
 
+WORKER = os.environ.get("PYTEST_XDIST_WORKER", "")
+"""Name of this process among pytest's workers: gw0, gw1, ...; empty where there are none."""
+
+SHARED_PROCESSES = {"cluster", "pool"}
+"""Fixtures that start processes, for seconds: a cluster of tests/cli, warm processes of tests/faults."""
+
 # The first call of a kernel compiles it: no deadline. One seed: CI sees what we saw.
 settings.register_profile("tofmix", deadline=None, derandomize=True)
 settings.register_profile("plain", settings.get_profile("tofmix"), max_examples=10)
@@ -24,7 +32,12 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """What kernels divide by zero is inf or NaN; as plain Python, NumPy's numbers say so each time."""
+    """Give each of pytest's workers one thread for linear algebra: those of several would wait for each other.
+
+    What kernels divide by zero is inf or NaN; as plain Python, NumPy's numbers say so each time.
+    """
+    if config.getoption("numprocesses", None):
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # workers and what they start inherit it
     if PLAIN:
         config.addinivalue_line(
             "filterwarnings", "ignore:(overflow|divide by zero|invalid value) encountered:RuntimeWarning"
@@ -32,11 +45,33 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip, where kernels run as plain Python, what is about compiling or takes too many pixels."""
+    """Put tests first that share processes, so that one worker starts them; skip what plain Python cannot do.
+
+    Where kernels run as plain Python, that is what is about compiling or takes too many pixels.
+    """
+    items.sort(key=lambda item: SHARED_PROCESSES.isdisjoint(getattr(item, "fixturenames", ())))
     for item in items:
         mark = item.get_closest_marker("compiled")
         if PLAIN and mark is not None:
             item.add_marker(pytest.mark.skip(reason=f"kernels are not compiled: {mark.args[0]}"))
+
+
+def pytest_sessionstart() -> None:
+    """Let pytest's workers compile the kernels together; without workers, each test compiles what it needs."""
+    if WORKER and not PLAIN:
+        import compiling
+
+        with suppress(Exception):  # a kernel that cannot be compiled fails its own tests
+            compiling.begin(int(WORKER.removeprefix("gw")))
+
+
+def pytest_collection_finish() -> None:
+    """Compile or load the rest of the kernels, and then run tests."""
+    if WORKER and not PLAIN:
+        import compiling
+
+        with suppress(Exception):  # likewise
+            compiling.finish()
 
 
 @pytest.fixture(autouse=PLAIN, scope="session")
@@ -52,6 +87,7 @@ def _twins() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cast, "cast_row", cast_twin.cast_row)
+        patch.setattr(cast, "cast_cells", cast_twin.cast_cells)
         patch.setattr(noise_series, "_series_statistics", noise_twins.series_statistics)
         patch.setattr(likelihood, "log_likelihood", reconcile_twins.sorted_log_likelihood)
         patch.setattr(likelihood, "transform", reconcile_twins.transform)

@@ -4,10 +4,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from recordings import MAKE
+from recordings import MAKE, simulated
 
 from tofmix.reconciliation.curvature import Numbers
-from tofmix.reconciliation.evidence import Evidence, make_evidence
+from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.fits import Fitted, fit
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.mixture import Scene
@@ -19,10 +19,8 @@ from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.registry import load_profile
-from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model, RecordingSettings, Surface
-from tofmix.simulation.render import render_blocks
 
 FRAMES = 120
 MEMORY = MAKE["temporal_correlation"](coefficient=0.5)
@@ -70,7 +68,7 @@ EFFECTS_OF: dict[str, tuple[Effect, ...]] = {
 """Effects that are hidden together."""
 
 
-def scene(*, rows: int = 16, cols: int = 20) -> Model:
+def scene(*, rows: int = 16, cols: int = 20, frames: int = FRAMES) -> Model:
     """Two boards and a slanted wall before a small camera."""
     ranges = np.linspace(500.0, 6000.0, 12)
     sensor = replace(
@@ -83,7 +81,7 @@ def scene(*, rows: int = 16, cols: int = 20) -> Model:
         Surface(name="middle", center_mm=(600.0, 100.0, 2300.0), size_mm=(900.0, 900.0), reflectivity=0.3),
         Surface(name="wall", center_mm=(0.0, 0.0, 4000.0), size_mm=(20000.0, 20000.0), yaw_deg=30.0, reflectivity=0.6),
     )
-    return Model(sensor=sensor, surfaces=surfaces, recording=RecordingSettings(frames=FRAMES, frame_rate_hz=10.0))
+    return Model(sensor=sensor, surfaces=surfaces, recording=RecordingSettings(frames=frames, frame_rate_hz=10.0))
 
 
 def deviations(model: Model, effects: tuple[Effect, ...], beside: tuple[Effect, ...], *, seed: int) -> dict[str, float]:
@@ -105,22 +103,17 @@ def deviations(model: Model, effects: tuple[Effect, ...], beside: tuple[Effect, 
     dict of str to float
         By the number's name; empty where a kind that only the whole search fits is not named.
     """
-    real = replace(model, effects=(*effects, *beside))
-    (block,) = render_blocks(real, cast_scene(real), n_frames=FRAMES, seed=seed, block_frames=FRAMES)
-    range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
-    evidence = make_evidence(model, range_mm, time_s=block.time_s)
+    evidence = simulated(model, (*effects, *beside), seed, model.recording.frames)
     latent = any(e.kind in LATENT for e in effects)
     known = _named(model, evidence, effects) if latent else _fitted(model, evidence, effects, beside)
     out: dict[str, float] = {}
     for wanted, (effect, errors) in zip(effects, known, strict=False):
-        out |= _distances(wanted, effect, errors)
+        out |= in_errors(wanted, effect, errors)
     return out
 
 
-_Known = tuple[Effect, dict[str, float]]
-
-
-def _distances(hidden: Effect, effect: Effect, errors: dict[str, float]) -> dict[str, float]:
+def in_errors(hidden: Effect, effect: Effect, errors: dict[str, float]) -> dict[str, float]:
+    """How far each number of a fitted effect is from that of the hidden one, in its standard errors."""
     found, wanted = numeric(effect), numeric(hidden)
     if effect.kind == "amplitude_walk":  # at the fit's own reference
         wanted["scale_mm"] *= (wanted["reference_amplitude"] / found["reference_amplitude"]) ** wanted["exponent"]
@@ -131,6 +124,9 @@ def _distances(hidden: Effect, effect: Effect, errors: dict[str, float]) -> dict
         if error > 0:
             out[name] = (math.remainder(change, 2 * math.pi) if name == "phase_rad" else change) / error
     return out
+
+
+_Known = tuple[Effect, dict[str, float]]
 
 
 def _named(model: Model, evidence: Evidence, effects: tuple[Effect, ...]) -> list[_Known]:

@@ -18,8 +18,9 @@ def script(name: str) -> str:
     return found[1]
 
 
+@pytest.mark.slow
 @pytest.mark.compiled("it estimates whole images in other processes")
-def test_the_array_makes_the_same_bytes(tmp_path: Path) -> None:
+def test_merged_tasks_of_the_array_give_the_bytes_of_one_run(tmp_path: Path) -> None:
     write_recording(tmp_path / "recording.h5", boards(600, 12, 16))
     (tmp_path / "task.sh").write_text(script("array"))
     (tmp_path / "tofmix").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m tofmix "$@"\n')

@@ -29,6 +29,7 @@ def _run(folder: Path, environment: dict[str, str]) -> tuple[float, int]:
     return float(out[0]), int(out[1])
 
 
+@pytest.mark.slow
 def test_a_change_in_a_called_kernel_reaches_its_callers(tmp_path: Path) -> None:
     package = tmp_path / "tofmix"
     source = Path(tofmix.__file__).parent
@@ -56,7 +57,8 @@ def test_a_read_only_package_and_home_fall_back_to_a_private_folder(
     assert jit._base_folder() != folder
 
 
-def test_where_nothing_can_be_written_a_second_run_still_compiles_nothing(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_second_run_compiles_nothing_where_package_and_home_are_read_only(tmp_path: Path) -> None:
     # Even root cannot write there: a file stands where the package's cache would, and /proc takes no folder.
     package, temporary = tmp_path / "tofmix", tmp_path / "tmp"
     shutil.copytree(Path(tofmix.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
@@ -96,7 +98,8 @@ def test_a_compiled_function_computes() -> None:
     assert jit.jit(twice)(np.arange(4.0)) == 12
 
 
-def test_a_damaged_cache_and_a_full_disk_are_no_fault(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_damaged_cache_or_a_full_disk_does_not_fail_a_run(tmp_path: Path) -> None:
     script = tmp_path / "kernel.py"
     script.write_text("from tofmix.jit import jit\n@jit\ndef twice(x):\n    return 2 * x\nprint(twice(21))\n")
     full = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"

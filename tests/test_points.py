@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from made_up import LayersInMemory, made_up_layers
 
+from tofmix.equiangular import Equiangular
 from tofmix.points import POINT_DTYPE, LayerPoints, PointFilter
 
 SHAPE, MAX_LAYERS = (2, 4, 5), 3
-VIEW: dict[str, Any] = {"fov_horizontal_deg": 47.0, "fov_vertical_deg": 39.0}
+VIEW: dict[str, Any] = {"optics": Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)}
 
 
 def test_points_are_those_of_a_loop_over_pixels() -> None:

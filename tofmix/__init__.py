@@ -1,4 +1,4 @@
-"""tofmix: every surface in a time-of-flight pixel.
+"""tofmix: the surfaces in a time-of-flight pixel.
 
 A pixel of a time-of-flight camera is a cone. tofmix treats the samples of each
 pixel of a recorded sequence as a Gaussian mixture and recovers all surfaces in

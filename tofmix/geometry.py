@@ -1,8 +1,7 @@
 """Where a pixel looks, and how depth along z and range along the beam go together.
 
-Ranges in recordings and layers are radial. The pixel grid of a recording is
-equiangular: equal angles between neighbours. A pinhole camera has equal steps on
-its image plane instead; `pinhole_directions` is for its depth images.
+Ranges in recordings and layers are radial. The grid here is equiangular: equal angles
+between neighbours. `tofmix.projection` has it beside other projections.
 """
 
 import numpy as np
@@ -10,10 +9,6 @@ import numpy as np
 from tofmix.arrays import FloatArray
 
 _HORIZONTAL_MOST_DEG, _VERTICAL_MOST_DEG = 360.0, 180.0
-
-
-_FAR = 1e100
-"""Larger than any tangent of an angle, and its square is a number."""
 
 
 def check_view(fov_horizontal_deg: float, fov_vertical_deg: float) -> None:
@@ -61,40 +56,6 @@ def beam_directions(rows: int, cols: int, *, fov_horizontal_deg: float, fov_vert
     azimuth, elevation = np.meshgrid(pixel_angles(cols, fov_horizontal_deg), pixel_angles(rows, fov_vertical_deg))
     level = np.cos(elevation)
     return np.stack([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level], axis=-1)
-
-
-def pinhole_directions(
-    rows: int, cols: int, *, focal_px: tuple[float, float], centre_px: tuple[float, float]
-) -> FloatArray:
-    """Unit vectors along the beams of a pinhole camera without lens distortion.
-
-    Parameters
-    ----------
-    rows, cols : int
-        Size of the image.
-    focal_px : (float, float)
-        fx, fy.
-    centre_px : (float, float)
-        cx, cy: column and row, from 0 at the centre of the first pixel.
-
-    Returns
-    -------
-    (row, col, 3) float64
-        Along ((col - cx) / fx, (row - cy) / fy, 1).
-
-    Raises
-    ------
-    ValueError
-        If a focal length is not above 0, or a number is not finite.
-    """
-    if not (np.isfinite([*focal_px, *centre_px]).all() and min(focal_px) > 0):
-        raise ValueError(f"focal lengths {focal_px} and centre {centre_px} are not those of a camera")
-    with np.errstate(over="ignore"):  # a damaged file's numbers: such a beam has no part along z
-        x, y = np.meshgrid(
-            (np.arange(cols) - centre_px[0]) / focal_px[0], (np.arange(rows) - centre_px[1]) / focal_px[1]
-        )
-        beams = np.stack([np.clip(x, -_FAR, _FAR), np.clip(y, -_FAR, _FAR), np.ones((rows, cols))], axis=-1)
-    return np.asarray(beams / np.linalg.norm(beams, axis=-1, keepdims=True))
 
 
 def ray_over_depth(directions: FloatArray) -> FloatArray:

@@ -38,7 +38,7 @@ LINKS_WITH = (0, 60), (0, 68)
 config: Any = numba.config  # its settings are made at run time, unknown to a type checker
 _PACKAGE = Path(__file__).parent
 _KERNEL_FOLDERS = ("estimation", "mapping", "reconciliation", "simulation")
-_KERNEL_FILE = "vector.py"  # which all of them use
+_KERNEL_FILES = ("cells.py", "vector.py")  # which several of them use
 _WITHOUT_KERNELS = ("reading.py", "sequence.py")
 """Modules above the kernels, which no kernel takes a constant from."""
 
@@ -139,7 +139,7 @@ def _writable(folder: Path) -> bool:
 
 def _fingerprint() -> str:
     """Hash of every source file that may hold a kernel, or a constant that one has compiled in."""
-    own = Path(__file__), Path(jit_linking.__file__), _PACKAGE / _KERNEL_FILE
+    own = Path(__file__), Path(jit_linking.__file__), *(_PACKAGE / name for name in _KERNEL_FILES)
     digest = hashlib.sha256(b"".join(path.read_bytes() for path in own))
     for name in _KERNEL_FOLDERS:
         for source in sorted((_PACKAGE / name).rglob("*.py")):

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.geometry import beam_directions
 from tofmix.layers import LAYER_FIELDS, Layers
+from tofmix.projection import Projection, beam_directions_of
 
 MM_A_METRE = 1000.0
 
@@ -91,8 +91,8 @@ class LayerPoints:
     ----------
     source : WindowSource
         The layers.
-    fov_horizontal_deg, fov_vertical_deg : float
-        Full field of view: the pixels look where docs/formats.md says.
+    optics : Projection
+        Where the pixels look, such as `tofmix.sensor.Sensor.optics`.
     windows : sequence of int, optional
         Which windows; all without it.
     chosen : PointFilter
@@ -101,15 +101,14 @@ class LayerPoints:
     Raises
     ------
     ValueError
-        If the field of view cannot be.
+        If a pixel looks nowhere.
     """
 
     def __init__(
         self,
         source: WindowSource,
         *,
-        fov_horizontal_deg: float,
-        fov_vertical_deg: float,
+        optics: Projection,
         windows: Sequence[int] | None = None,
         chosen: PointFilter | None = None,
     ) -> None:
@@ -117,9 +116,7 @@ class LayerPoints:
         self._source = source
         self._windows = range(count) if windows is None else windows
         self._chosen = chosen or PointFilter()
-        self._directions = beam_directions(
-            rows, cols, fov_horizontal_deg=fov_horizontal_deg, fov_vertical_deg=fov_vertical_deg
-        )
+        self._directions = beam_directions_of(optics, (rows, cols))
 
     def __iter__(self) -> Iterator[PointArray]:
         """Points of one window after the other, (point,) of `POINT_DTYPE`; by row, column and layer within each."""
@@ -143,7 +140,7 @@ def window_points(layers: Layers, directions: FloatArray, *, window: int, chosen
     layers : Layers
         Of the leading shape (row, col).
     directions : (row, col, 3) float64
-        From `tofmix.geometry.beam_directions`.
+        From `tofmix.projection.beam_directions_of`.
     window : int
         Number of the window.
     chosen : PointFilter

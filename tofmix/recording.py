@@ -20,6 +20,9 @@ MOST_PIXELS_A_SIDE = 4096
 
 MOST_FRAMES = 1 << 26
 
+MOST_TARGETS = 64
+"""Targets that a pixel returns in one frame; lidars and zone sensors return up to four."""
+
 DECODED_SAMPLES = 1 << 20
 """About how many samples a source may hold in their stored form while it reads, where stored chunks are smaller."""
 

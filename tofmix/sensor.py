@@ -13,6 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
+from tofmix.equiangular import Equiangular
+from tofmix.projection import Projection
+from tofmix.wording import counted
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4
 
@@ -61,7 +64,9 @@ class AmplitudeLaw:
             values.setflags(write=False)
             object.__setattr__(self, key, values)
         if self.amplitude.shape != self.factor.shape:
-            raise ValueError(f"noise curve: {self.amplitude.size} amplitudes, but {self.factor.size} factors")
+            raise ValueError(
+                f"noise curve: {counted(self.amplitude.size, 'amplitude')}, but {counted(self.factor.size, 'factor')}"
+            )
         if not (np.diff(self.amplitude) > 0).all():
             raise ValueError("noise curve: its amplitudes do not ascend")
 
@@ -70,6 +75,10 @@ class AmplitudeLaw:
         values = np.asarray(amplitude, dtype=np.float64)
         log_amplitude = np.log(np.where(values > 0, values, np.nan))
         return np.asarray(np.interp(log_amplitude, np.log(self.amplitude), np.log(self.factor)), dtype=np.float64)
+
+    def scaled(self, factor: float) -> Self:
+        """The same law of amplitudes that are `factor` times as large, as another integration time gives."""
+        return replace(self, reference=self.reference * factor, amplitude=self.amplitude * factor)
 
     def exponents(self) -> FloatArray:
         """Power (m - 1,) of amplitude by which noise falls from each point to the next."""
@@ -125,7 +134,8 @@ class NoiseCurve:
         object.__setattr__(self, "range_mm", range_mm)
         object.__setattr__(self, "sigma_mm", sigma_mm)
         if self.law is not None and self.law.reference.shape != range_mm.shape:
-            raise ValueError(f"noise curve: {range_mm.size} ranges, but {self.law.reference.size} reference amplitudes")
+            references = counted(self.law.reference.size, "reference amplitude")
+            raise ValueError(f"noise curve: {counted(range_mm.size, 'range')}, but {references}")
 
     def sigma(self, range_mm: FloatArray | float, amplitude: ArrayLike | None = None) -> FloatArray:
         """sigma(r) in mm at ranges of any shape, mm.
@@ -140,9 +150,18 @@ class NoiseCurve:
         factor = np.exp(self.law.log_factor(amplitude) - self.law.log_factor(reference))
         return sigma * np.where(np.isnan(factor), 1.0, factor)
 
-    def scaled(self, factor: float) -> Self:
-        """The same curve with every sigma times `factor`, as another integration time gives."""
-        return replace(self, sigma_mm=self.sigma_mm * factor)
+    def scaled(self, factor: float, *, amplitude_factor: float = 1.0) -> Self:
+        """The same curve with every sigma times `factor`, and the law's amplitudes times `amplitude_factor`."""
+        law = None if self.law is None else self.law.scaled(amplitude_factor)
+        return replace(self, sigma_mm=self.sigma_mm * factor, law=law)
+
+    def same_as(self, other: "NoiseCurve") -> bool:
+        """Whether all numbers of two curves are equal."""
+        pairs = [(self.range_mm, other.range_mm), (self.sigma_mm, other.sigma_mm)]
+        if self.law is None or other.law is None:
+            return self.law is other.law and all(np.array_equal(*pair) for pair in pairs)
+        pairs += [(getattr(self.law, key), getattr(other.law, key)) for key in ("reference", "amplitude", "factor")]
+        return all(np.array_equal(*pair) for pair in pairs)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -158,7 +177,9 @@ class Sensor:
     range_min_mm, range_max_mm : float or None
         Working range. Without `range_max_mm` there is no c_0 in equation (1).
     fov_horizontal_deg, fov_vertical_deg : float or None
-        Full field of view.
+        Full field of view, of equal angles between pixels. It says nothing where there is a `projection`.
+    projection : Projection or None
+        Where the pixels look, if not by the field of view.
     outlier_probability : float
         p(c_r) of equation (1), in [0, 1).
     no_return_mm : float or None
@@ -180,6 +201,7 @@ class Sensor:
     range_max_mm: float | None = None
     fov_horizontal_deg: float | None = None
     fov_vertical_deg: float | None = None
+    projection: Projection | None = None
     outlier_probability: float = DEFAULT_OUTLIER_PROBABILITY
     no_return_mm: float | None = None
     noise: NoiseCurve | None = None
@@ -200,3 +222,16 @@ class Sensor:
             raise ValueError(f"no_return_mm: {self.no_return_mm} is not finite")
         if not 0 <= self.outlier_probability < 1:
             raise ValueError(f"outlier_probability: {self.outlier_probability} is not in [0, 1)")
+
+    @property
+    def optics(self) -> Projection | None:
+        """Where the pixels look: `projection`, or equal angles over the field of view; None if neither is known.
+
+        Raises
+        ------
+        ValueError
+            If the field of view cannot be.
+        """
+        if self.projection is not None or self.fov_horizontal_deg is None or self.fov_vertical_deg is None:
+            return self.projection
+        return Equiangular(fov_horizontal_deg=self.fov_horizontal_deg, fov_vertical_deg=self.fov_vertical_deg)

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from tofmix.wording import counted
+
 
 @dataclass(frozen=True, slots=True)
 class Windows:
@@ -51,7 +53,7 @@ def plan_windows(n_frames: int, *, window: int | None = None, stride: int | None
     if length < 1 or step < 1:
         raise ValueError(f"window {length} and stride {step} must be at least 1 frame")
     if length > n_frames:
-        raise ValueError(f"a window of {length} frames is longer than the recording's {n_frames}")
+        raise ValueError(f"a window of {counted(length, 'frame')} is longer than the recording's {n_frames}")
     count = (n_frames - length) // step + 1
     used = (count - 1) * step + length
     return Windows(length=length, stride=step, count=count, frames_left_out=n_frames - used)

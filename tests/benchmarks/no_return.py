@@ -3,10 +3,10 @@
     python tests/benchmarks/no_return.py [--pixels 2000] [--both-pixels 400]
 
 An SR-3000 at three integration times. First, walls at 0.70 to 0.98 of r_max: the share of pixels with exactly one
-surface, and the wall's distance from r_max in standard errors of its mean. Then pixels without any return: the share with
-no surface. Then walls with 30 % no return: the share of pixels with one surface and c_0, beside a likelihood-ratio test
-by brute force on the same samples: it finds both where equation (1) with a surface and c_0 beats c_0 alone, and a surface alone, by the gains that `estimate`
-asks for at its chance of a false alarm.
+surface, and the wall's distance from r_max in standard errors of its mean. Then pixels without any return: the share
+with no surface. Then walls with 30 % no return: the share of pixels with one surface and c_0, beside a likelihood-ratio
+test by brute force on the same samples. That test finds both where equation (1) with a surface and c_0 beats c_0 alone,
+and a surface alone, by the gains that `estimate` asks for at its chance of a false alarm.
 """
 
 import argparse
@@ -64,7 +64,7 @@ def brute_force(samples: NDArray[np.float32], sensor: Sensor) -> tuple[FloatArra
     step_mm, step_share = 60.0, 0.1
     places = np.arange(float(sensor.range_min_mm or 0.0), top, step_mm)
     grids = [(np.full(pixels, mm), np.full(pixels, mm), None) for mm in places]
-    for level in range(3):
+    for _ in range(3):
         for mm, mm_both, share in grids:
             found = _log_likelihood(_density(values, mm, sensor), sensor)
             at, alone = np.where(found > alone, mm, at), np.maximum(found, alone)

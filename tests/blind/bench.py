@@ -42,12 +42,21 @@ def _one(job: _Job) -> dict[str, Any]:
 
 
 def run(jobs: list[_Job], results: Path, processes: int) -> None:
-    """Score cases, a line each as they end."""
-    with results.open("a", encoding="utf-8") as out, multiprocessing.get_context("spawn").Pool(processes) as pool:
-        for number, result in enumerate(pool.imap_unordered(_one, jobs), 1):
+    """Score cases, a line each as they end; one process is this one."""
+    if processes == 1:
+        _note(map(_one, jobs), len(jobs), results)
+        return
+    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+        _note(pool.imap_unordered(_one, jobs), len(jobs), results)
+
+
+def _note(scored: Iterable[dict[str, Any]], cases: int, results: Path) -> None:
+    """Write a line for each result as it comes, and print one."""
+    with results.open("a", encoding="utf-8") as out:
+        for number, result in enumerate(scored, 1):
             out.write(json.dumps(result) + "\n")
             out.flush()
-            print(f"{number}/{len(jobs)} {result['case']} {_line(result)}", flush=True)
+            print(f"{number}/{cases} {result['case']} {_line(result)}", flush=True)
 
 
 def _line(result: dict[str, Any]) -> str:

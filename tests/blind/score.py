@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,22 +33,11 @@ _SEED = 102  # of the true effect's simulations and of the refined one's: both h
 SIMULATIONS = {"interference": 6}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
-    """What is done with a case.
-
-    Parameters
-    ----------
-    reconcile : command that gets MODEL MEASURED -o FOLDER; None: gaps and ceiling alone.
-    ceiling : whether to simulate the true effect too.
-    second : whether to go to the second scene.
-    small : whether images are small and frames few.
-    """
-
-    reconcile: tuple[str, ...] | None = RECONCILE
-    ceiling: bool = True
-    second: bool = True
-    small: bool = False
+def run(command: Sequence[str]) -> None:
+    """Run a command to its end; a RuntimeError with what it said, if it fails."""
+    done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
+    if done.returncode != 0:
+        raise RuntimeError(f"{' '.join(command[:4])}: exit {done.returncode}: {done.stderr.strip()[-400:]}")
 
 
 def simulate(model: Path, seed: int) -> Recording:
@@ -60,11 +49,24 @@ def simulate(model: Path, seed: int) -> Recording:
     return recording
 
 
-def run(command: Sequence[str]) -> None:
-    """Run a command to its end; a RuntimeError with what it said, if it fails."""
-    done = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT_S, check=False)
-    if done.returncode != 0:
-        raise RuntimeError(f"{' '.join(command[:4])}: exit {done.returncode}: {done.stderr.strip()[-400:]}")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What is done with a case.
+
+    Parameters
+    ----------
+    reconcile : command that gets MODEL MEASURED -o FOLDER; None: gaps and ceiling alone.
+    ceiling : whether to simulate the true effect too.
+    second : whether to go to the second scene.
+    small : whether images are small and frames few.
+    simulate : the recording that a model file and a seed give.
+    """
+
+    reconcile: tuple[str, ...] | None = RECONCILE
+    ceiling: bool = True
+    second: bool = True
+    small: bool = False
+    simulate: Callable[[Path, int], Recording] = simulate
 
 
 def score(built: Built, work: Path, plan: Plan) -> dict[str, Any]:
@@ -89,7 +91,7 @@ def _score(built: Built, folder: Path, plan: Plan) -> dict[str, Any]:
     model = folder / "model.toml"
     model.write_text(model_text(built.device, built.models[0], built.noise), encoding="utf-8")
     third = built.record(2)
-    panel = compare(third, simulate(model, 101))
+    panel = compare(third, plan.simulate(model, 101))
     out: dict[str, Any] = {
         "case": built.case.name, "half": built.case.half, "sort": built.case.sort, "level": built.case.level,
         "truth": built.truth(), "frames": built.device.frames, "image": [built.device.rows, built.device.cols],
@@ -100,7 +102,7 @@ def _score(built: Built, folder: Path, plan: Plan) -> dict[str, Any]:
         true_model = folder / "true.toml"
         text = model_text(built.device, built.models[0], built.noise, effects=true_effects(built, folder))
         true_model.write_text(text, encoding="utf-8")
-        panels = _panels(third, true_model, built, seed=_SEED)
+        panels = _panels(third, true_model, built, plan, seed=_SEED)
         out["ceiling"] = _closed(out["before"], _mean_gap(panels), out["floor"])
         out["ceiling_rest"] = _largest(panels[0])
     if plan.reconcile is not None:
@@ -108,10 +110,10 @@ def _score(built: Built, folder: Path, plan: Plan) -> dict[str, Any]:
     return out
 
 
-def _panels(measured: Recording, model: Path, built: Built, *, seed: int) -> list[list[Statistic]]:
+def _panels(measured: Recording, model: Path, built: Built, plan: Plan, *, seed: int) -> list[list[Statistic]]:
     """A recording against simulations of a model, as many as the hidden kinds ask for."""
     times = max((SIMULATIONS.get(kind, 1) for kind in built.case.kinds), default=1)
-    return [compare(measured, simulate(model, seed + 100 * number)) for number in range(times)]
+    return [compare(measured, plan.simulate(model, seed + 100 * number)) for number in range(times)]
 
 
 def _mean_gap(panels: Sequence[list[Statistic]]) -> float:
@@ -160,16 +162,16 @@ def _reconcile(built: Built, folder: Path, plan: Plan, third: Recording, gaps: t
     if not out["named"]:
         return out | {"after": gaps[0], "closed": _closed(gaps[0], gaps[0], gaps[1])}
     try:
-        out["after"] = _mean_gap(_panels(third, result / "model.toml", built, seed=_SEED))
+        out["after"] = _mean_gap(_panels(third, result / "model.toml", built, plan, seed=_SEED))
         out["closed"] = _closed(gaps[0], out["after"], gaps[1])
         if plan.second:
-            out["second_scene"] = _second_scene(built, result)
+            out["second_scene"] = _second_scene(built, result, plan)
     except RuntimeError as error:
         out["failed"] = str(error)
     return out
 
 
-def _second_scene(built: Built, result: Path) -> dict[str, Any]:
+def _second_scene(built: Built, result: Path, plan: Plan) -> dict[str, Any]:
     """What the refined effects close on the other scene."""
     refined = tomllib.loads((result / "model.toml").read_text(encoding="utf-8")).get("effect", [])
     gaps = []
@@ -177,6 +179,6 @@ def _second_scene(built: Built, result: Path) -> dict[str, Any]:
     for name, effects in (("plain", []), ("refined", refined)):
         model = result / f"second_{name}.toml"
         model.write_text(model_text(built.device, built.models[1], built.noise, effects=effects), encoding="utf-8")
-        gaps.append(_mean_gap(_panels(measured, model, built, seed=104)))
+        gaps.append(_mean_gap(_panels(measured, model, built, plan, seed=104)))
     floor = gap(compare(measured, built.record(5)))
     return {"before": gaps[0], "after": gaps[1], "floor": floor, "closed": _closed(gaps[0], gaps[1], floor)}

@@ -1,43 +1,60 @@
 """The bench's one command, on a small fixed part of its cases."""
 
+import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from simulate_here import simulate_here
 
 from blind import bench
-from blind.cases import Case
+from blind.cases import Case, build
 from blind.generate import selected
+from blind.score import Plan, true_effects
 
 TESTS = Path(__file__).parents[1]
 
+NAME = "wiggling-clear-0-0"
 
-def test_a_small_part_is_built_and_scored_once(
+
+@pytest.mark.usefixtures("quick_calibration")
+def test_scored_case_is_a_line_that_the_command_sums_up_and_does_not_score_again(
+    tmp_path: Path, fake: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With a stand-in for `tofmix reconcile` that is handed the truth."""
+    ((case, master),) = selected([NAME], None)
+    built = build(case, master)
+    built = replace(built, device=replace(built.device, **bench.SMALL))
+    truth, results = tmp_path / "effects.json", tmp_path / "results.jsonl"
+    truth.write_text(json.dumps(true_effects(built, tmp_path)))
+    plan = Plan(reconcile=(*fake, str(truth)), ceiling=False, second=False, small=True, simulate=simulate_here)
+    bench.run([(case, master, tmp_path / "work", plan)], results, processes=1)
+    (wiggling,) = bench.read_results(results)
+    assert (wiggling["verdict"], wiggling["named"]) == ("explained", ["wiggling"])
+    assert wiggling["parameters"]["wiggling"]["right"]
+    assert wiggling["closed"] > 0.9
+    assert f"1/1 {NAME} explained wiggling" in capsys.readouterr().out
+    first = results.read_text()
+    bench.main(["--output", str(tmp_path), "--select", NAME, "--processes", "1"])
+    assert results.read_text() == first
+    assert "clear: named first | 1/1 (100 %)" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_tofmix_reconcile_names_a_hidden_wave_on_the_bench(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By `tofmix reconcile` itself, which names what is hidden.
-
-    Started again, the command finds nothing left to do.
-    """
+    """All by commands, in a process of the bench's own, with a calibration that is whole."""
     monkeypatch.setenv("PYTHONPATH", f"{TESTS}:{TESTS.parent}")
-    arguments = [
-        "--output",
-        str(tmp_path),
-        "--select",
-        "wiggling-clear-0-0",
-        "--small",
-        "--processes",
-        "1",
-        "--no-ceiling",
-    ]
+    arguments = ["--output", str(tmp_path), "--select", NAME, "--small", "--processes", "2", "--no-ceiling"]
     bench.main(arguments)
     (wiggling,) = bench.read_results(tmp_path / "results.jsonl")
     assert (wiggling["verdict"], wiggling["named"]) == ("explained", ["wiggling"])
     assert wiggling["parameters"]["wiggling"]["right"]
     assert wiggling["closed"] > 0.95
     assert wiggling["second_scene"]["closed"] > 0.95
-    first = (tmp_path / "results.jsonl").read_text()
-    said = capsys.readouterr().out
+    first, said = (tmp_path / "results.jsonl").read_text(), capsys.readouterr().out
     bench.main(arguments)
     assert (tmp_path / "results.jsonl").read_text() == first
     again = capsys.readouterr().out
@@ -45,11 +62,8 @@ def test_a_small_part_is_built_and_scored_once(
     assert "clear: named first | 1/1 (100 %)" in again
 
 
-def test_the_sealed_half_needs_its_seed(tmp_path: Path) -> None:
-    from blind.generate import selected
-
-    halves = {case.half for case, _ in selected([], None)}
-    assert halves == {"open"}
+def test_sealed_half_is_left_out_without_its_seed(tmp_path: Path) -> None:
+    assert {case.half for case, _ in selected([], None)} == {"open"}
     sealed = [(case, master) for case, master in selected([], 7) if case.half == "sealed"]
     assert len(sealed) > 350
     assert {master for _, master in sealed} == {7}
@@ -57,7 +71,7 @@ def test_the_sealed_half_needs_its_seed(tmp_path: Path) -> None:
     assert bench.read_results(tmp_path / "results.jsonl") == []
 
 
-def test_every_beginning_of_the_order_is_a_fair_sample() -> None:
+def test_each_beginning_of_the_order_has_the_shares_of_all_cases() -> None:
     cases = selected([], 5)
     ordered = bench.fair_order(cases)
     assert sorted(case.name for case, _ in ordered) == sorted(case.name for case, _ in cases)

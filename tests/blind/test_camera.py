@@ -25,7 +25,7 @@ def _ks_pvalues(u: Array) -> Array:
     return p
 
 
-def test_without_effects_each_pixel_follows_equation_1() -> None:
+def test_samples_of_each_pixel_follow_equation_1_without_effects() -> None:
     """Per-pixel KS tests over 2080 pixels, mixed ones and open space included: their p-values are uniform."""
     surfaces = draw_scene("open_hall", [3], DEVICE.view).surfaces
     beams = cast(surfaces, DEVICE.view)
@@ -38,7 +38,7 @@ def test_without_effects_each_pixel_follows_equation_1() -> None:
     assert p.min() > 0.01 / p.size
 
 
-def test_without_effects_the_moments_are_those_of_equation_1() -> None:
+def test_moments_are_those_of_equation_1_without_effects() -> None:
     surfaces = draw_scene("near_far", [5], DEVICE.view).surfaces
     samples = record(DEVICE, surfaces, seed=8).range_mm.reshape(DEVICE.frames, -1).astype(float)
     noise = calibrated(DEVICE)
@@ -48,7 +48,7 @@ def test_without_effects_the_moments_are_those_of_equation_1() -> None:
         assert abs((score**power).mean() - mean) < 4 * np.sqrt(variance / n)
 
 
-def test_the_reflectivity_of_a_board_does_not_change_its_noise() -> None:
+def test_noise_of_a_board_depends_on_its_range_alone() -> None:
     """The contract's sigma depends on the range alone; the ambient light is such that the taps' noise does too."""
     noise = calibrated(DEVICE)
     for k, away in enumerate((700.0, 2500.0, 6000.0)):
@@ -65,7 +65,7 @@ def test_phase_noise_is_below_a_fifth_of_a_radian(*, far: bool) -> None:
         assert sigma * 2 * np.pi / device.unambiguous_mm < 0.2
 
 
-def test_a_seed_gives_the_same_recording() -> None:
+def test_same_seed_gives_the_same_recording_and_another_another() -> None:
     small = replace(DEVICE, rows=8, cols=10, frames=20)
     surfaces = draw_scene("boards", [1], small.view).surfaces
     one, two, other = (record(small, surfaces, seed=s).range_mm for s in (1, 1, 2))

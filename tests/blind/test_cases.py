@@ -18,16 +18,16 @@ from blind.write import read_recording
 from tofmix.simulation.effects.registry import EFFECTS
 
 pytestmark = pytest.mark.usefixtures("quick_calibration")
+CAMERA = {"rows": 16, "cols": 20, "frames": 40}
 CONTRACT = Path(__file__).parents[3] / "shared" / "check_contract.py"
 
 
 def _small(name: str) -> Built:
     case = next(c for c in all_cases() if c.name == name)
-    built = build(case, OPEN_SEED)
-    return replace(built, device=replace(built.device, rows=16, cols=20, frames=40))
+    return build(case, OPEN_SEED, camera=CAMERA)
 
 
-def test_the_list_holds_what_it_should() -> None:
+def test_list_of_cases_has_each_kind_level_and_half_as_often_as_said() -> None:
     cases = all_cases()
     assert len({c.name for c in cases}) == len(cases)
     assert Counter(c.sort for c in cases) == {
@@ -38,7 +38,7 @@ def test_the_list_holds_what_it_should() -> None:
     assert len(set(EVERY)) >= 8
 
 
-def test_every_effect_kind_of_the_package_is_there() -> None:
+def test_kinds_of_the_bench_are_those_of_the_package() -> None:
     assert set(KINDS) == set(EFFECTS) == set(UNITS) == set(strengths()) == set(FAMILIES)
     for kind, families in FAMILIES.items():
         assert set(families) <= set(SCENES), kind
@@ -47,7 +47,7 @@ def test_every_effect_kind_of_the_package_is_there() -> None:
 
 
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "phase_wrapping"])
-def test_faint_is_at_least_twice_what_a_detector_finds(kind: str) -> None:
+def test_faint_is_at_least_twice_the_strength_that_a_detector_finds(kind: str) -> None:
     strength = strengths()[kind]
     wanted = max(2 * strength["found"], strength.get("floor", 0.0))
     assert strength["found"] > 0
@@ -55,9 +55,9 @@ def test_faint_is_at_least_twice_what_a_detector_finds(kind: str) -> None:
     assert strength["clear"] > 3 * strength["faint"]
 
 
-def test_a_case_is_a_function_of_its_name_and_the_master_seed() -> None:
+def test_case_is_a_function_of_its_name_and_the_master_seed() -> None:
     case = next(c for c in all_cases() if c.name == "multipath-clear-0-0")
-    one, two, other = build(case, 5), build(case, 5), build(case, 6)
+    one, two, other = (build(case, master, camera=CAMERA) for master in (5, 5, 6))
     assert one.truth() == two.truth()
     assert one.scenes == two.scenes
     assert one.seeds == two.seeds
@@ -66,7 +66,7 @@ def test_a_case_is_a_function_of_its_name_and_the_master_seed() -> None:
 
 
 @pytest.mark.parametrize("name", ["fixed_pattern-clear-0-0", "pair-0", "nearly-1", "tripod-2", "dropout-clear-2-0"])
-def test_a_case_s_folder_fits_the_contract_and_hides_its_truth(name: str, tmp_path: Path) -> None:
+def test_folder_of_a_case_fits_the_contract_and_hides_its_truth(name: str, tmp_path: Path) -> None:
     built = _small(name)
     write_case(tmp_path, built)
     truth = json.loads((tmp_path / "truth.json").read_text())
@@ -84,16 +84,16 @@ def test_a_case_s_folder_fits_the_contract_and_hides_its_truth(name: str, tmp_pa
     assert ("stranger" in truth) == (built.case.sort == "stranger")
 
 
-def test_a_nearly_right_model_is_off_by_what_the_contract_forgives() -> None:
+def test_nearly_right_model_is_off_by_the_contracts_tolerance() -> None:
     built = _small("nearly-1")
-    noise = build(replace(built.case, sort="none"), OPEN_SEED).noise
+    noise = build(replace(built.case, sort="none"), OPEN_SEED, camera=CAMERA).noise
     assert np.abs(built.noise.sigma_mm / noise.sigma_mm - 1).max() == pytest.approx(0.01)
     for there, model in zip(built.scenes[0], built.models[0], strict=True):
         assert abs(model.reflectivity / there.reflectivity - 1) == pytest.approx(0.05)
         assert 0 < np.linalg.norm(np.subtract(model.center_mm, there.center_mm)) < 15
 
 
-def test_the_case_type_is_what_names_are_made_of() -> None:
+def test_case_made_by_hand_is_in_the_list_and_has_no_effect() -> None:
     case = Case(name="none-0", sort="none", kinds=(), level="", slot=0, seed=0, half="open")
     assert case in all_cases()
-    assert build(case, OPEN_SEED).truth()["effects"] == []
+    assert build(case, OPEN_SEED, camera=CAMERA).truth()["effects"] == []

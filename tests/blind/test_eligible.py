@@ -47,7 +47,7 @@ def _rivals(trial: Trial, place: Place, kind: str) -> dict[str, Array]:
 
 
 @pytest.mark.parametrize("kind", BIASES)
-def test_no_rival_explains_a_faint_bias(kind: str) -> None:
+def test_faint_bias_is_explained_by_no_rival(kind: str) -> None:
     """What the best rival leaves stands out by 6 standard errors and more, on every family."""
     for family in FAMILIES[kind]:
         trial = _trial(family, 3)
@@ -61,7 +61,7 @@ def test_no_rival_explains_a_faint_bias(kind: str) -> None:
             assert left > 6, f"{rival} explains {kind} on {family}: {left:.1f} left"
 
 
-def test_a_small_board_that_faces_the_camera_tells_nothing_apart() -> None:
+def test_pose_explains_a_delay_on_a_small_board_that_faces_the_camera() -> None:
     """As `INSEPARABLE` says: there its pose explains a delay."""
     device = replace(draw_device(81, 0), rows=24, cols=32, fov_horizontal_deg=6.0, fov_vertical_deg=4.5)
     board = [Surface(name=TARGET, center_mm=(0.0, 0.0, 2500.0), size_mm=(2000.0, 2000.0))]

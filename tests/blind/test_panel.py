@@ -31,7 +31,7 @@ def test_two_recordings_of_one_camera_differ_by_chance_alone(plain: tuple[Record
         assert 0.8 < gap(panel) < 1.25
 
 
-def test_the_order_of_the_two_does_not_matter(plain: tuple[Recording, Recording]) -> None:
+def test_statistics_are_the_same_in_either_order(plain: tuple[Recording, Recording]) -> None:
     there, back = _z(*plain), _z(plain[1], plain[0])
     for key in (("bias", "map"), ("tails", "extremes"), ("trend", "frame"), ("discreteness", "all")):
         assert there[key] == pytest.approx(back[key], abs=0.6)  # ties are broken at random
@@ -52,7 +52,7 @@ def test_the_order_of_the_two_does_not_matter(plain: tuple[Recording, Recording]
         ("burst", ("bursts", "frame")),
     ],
 )
-def test_each_statistic_sees_what_it_is_for(
+def test_each_statistic_shows_its_own_change(
     plain: tuple[Recording, Recording], change: str, seen: tuple[str, str], rng: np.random.Generator
 ) -> None:
     one, two = plain

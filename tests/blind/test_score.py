@@ -2,12 +2,12 @@
 
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from simulate_here import simulate_here
 
 from blind import effects as fx
 from blind.bench import read_results
@@ -19,22 +19,16 @@ from blind.score import SIMULATIONS, Plan, score, true_effects
 from blind.summary import summary
 
 pytestmark = pytest.mark.usefixtures("quick_calibration")
-TESTS = Path(__file__).parents[1]
 
 
 def _built(name: str, rows: int = 32, cols: int = 40, frames: int = 100) -> Built:
-    built = build(next(c for c in all_cases() if c.name == name), OPEN_SEED)
-    return replace(built, device=replace(built.device, rows=rows, cols=cols, frames=frames))
+    case = next(c for c in all_cases() if c.name == name)
+    return build(case, OPEN_SEED, camera={"rows": rows, "cols": cols, "frames": frames})
 
 
-@pytest.fixture
-def fake(monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
-    monkeypatch.setenv("PYTHONPATH", f"{TESTS}:{TESTS.parent}")
-    return (sys.executable, "-m", "blind.fake_reconcile")
-
-
-def test_a_reconcile_that_copies_the_model_scores_nothing(fake: tuple[str, ...], tmp_path: Path) -> None:
-    result = score(_built("wiggling-clear-0-0"), tmp_path, Plan(reconcile=(*fake, "copy"), ceiling=False))
+def test_reconcile_that_copies_the_model_closes_nothing(fake: tuple[str, ...], tmp_path: Path) -> None:
+    plan = Plan(reconcile=(*fake, "copy"), ceiling=False, simulate=simulate_here)
+    result = score(_built("wiggling-clear-0-0"), tmp_path, plan)
     assert "failed" not in result
     assert (result["right"], result["first"], result["named"]) == (False, False, [])
     assert result["closed"] == 0
@@ -42,12 +36,13 @@ def test_a_reconcile_that_copies_the_model_scores_nothing(fake: tuple[str, ...],
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_reconcile_that_is_handed_the_truth_scores_at_the_ceiling(fake: tuple[str, ...], tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_reconcile_that_is_handed_the_truth_scores_at_the_ceiling(fake: tuple[str, ...], tmp_path: Path) -> None:
     built = _built("pair-7")  # a fixed pattern and a warm-up: with a map
     (tmp_path / "truth").mkdir()
     handed = tmp_path / "truth" / "effects.json"
     handed.write_text(json.dumps(true_effects(built, handed.parent)))
-    result = score(built, tmp_path / "work", Plan(reconcile=(*fake, str(handed))))
+    result = score(built, tmp_path / "work", Plan(reconcile=(*fake, str(handed)), simulate=simulate_here))
     assert "failed" not in result
     assert result["right"]
     assert result["first"]
@@ -57,11 +52,10 @@ def test_a_reconcile_that_is_handed_the_truth_scores_at_the_ceiling(fake: tuple[
     assert all(p["right"] for p in result["parameters"].values())
     line = tmp_path / "results.jsonl"
     line.write_text(json.dumps(result | {"master": OPEN_SEED}) + "\n")
-    text = summary(read_results(line))
-    assert "pairs: both | 1/1 (100 %)" in text
+    assert "pairs: both | 1/1 (100 %)" in summary(read_results(line))
 
 
-def test_where_bursts_come_by_luck_simulations_are_averaged(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_gaps_of_bursts_are_means_over_several_simulations(tmp_path: Path) -> None:
     built = _built("interference-clear-0-0", 16, 20, 40)
     seeds: list[int] = []
 
@@ -69,18 +63,18 @@ def test_where_bursts_come_by_luck_simulations_are_averaged(monkeypatch: pytest.
         seeds.append(seed)
         return built.record(0, ideal=len(seeds) % 2 == 1)
 
-    monkeypatch.setattr("blind.score.simulate", simulate)
-    result = score(built, tmp_path, Plan(reconcile=None))
+    result = score(built, tmp_path, Plan(reconcile=None, simulate=simulate))
     assert len(set(seeds)) == len(seeds) == 1 + SIMULATIONS["interference"]
     gaps = [gap(compare(built.record(2), built.record(0, ideal=ideal))) for ideal in (True, False)]
     assert result["before"] == gaps[0]
     assert result["ceiling"] == pytest.approx(((gaps[0] - gaps[1]) / 2) / (gaps[0] - result["floor"]))
 
 
-def test_a_command_that_fails_is_a_failed_case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PYTHONPATH", f"{TESTS}:{TESTS.parent}")
-    plan = Plan(reconcile=(sys.executable, "-c", "raise SystemExit('no such effect')"), ceiling=False)
-    result = score(_built("none-0", 16, 20, 40), tmp_path, plan)
+def test_command_that_fails_is_a_failed_case_with_its_reason(tmp_path: Path) -> None:
+    command = (sys.executable, "-c", "raise SystemExit('no such effect')")
+    result = score(
+        _built("none-0", 16, 20, 40), tmp_path, Plan(reconcile=command, ceiling=False, simulate=simulate_here)
+    )
     assert "no such effect" in result["failed"]
     assert "failed" in summary([result | {"half": "open"}])
 
@@ -95,7 +89,7 @@ def _said(kind: str, parameters: dict[str, Any], stderr: dict[str, float] | None
     [f"{kind}-clear-0-0" for kind in ("wiggling", "multipath", "amplitude_walk", "dropout", "saturation", "motion",
                                       "scattering", "interference", "temperature_drift")],
 )  # fmt: skip
-def test_parameters_are_right_within_5_percent_or_3_errors(name: str, tmp_path: Path) -> None:
+def test_parameter_is_right_if_it_is_the_truth_and_wrong_if_off_by_30_percent(name: str, tmp_path: Path) -> None:
     built = _built(name, 24, 32, 60)
     (effect,) = built.truth()["effects"]
     kind, truth = effect["kind"], dict(effect["parameters"])
@@ -108,7 +102,7 @@ def test_parameters_are_right_within_5_percent_or_3_errors(name: str, tmp_path: 
     assert not judge(_said(kind, off), built, tmp_path)["parameters"][kind]["right"]
 
 
-def test_standard_errors_forgive(tmp_path: Path) -> None:
+def test_parameter_off_by_2_errors_is_right_and_by_10_wrong(tmp_path: Path) -> None:
     built = _built("range_offset-clear-0-0", 16, 20, 30)
     offset = built.truth()["effects"][0]["parameters"]["offset_mm"]
     for error, right in ((0.05, True), (0.01, False)):
@@ -116,7 +110,7 @@ def test_standard_errors_forgive(tmp_path: Path) -> None:
         assert judge(said, built, tmp_path)["parameters"]["range_offset"]["right"] is right
 
 
-def test_maps_are_compared_as_maps(tmp_path: Path) -> None:
+def test_map_of_half_the_size_is_wrong(tmp_path: Path) -> None:
     built = _built("fixed_pattern-clear-0-0", 24, 32, 60)
     (lines,) = built.mechanisms
     assert isinstance(lines, fx.DelayLines)
@@ -127,7 +121,7 @@ def test_maps_are_compared_as_maps(tmp_path: Path) -> None:
         assert judge(said, built, tmp_path)["parameters"]["fixed_pattern"]["right"] is right
 
 
-def test_a_stranger_s_place_is_judged_by_its_axes(tmp_path: Path) -> None:
+def test_place_of_a_stranger_is_right_on_its_axes_alone(tmp_path: Path) -> None:
     built = _built("kink-0", 16, 20, 30)
     said = {"verdict": "unexplained", "effects": [], "where": [{"axis": "range", "statistic": "bias"}]}
     assert judge(said, built, tmp_path)["axis_right"]

@@ -19,7 +19,7 @@ def _observed(middle: float, width: float, recordings: int, rng: np.random.Gener
 
 
 @pytest.mark.parametrize("width", [0.2, 0.5, 0.8])
-def test_the_magnitude_of_95_percent_is_found_within_its_deviation(width: float) -> None:
+def test_magnitude_of_95_percent_is_found_within_its_deviation(width: float) -> None:
     """100 searches of 16: off by a third of an octave in the mean at most, and by 2 deviations in no more than 10."""
     off, beyond = [], 0
     for number in range(100):
@@ -33,7 +33,7 @@ def test_the_magnitude_of_95_percent_is_found_within_its_deviation(width: float)
     assert beyond <= 10
 
 
-def test_what_is_never_named_is_tried_at_clear_and_found_to_need_more() -> None:
+def test_effect_that_is_never_named_is_tried_at_clear_and_needs_more() -> None:
     search = Search()
     for _ in range(16):
         search.add(search.next(), named=False)
@@ -42,7 +42,7 @@ def test_what_is_never_named_is_tried_at_clear_and_found_to_need_more() -> None:
 
 
 @pytest.mark.usefixtures("quick_calibration")
-def test_the_device_and_scene_are_those_of_every_step_but_for_the_magnitude() -> None:
+def test_steps_of_a_search_differ_in_the_magnitude_alone() -> None:
     strong, weak = CELL.built(0.0, 3, OPEN_SEED), CELL.built(-2.0, 3, OPEN_SEED)
     assert strong.device == weak.device
     assert (strong.device.frames, strong.device.rows, strong.device.cols) == (40, 16, 20)

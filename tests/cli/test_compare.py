@@ -73,7 +73,7 @@ def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     for arguments, code, text in (
         ((layers, tmp_path / "one.layers.h5"), ExitCode.BAD_INPUT, "different sizes"),
         ((layers, tmp_path / "none.h5"), ExitCode.BAD_INPUT, "No such file"),
-        ((tmp_path / "a.h5", layers), ExitCode.BAD_INPUT, "tofmix-layers"),
+        ((tmp_path / "a.h5", layers), ExitCode.BAD_INPUT, "no layers file"),
         ((layers,), ExitCode.USAGE, "'B'"),
         ((layers, layers, "--tolerance", -1), ExitCode.USAGE, "--tolerance"),
         ((layers, layers, "--window", 0), ExitCode.USAGE, "--html"),

@@ -13,8 +13,13 @@ import pytest
 from files import boards, write_recording
 
 from tofmix.errors import ExitCode
+from tofmix.io.layers_file import open_layers
+from tofmix.report.summary import find, remedy_for
 
-pytestmark = pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed")
+pytestmark = [
+    pytest.mark.cluster,
+    pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed"),
+]
 
 DASK = (sys.executable, "-m", "distributed.cli.dask_scheduler"), (sys.executable, "-m", "distributed.cli.dask_worker")
 SMALL_BLOCKS = (
@@ -123,13 +128,22 @@ def test_ctrl_c_takes_the_work_back_and_leaves_what_is_done(
     assert output.read_bytes() == expected
 
 
+def doubts(output: Path, recording: Path) -> set[str]:
+    """What the recordings of these tests make doubtful: they scatter less than their curve says."""
+    with open_layers(output) as file:
+        return {
+            f"tofmix: {output}: {f.line}"
+            for f in find(file, remedy_for(file.provenance, file.shape[0], str(recording)))
+        }
+
+
 def test_the_bytes_are_those_of_a_local_run(cluster: Cluster, tmp_path: Path) -> None:
     small = write_recording(tmp_path / "a.h5", boards(56, 4, 6))
     outputs = tmp_path / "local", tmp_path / "cluster"
     for output, extra in zip(outputs, ([], ["--scheduler", cluster.file]), strict=True):
         done = run(small, output, *extra)
         assert done.returncode == 0, done.stderr
-        assert done.stderr == ""
+        assert set(done.stderr.splitlines()) <= doubts(output, small)
     assert outputs[0].read_bytes() == outputs[1].read_bytes()
 
 
@@ -149,7 +163,7 @@ def test_the_bytes_are_those_of_a_local_run_though_a_worker_is_killed(
     out, err = running.communicate(timeout=120)
     assert running.returncode == 0, err
     assert "pixels by surfaces" in out
-    assert err == ""
+    assert set(err.splitlines()) <= doubts(output, recording)
     assert output.read_bytes() == expected
     assert [path.name for path in tmp_path.iterdir()] == ["a.layers.h5"]
 

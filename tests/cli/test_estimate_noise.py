@@ -101,8 +101,8 @@ def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: 
 @pytest.mark.parametrize(
     ("extra", "code", "reason"),
     [
-        (["--noise", "auto"], ExitCode.BAD_INPUT, "5 frames are too few"),
-        (["--outliers", "auto"], ExitCode.BAD_INPUT, "5 frames are too few"),
+        (["--noise", "auto"], ExitCode.BAD_INPUT, "5 frames; at least 10"),
+        (["--outliers", "auto"], ExitCode.BAD_INPUT, "5 frames; at least 10"),
         (["--outliers", "many"], ExitCode.USAGE, "'many' is neither file, auto nor a probability"),
         (["--outliers", "1"], ExitCode.USAGE, "probability in [0, 1)"),
         (["--outliers", "nan"], ExitCode.USAGE, "probability in [0, 1)"),

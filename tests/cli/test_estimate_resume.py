@@ -77,7 +77,9 @@ def _killed_at(recording: Path, cells: int, number: signal.Signals) -> "subproce
     return subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [signal.SIGKILL, *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGINT, signal.SIGTERM))]
+)
 def test_a_killed_run_is_gone_on_with(
     tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes, number: signal.Signals
 ) -> None:
@@ -180,7 +182,7 @@ def test_parts_that_do_not_make_one_run_are_refused(tofmix: Tofmix, recording: P
     one, two, other, foreign = part(1, 2), part(2, 2), part(2, 3), part(2, 2, "--gamma", 0.5)
     (tmp_path / "cut").write_bytes(two.read_bytes()[:5000])
     for given, code, reason in (
-        ([one], ExitCode.USAGE, "2 parts make the run; missing: 2"),
+        ([one], ExitCode.USAGE, "the run has 2 parts; missing: 2"),
         ([one, two, one], ExitCode.USAGE, "part 1 again"),
         ([one, other], ExitCode.USAGE, "of 3 parts, but"),
         ([one, foreign], ExitCode.USAGE, "it differs in --gamma (0.5, now 0.02)"),

@@ -109,7 +109,7 @@ def test_refusals(tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ((layers, "-o", layers), ExitCode.USAGE, "must end in"),
         ((layers, "-o", tmp_path / "none" / "a.ply"), ExitCode.STORAGE, "no such folder"),
         ((tmp_path / "none.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "No such file"),
-        ((tmp_path / "a.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "tofmix-layers"),
+        ((tmp_path / "a.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "no layers file"),
         ((layers, "-o", tmp_path / "a.ply", "--window", 2), ExitCode.USAGE, "windows 0 to 1"),
         ((layers, "-o", tmp_path / "a.ply", "--fov", "40"), ExitCode.USAGE, "two angles"),
         ((layers, "-o", tmp_path / "a.ply", "--fov", "40,-1"), ExitCode.USAGE, "fov_vertical_deg"),

@@ -94,7 +94,7 @@ def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path, monkeypatch: pyt
         ((layers, *pixel, "-o", tmp_path / "a.pdf"), ExitCode.USAGE, ".png, .svg"),
         ((layers, *pixel, "-o", tmp_path / "old.png"), ExitCode.USAGE, "--overwrite"),
         ((layers, *pixel, "--recording", other), ExitCode.BAD_INPUT, "does not go with"),
-        ((tmp_path / "a.h5", *pixel), ExitCode.BAD_INPUT, "tofmix-layers"),
+        ((tmp_path / "a.h5", *pixel), ExitCode.BAD_INPUT, "no layers file"),
     ):
         outcome = tofmix("inspect", *arguments)
         assert outcome.code == code, (arguments, outcome.err)

@@ -64,6 +64,13 @@ def test_help_imports_nothing_heavy() -> None:
     assert out.splitlines()[-1] == "[]"
 
 
+def test_the_bare_command_prints_its_help_as_help_does(tofmix: Tofmix) -> None:
+    bare, asked = tofmix(), tofmix("--help")
+    assert (bare.code, asked.code) == (ExitCode.USAGE, 0)
+    assert (bare.out, bare.err) == ("", asked.out)
+    assert bare.err.count("\n") > 30
+
+
 @pytest.mark.parametrize(
     "arguments",
     [

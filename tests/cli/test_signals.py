@@ -41,11 +41,11 @@ def folder(tofmix: Tofmix, tmp_path: Path) -> Path:
         pytest.param(
             signal.SIGINT,
             ("simulate", "near-far", "--frames", "3", "-o", "out.h5"),
-            marks=pytest.mark.compiled("a whole scene in another process"),
+            marks=[pytest.mark.compiled("a whole scene in another process"), pytest.mark.slow],
         ),
         (signal.SIGTERM, ("import", "a.npy", "-o", "out.h5", "--sensor", "sr3000")),
         (signal.SIGINT, ("export", "a.layers.h5", "-o", "out.ply", "--window", "0")),
-        (signal.SIGTERM, ("map", "a.layers.h5", "-o", "out.yaml", "--cell", "500")),
+        pytest.param(signal.SIGTERM, ("map", "a.layers.h5", "-o", "out.yaml", "--cell", "500"), marks=pytest.mark.slow),
     ],
 )
 def test_a_signal_leaves_nothing(folder: Path, arguments: tuple[str, ...], number: signal.Signals) -> None:

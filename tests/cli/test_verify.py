@@ -22,7 +22,7 @@ def test_whole_files(tofmix: Tofmix, layers: Path) -> None:
     assert done.code == ExitCode.DONE
     assert done.out == (
         f"{layers}: layers, 16 datasets read; nothing is wrong\n"
-        f"{layers.with_name('a.h5')}: recording, 1 datasets read; nothing is wrong\n"
+        f"{layers.with_name('a.h5')}: recording, 1 dataset read; nothing is wrong\n"
     )
     assert "range: without checksum" in done.err
 

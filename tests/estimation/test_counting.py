@@ -66,14 +66,14 @@ def _gain_by_brute_force(samples: naive.Array, sensor: Sensor) -> float:
     return gain - float(np.log(naive.mixture_density(samples, *one, sensor)).sum())
 
 
-@pytest.mark.compiled("some of 60 pixels, and not all")
+@pytest.mark.compiled("some of 30 pixels, and not all")
 def test_close_surfaces_are_found_where_the_likelihood_ratio_finds_them(
     rng: np.random.Generator,
 ) -> None:
     noise = NoiseCurve(np.array([0.0]), np.array([50.0]))
     camera = Sensor(name="flat", range_min_mm=0.0, noise=NoiseCurve(np.array([9000.0]), noise.sigma_mm))
     samples = draw(
-        rng, replace(camera, range_max_mm=9000.0), ranges_mm=[3000, 3090], shares=[0.4, 0.6], n=100, pixels=60
+        rng, replace(camera, range_max_mm=9000.0), ranges_mm=[3000, 3090], shares=[0.4, 0.6], n=100, pixels=30
     )
     found = layer_pixels(samples, camera, EstimateOptions(false_alarm=0.01)).n_modes > 1
     least = gain_table(100)[100, 3]

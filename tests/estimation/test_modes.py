@@ -12,7 +12,7 @@ from tofmix.sensor import NoiseCurve, Sensor
 STRICT = 1e-9
 
 
-@pytest.mark.parametrize("n", [5, 15, 100])
+@pytest.mark.parametrize("n", [5, 15, pytest.param(100, marks=pytest.mark.slow)])
 def test_modes_equal_the_fine_grid_twin(n: int, rng: np.random.Generator, sensor: Sensor) -> None:
     assert sensor.noise is not None
     differing = 0

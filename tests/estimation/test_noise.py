@@ -57,7 +57,7 @@ def worst(measured: MeasuredNoise, sensor: Sensor, seen_mm: NDArray[np.float64])
     return float(np.abs(measured.curve.sigma(at) / sensor.noise.sigma(at) - 1.0).max())
 
 
-@pytest.mark.parametrize("multi", [0.0, 0.4])
+@pytest.mark.parametrize("multi", [pytest.param(0.0, marks=pytest.mark.slow), 0.4])
 @pytest.mark.parametrize("scene", ["floor", "boards"])
 def test_the_curve_is_right_to_5_per_cent(rng: np.random.Generator, sensor: Sensor, multi: float, scene: str) -> None:
     seen = rng.uniform(600.0, 5000.0, 6000)
@@ -110,7 +110,13 @@ def test_samples_without_a_return_tell_sigma_at_range_max(rng: np.random.Generat
     assert measure_noise(recording(samples)).curve.range_mm[-1] < 1300.0
 
 
-@pytest.mark.parametrize(("sigma", "step", "margin"), [(5.0, 10.0, 0.05), (3.0, 10.0, 0.15), (1.0, 1.0, 0.05)])
+@pytest.mark.parametrize(
+    ("sigma", "step", "margin"),
+    [
+        (5.0, 10.0, 0.05),
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in ((3.0, 10.0, 0.15), (1.0, 1.0, 0.05))),
+    ],
+)
 def test_coarse_steps_are_taken_out(rng: np.random.Generator, sigma: float, step: float, margin: float) -> None:
     seen = rng.uniform(1000.0, 1500.0, 2000)
     samples = np.rint((seen + sigma * rng.standard_normal((100, 2000))) / step) * step
@@ -124,7 +130,7 @@ def test_noise_below_a_step_is_a_bound_not_zero() -> None:
     assert measured.curve.sigma_mm == pytest.approx(1.0 / np.sqrt(12.0), rel=0.05)
 
 
-@pytest.mark.parametrize("p", [0.0, 1e-3, 0.03])
+@pytest.mark.parametrize("p", [0.0, pytest.param(0.001, marks=pytest.mark.slow), 0.03])
 def test_outliers_are_counted(rng: np.random.Generator, sensor: Sensor, p: float) -> None:
     samples = draw(rng, sensor, ranges_mm=[2000.0], shares=[1.0], n=100, pixels=4000, outliers=p)
     measured = measure_noise(recording(samples))
@@ -173,7 +179,7 @@ def test_statistics_equal_a_slow_reference(rng: np.random.Generator) -> None:
         assert found.kurtosis[k] == pytest.approx(np.mean(rest**4) / np.mean(rest**2) ** 2, rel=1e-4)
 
 
-@pytest.mark.parametrize("n", [10, 26, 100])
+@pytest.mark.parametrize("n", [10, 26, pytest.param(100, marks=pytest.mark.slow)])
 def test_picking_by_shape_does_not_bias_the_variance(rng: np.random.Generator, n: int) -> None:
     samples = rng.normal(0.0, 10.0, (8000, n)).astype(np.float32)
     found = series_statistics(series(samples), 0.0)
@@ -189,7 +195,9 @@ def test_two_overlapping_surfaces_fail_by_shape(rng: np.random.Generator) -> Non
     assert shaped_as_one(series_statistics(series(samples), 0.0), 0.2).mean() < 0.1
 
 
-@pytest.mark.parametrize("coefficient", [0.0, 0.3, 0.7])
+@pytest.mark.parametrize(
+    "coefficient", [pytest.param(0.0, marks=pytest.mark.slow), 0.3, pytest.param(0.7, marks=pytest.mark.slow)]
+)
 def test_memory_is_corrected_as_simulated(rng: np.random.Generator, coefficient: float) -> None:
     noise = rng.standard_normal((4000, 100))
     for k in range(1, 100):
@@ -264,8 +272,8 @@ def test_the_files_own_curve_is_not_looked_at(rng: np.random.Generator, sensor: 
 @pytest.mark.parametrize(
     ("shape", "reason"),
     [
-        ((9, 20, 20), "9 frames are too few"),
-        ((30, 3, 3), "9 pixels have 10 valid samples"),
+        ((9, 20, 20), "9 frames; at least 10"),
+        ((30, 3, 3), "9 pixels with 10 valid samples"),
         ((30, 5, 5), "within 12 %"),
     ],
 )

@@ -45,7 +45,9 @@ def errors(
     return np.asarray(measured.curve.sigma(seen, light) / true - 1.0)
 
 
-@pytest.mark.parametrize("exponent", [0.7, 0.85, 1.0])
+@pytest.mark.parametrize(
+    "exponent", [pytest.param(0.7, marks=pytest.mark.slow), 0.85, pytest.param(1.0, marks=pytest.mark.slow)]
+)
 def test_sigma_by_range_and_amplitude_is_measured(rng: np.random.Generator, exponent: float) -> None:
     recording, seen, light = reflective(rng, exponent)
     measured = measure_noise(recording)
@@ -62,7 +64,7 @@ def test_sigma_by_range_and_amplitude_is_measured(rng: np.random.Generator, expo
     assert np.abs(errors(alone, seen, 12.0 * (light / 300.0) ** -exponent, light)).mean() > 0.2
 
 
-@pytest.mark.parametrize("multi", [0.0, 0.4])
+@pytest.mark.parametrize("multi", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
 def test_amplitude_that_says_nothing_changes_nothing(rng: np.random.Generator, multi: float) -> None:
     recording, _, _ = reflective(rng, 0.0, multi=multi)
     measured = measure_noise(recording)

@@ -1,5 +1,6 @@
 """Warm processes that all tests of this folder share, with the shim where there is a C compiler."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,7 +19,8 @@ def shim(tmp_path_factory: pytest.TempPathFactory) -> Path | None:
 
 @pytest.fixture(scope="session")
 def pool(shim: Path | None) -> Iterator[Pool]:
-    with Pool(2, {} if shim is None else with_shim(shim)) as pool:
+    processes = 1 if "PYTEST_XDIST_WORKER" in os.environ else 2  # pytest's workers keep the processors busy
+    with Pool(processes, {} if shim is None else with_shim(shim)) as pool:
         yield pool
 
 

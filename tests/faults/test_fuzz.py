@@ -16,6 +16,7 @@ GOOD = Outcome(code=0, hung=False, out="", err="", seconds=0.1, cpu_s=0.1, extra
 REFUSED = replace(GOOD, code=3, err="tofmix: mutant.h5: not an HDF5 file\n")
 
 
+@pytest.mark.faults
 def test_mutants_are_done_or_refused(fuzz: Fuzz, originals: dict[str, Original]) -> None:
     verdicts = list(fuzz.run(list(originals), MUTANTS, seed=0))
     assert len(verdicts) == MUTANTS
@@ -49,6 +50,7 @@ def test_each_fault_is_seen(outcome: Outcome, names: set[str], fault: str) -> No
     assert judge(outcome, names, mutant="mutant.h5") == fault
 
 
+@pytest.mark.faults
 def test_a_seed_makes_the_same_mutant(originals: dict[str, Original], tmp_path: Path) -> None:
     for kind in ("foreign recording", "model", "npz"):
         for number in range(8):

@@ -12,6 +12,7 @@ from faults.inject import CASES, Injection, chosen
 from faults.pool import Pool
 
 
+@pytest.mark.faults
 @pytest.mark.parametrize(
     ("case", "failure", "most"),
     [
@@ -58,8 +59,9 @@ def test_calls_are_chosen_at_both_ends_and_between(calls: int, most: int | None,
     assert chosen(calls, most) == numbers
 
 
+@pytest.mark.faults
 @pytest.mark.parametrize(("number", "count"), [(9, 6), (2, 2), (15, 2)])
-def test_a_killed_run_is_gone_on_with(injection: Injection, number: int, count: int) -> None:
+def test_a_killed_run_resumes_to_the_same_output(injection: Injection, number: int, count: int) -> None:
     chance = random.Random(number)  # noqa: S311  no secret
     moments = [0.02, *(chance.random() for _ in range(count))]  # the first is met on any machine
     tally = injection.kill("estimate", moments, number=number, report=lambda _: None)
@@ -67,14 +69,16 @@ def test_a_killed_run_is_gone_on_with(injection: Injection, number: int, count: 
     assert tally.killed
 
 
+@pytest.mark.faults
 @pytest.mark.parametrize("case", ["estimate", "report", "map"])
-def test_limits_of_the_size_of_files(injection: Injection, case: str) -> None:
+def test_a_limit_of_file_size_leaves_all_or_nothing(injection: Injection, case: str) -> None:
     tally = injection.limit(case, [4096, 10_001], report=lambda _: None)
     assert not tally.faults, "\n".join(tally.faults)
     assert tally.refused
 
 
-def test_a_folder_without_permission_and_full_streams(injection: Injection) -> None:
+@pytest.mark.faults
+def test_closed_folders_and_full_streams_are_refused(injection: Injection) -> None:
     for tally in (
         injection.closed("estimate", report=lambda _: None),
         injection.closed("map", report=lambda _: None),
@@ -84,7 +88,8 @@ def test_a_folder_without_permission_and_full_streams(injection: Injection) -> N
         assert tally.refused
 
 
-def test_a_full_disk_and_a_read_only_one(injection: Injection, pool: Pool, folder: Path, tmp_path: Path) -> None:
+@pytest.mark.faults
+def test_full_and_read_only_disks_are_refused(injection: Injection, pool: Pool, folder: Path, tmp_path: Path) -> None:
     from faults.inject import inputs_into
     from faults.pool import Job
 
@@ -102,18 +107,21 @@ def test_a_full_disk_and_a_read_only_one(injection: Injection, pool: Pool, folde
             assert "Read-only file system" in outcome.err
 
 
+@pytest.mark.faults
 def test_a_recording_that_changes_is_refused_or_read_whole(pool: Pool) -> None:
     counts = changing(pool, 6, report=lambda _: None)
     assert set(counts) <= {"refused", "read as before", "read as after"}, counts
 
 
+@pytest.mark.faults
 def test_runs_side_by_side_do_not_disturb_each_other() -> None:
     faults: list[str] = []
     load.side_by_side(2, report=faults.append)
     assert not faults
 
 
-def test_memory_does_not_grow_over_many_recordings() -> None:
+@pytest.mark.faults
+def test_memory_stays_the_same_over_many_recordings() -> None:
     faults: list[str] = []
     said = load.soak(20, report=faults.append)
     assert not faults, faults

@@ -41,6 +41,7 @@ def test_a_chunk_that_bursts_is_refused_and_its_neighbours_are_read(tmp_path: Pa
             recording.read_range(*EVERYTHING)
 
 
+@pytest.mark.slow
 def test_memory_stays_small(tmp_path: Path) -> None:
     # 600 MB from a chunk that declares 0.9 MB.
     path = tmp_path / "a.h5"

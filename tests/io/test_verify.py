@@ -168,7 +168,7 @@ def test_faults_of_layers(layers: Path, change: Change, line: str) -> None:
     [
         (attribute("amplitude", "units", "V"), "amplitude: units 'V', expected '1'"),
         (put("time", (5,), 0.0), r"time: broken: ascending \(frame 5\)"),
-        (put("time", (5,), np.nan), "time: 1 frames have no time"),
+        (put("time", (5,), np.nan), "time: no time of 1 frame"),
         (put("truth/range_true", (1, 2, 1), 500.0), r"truth/range_true: broken: .* \(row 1, col 2\)"),
         (put("truth/weight_no_return", (1, 2), 0.5), r"truth/weight_true: broken: between 0 and 1, .*row 1, col 2"),
         (flip("range", 1), r"range: cannot be read: .* \(from frame 0, row 8 on\)"),

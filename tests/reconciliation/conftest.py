@@ -1,24 +1,27 @@
-"""A small scene of three boards, and recordings of it with and without effects, made by the simulator."""
+"""Small scenes of three boards, and recordings of them with and without effects, made by the simulator."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from reconcile_errors import FRAMES, scene
-from recordings import Record
+from reconcile_errors import scene
+from recordings import Record, recorded
 
-from tofmix.reconciliation.evidence import Evidence, make_evidence
-from tofmix.simulation.cast import cast_scene
+from tofmix.reconciliation.evidence import Evidence
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
-from tofmix.simulation.render import render_blocks
 
 
 @pytest.fixture(scope="session")
 def model() -> Model:
-    """Two boards and a slanted wall before a camera of 20 x 24 pixels."""
+    """Two boards and a slanted wall before a camera of 20 x 24 pixels, 120 frames."""
     return scene(rows=20, cols=24)
+
+
+@pytest.fixture(scope="session")
+def small() -> Model:
+    """The same scene before a camera of 14 x 18 pixels, 80 frames: a third of the samples."""
+    return scene(rows=14, cols=18, frames=80)
 
 
 @pytest.fixture(scope="session")
@@ -26,10 +29,7 @@ def record(model: Model) -> Record:
     """Simulate the model, or another one, with effects that it does not say it has."""
 
     def make(*effects: Effect, seed: int = 5, of: Model = model) -> Evidence:
-        real = replace(of, effects=effects)
-        (block,) = render_blocks(real, cast_scene(real), n_frames=FRAMES, seed=seed, block_frames=FRAMES)
-        range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
-        return make_evidence(of, range_mm, time_s=block.time_s)
+        return recorded(of, *effects, seed=seed)
 
     return make
 
@@ -40,9 +40,6 @@ def in_the_open(model: Model) -> Callable[[Effect], tuple[Model, Evidence]]:
     bare = replace(model, surfaces=model.surfaces[:2])
 
     def make(effect: Effect) -> tuple[Model, Evidence]:
-        real = replace(bare, effects=(effect,))
-        (block,) = render_blocks(real, cast_scene(real), n_frames=FRAMES, seed=3, block_frames=FRAMES)
-        range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
-        return bare, make_evidence(bare, range_mm, time_s=block.time_s)
+        return bare, recorded(bare, effect, seed=3)
 
     return make

@@ -21,7 +21,7 @@ def test_samples_are_whole_millimetres_and_0_where_invalid(model: Model) -> None
     np.testing.assert_allclose(evidence.time_s, np.arange(40) / model.recording.frame_rate_hz)
 
 
-def test_what_is_fitted_and_what_is_held_out_are_all_and_have_nothing_in_common(model: Model) -> None:
+def test_fitted_and_held_out_parts_are_disjoint_and_cover_all(model: Model) -> None:
     evidence = make_evidence(model, np.full((40, 20, 24), 1000.0, np.float32))
     for split in ("frames", "pixels"):
         cells = np.zeros(evidence.shape, dtype=int)
@@ -43,7 +43,7 @@ def test_what_is_fitted_and_what_is_held_out_are_all_and_have_nothing_in_common(
         ((40, 20, 24), 1000.0, np.r_[0:39, np.nan], "do not ascend"),
     ],
 )
-def test_refusals(
+def test_recording_that_cannot_be_held_out_from_is_refused_with_the_reason(
     model: Model, shape: tuple[int, int, int], value: float, times: np.ndarray | None, reason: str
 ) -> None:
     with pytest.raises(BadInputError, match=reason):

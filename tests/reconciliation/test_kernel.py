@@ -40,7 +40,7 @@ def _scene(rng: np.random.Generator, *, step: float, period: float, spread: floa
     return scene, rng.uniform(0.0, 0.2, (TIMES, PIXELS))
 
 
-def test_pixels_abreast_are_as_pixels_one_by_one(rng: np.random.Generator) -> None:
+def test_likelihood_of_pixels_side_by_side_is_that_of_each(rng: np.random.Generator) -> None:
     scene, invalid = _scene(rng, step=0.0, period=0.0, spread=40.0)
     one, many = empty_sums(FRAMES, PIXELS), empty_sums(FRAMES, PIXELS)
     kernel.any_log_likelihood(*scene, invalid, 1e-6, 0.0, 0.0, *one)
@@ -54,7 +54,7 @@ def test_pixels_abreast_are_as_pixels_one_by_one(rng: np.random.Generator) -> No
 @pytest.mark.parametrize("step", [0.0, 0.3, 7.3])
 @pytest.mark.parametrize("period", [0.0, 7495.0])
 @pytest.mark.parametrize("spread", [0.2, 3.0, 40.0])
-def test_likelihoods_slopes_and_information_are_the_twins(
+def test_likelihood_slope_and_information_equal_the_twins(
     rng: np.random.Generator, step: float, period: float, spread: float
 ) -> None:
     scene, invalid = _scene(rng, step=step, period=period, spread=spread)
@@ -76,7 +76,9 @@ def test_likelihoods_slopes_and_information_are_the_twins(
 @pytest.mark.parametrize("step", [0.0, 0.3, 7.3])
 @pytest.mark.parametrize("period", [0.0, 7495.0])
 @pytest.mark.parametrize("spread", [0.2, 3.0, 40.0])
-def test_transforms_are_the_twins(rng: np.random.Generator, step: float, period: float, spread: float) -> None:
+def test_transform_equals_the_twins_and_lies_between_0_and_1(
+    rng: np.random.Generator, step: float, period: float, spread: float
+) -> None:
     scene, _ = _scene(rng, step=step, period=period, spread=spread)
     found, wanted = (np.full((FRAMES, PIXELS), 7.0, np.float32) for _ in range(2))
     kernel.transform(*scene, 0.02, 300.0, 7500.0, step, period, 3, found)
@@ -89,7 +91,7 @@ def test_transforms_are_the_twins(rng: np.random.Generator, step: float, period:
     assert np.isfinite(found[frames]).mean() > 0.5
 
 
-def test_deviates_are_uniform_and_differ_from_seed_to_seed() -> None:
+def test_twins_deviates_are_uniform_and_differ_from_seed_to_seed() -> None:
     u = twins.uniform(1, np.arange(60), np.arange(60))
     assert abs(u.mean() - 0.5) < 4 / np.sqrt(12 * u.size)
     assert abs(u.var() - 1 / 12) < 0.003

@@ -11,7 +11,7 @@ from tofmix.simulation.model import Model
 
 
 @pytest.mark.parametrize("step", [1.83, 2.5, 7.3, 12.5, 29.2])
-def test_a_lattice_is_found(model: Model, record: Record, step: float) -> None:
+def test_step_of_quantised_samples_is_found(model: Model, record: Record, step: float) -> None:
     evidence = record(MAKE["quantisation"](step_mm=step))
     state = Likelihood(evidence, Scene(model, evidence.time_s)).start()
     found = find_lattice(evidence, state)
@@ -20,7 +20,7 @@ def test_a_lattice_is_found(model: Model, record: Record, step: float) -> None:
 
 
 @pytest.mark.parametrize("step", [30.227108, 7.3291, 17.03])
-def test_every_value_is_a_rounded_multiple_of_the_step_that_is_found(model: Model, record: Record, step: float) -> None:
+def test_values_are_rounded_multiples_of_the_found_step(model: Model, record: Record, step: float) -> None:
     """Far multiples decide the last digits: one that rounds otherwise would leave its samples unexplained."""
     evidence = record(MAKE["quantisation"](step_mm=step), MAKE["outliers"](probability=0.01))
     found = find_lattice(evidence, Likelihood(evidence, Scene(model, evidence.time_s)).start())

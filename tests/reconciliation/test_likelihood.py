@@ -29,7 +29,9 @@ ACTING = (
 
 
 @pytest.mark.parametrize("effect", ACTING, ids=lambda effect: effect.kind)
-def test_it_is_the_likelihood_of_the_registrys_prediction(model: Model, record: Record, effect: Effect) -> None:
+def test_likelihood_with_an_effect_is_that_of_the_registrys_prediction(
+    model: Model, record: Record, effect: Effect
+) -> None:
     evidence = record(effect)
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     whole = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
@@ -49,7 +51,7 @@ def test_scores_are_standard_normal_where_the_model_is_right(model: Model, recor
     assert abs(z.var() - 1) < 4 * np.sqrt(2 / n)
 
 
-def test_a_pattern_is_integrated_out_as_a_gaussian_integral(rng: np.random.Generator) -> None:
+def test_integral_over_a_pattern_is_the_gaussian_one(rng: np.random.Generator) -> None:
     rows, cols = 4, 5
     bias, information = rng.normal(size=rows * cols) * 3, rng.uniform(0.5, 2.0, rows * cols)
     gain = 0.5 * information * bias**2  # of a quadratic log-likelihood
@@ -64,7 +66,7 @@ def test_a_pattern_is_integrated_out_as_a_gaussian_integral(rng: np.random.Gener
     np.testing.assert_allclose(pattern, prior @ np.linalg.solve(prior + noise, bias), rtol=1e-9)
 
 
-def test_bursts_are_integrated_out_over_all_states(rng: np.random.Generator) -> None:
+def test_sum_over_bursts_is_that_over_all_states(rng: np.random.Generator) -> None:
     effect = Interference(probability=0.3, sigma_mm=10.0, burst_frames=2.0)
     quiet, loud = rng.normal(size=8), rng.normal(size=8)
     frames = np.array([0, 1, 2, 5, 6, 7, 8, 12])
@@ -84,7 +86,7 @@ def test_bursts_are_integrated_out_over_all_states(rng: np.random.Generator) -> 
     np.testing.assert_allclose(posterior, disturbed / total, atol=1e-9)
 
 
-def test_frames_bias_moves_every_lit_component(model: Model, record: Record) -> None:
+def test_drift_is_a_bias_of_each_frame(model: Model, record: Record) -> None:
     evidence = record()
     scene = Scene(model, evidence.time_s)
     drift = MAKE["temperature_drift"](amplitude_mm=20.0, time_constant_s=4.0)

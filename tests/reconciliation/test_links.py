@@ -31,13 +31,13 @@ def test_stuck_pixels_are_found_with_their_values(model: Model, record: Record) 
     assert state.stuck_mm[[5, 77]].tolist() == [1234.0, 2345.0]
 
 
-def test_without_stuck_pixels_none_is_found(model: Model, record: Record) -> None:
+def test_no_stuck_pixel_is_found_where_there_is_none(model: Model, record: Record) -> None:
     evidence = record()
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     assert find_stuck(likelihood, likelihood.scene.mixture(), likelihood.start()) is None
 
 
-def test_bursts_that_are_quieter_than_empty_pixels_have_their_own_sigma(
+def test_sigma_of_bursts_below_that_of_empty_pixels_is_found(
     in_the_open: Callable[[Effect], tuple[Model, Evidence]],
 ) -> None:
     """Pixels without a return have the sigma of the range's end, 52 mm: it must not bound the search."""
@@ -49,7 +49,7 @@ def test_bursts_that_are_quieter_than_empty_pixels_have_their_own_sigma(
     assert found.sigma_mm == pytest.approx(4.0, rel=0.05)
 
 
-def test_bursts_of_many_sigma_have_their_own_too(model: Model, record: Record) -> None:
+def test_sigma_of_bursts_far_above_the_noise_is_found(model: Model, record: Record) -> None:
     evidence = record(MAKE["interference"](probability=0.3, sigma_mm=400.0, burst_frames=4.0))
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
@@ -58,7 +58,7 @@ def test_bursts_of_many_sigma_have_their_own_too(model: Model, record: Record) -
     assert found.sigma_mm == pytest.approx(400.0, rel=0.05)
 
 
-def test_the_noise_of_bursts_is_at_the_top_of_its_likelihood(model: Model, record: Record) -> None:
+def test_sigma_of_bursts_is_at_the_top_of_its_likelihood(model: Model, record: Record) -> None:
     """To a third of a standard error: a twentieth of a nat."""
     evidence = record(MAKE["interference"](probability=0.25, sigma_mm=23.0, burst_frames=5.0))
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
@@ -84,7 +84,7 @@ def _noisier(evidence: Evidence, sigma_mm: NDArray[Any]) -> Evidence:
     )
 
 
-def test_noise_of_all_frames_is_no_bursts(model: Model, record: Record) -> None:
+def test_noise_of_all_frames_is_no_burst_and_that_of_some_is(model: Model, record: Record) -> None:
     """A little more in some than in others, by chance, or the more from a third of the recording on."""
     evidence = record()
     frames = np.arange(evidence.shape[0])

@@ -24,7 +24,7 @@ def panel(*curves: Curve) -> Compared:
     return Compared(curves=curves, pattern=np.zeros(4), part=(np.arange(2), np.arange(4)))
 
 
-def test_the_planted_interval_is_the_place(rng: np.random.Generator) -> None:
+def test_planted_interval_is_the_place(rng: np.random.Generator) -> None:
     value = rng.normal(size=BINS) * 0.01
     value[10:14] -= 0.5
     quiet = curve(rng.normal(size=BINS) * 0.01, axis="col")
@@ -34,13 +34,13 @@ def test_the_planted_interval_is_the_place(rng: np.random.Generator) -> None:
     assert place.p_value < 1e-99
 
 
-def test_chance_is_no_place() -> None:
+def test_chance_has_a_place_as_seldom_as_alpha_says() -> None:
     rng = np.random.default_rng(4)
     found = [bool(disagreements(panel(curve(rng.normal(size=BINS) * 0.01)), 0.01)) for _ in range(500)]
     assert np.mean(found) < 0.03  # 0.01 is wanted
 
 
-def test_what_is_smaller_than_the_contract_counts_is_none() -> None:
+def test_disagreement_below_the_contracts_limit_is_no_place() -> None:
     tiny = curve(np.full(BINS, 0.019))  # 10 standard errors over all bins, but below 0.02 sigma
     assert tiny.z > 4
     assert localise(panel(tiny), alpha=0.01) == []

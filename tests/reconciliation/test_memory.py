@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, Record
+from recordings import MAKE, Record, reconciled, recorded
 
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood import Likelihood
@@ -15,7 +15,7 @@ from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.model import Model
 
 
-def test_no_pair_of_samples_is_no_memory(model: Model, record: Record) -> None:
+def test_scores_of_zero_have_no_memory(model: Model, record: Record) -> None:
     evidence = record()
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     z = np.zeros(evidence.shape, dtype=np.float32)
@@ -23,7 +23,7 @@ def test_no_pair_of_samples_is_no_memory(model: Model, record: Record) -> None:
     assert fit_memory(likelihood, z, likelihood.scene.mixture(()), everything) is None
 
 
-def test_a_memory_in_few_frames_has_no_bias(model: Model, record: Record) -> None:
+def test_memory_fitted_to_few_frames_has_no_bias(model: Model, record: Record) -> None:
     """Of 0.5 in 30 frames, means taken out lose 0.05 (Nickell 1981); 12 parts of 0.007 each leave 0.002."""
     found = []
     for seed in (5, 6, 7):
@@ -43,7 +43,9 @@ def test_a_memory_in_few_frames_has_no_bias(model: Model, record: Record) -> Non
 
 
 @pytest.mark.parametrize("coefficient", [-0.4, 0.0, 0.5, 0.9])
-def test_the_variance_of_a_mean_is_that_of_all_pairs(model: Model, record: Record, coefficient: float) -> None:
+def test_inflation_of_a_mean_is_the_sum_over_all_pairs_of_frames(
+    model: Model, record: Record, coefficient: float
+) -> None:
     """Frames in blocks, as fits see them; the closed form by brute force."""
     evidence = record()
     effects = (MAKE["temporal_correlation"](coefficient=coefficient),) if coefficient else ()
@@ -58,10 +60,9 @@ def test_the_variance_of_a_mean_is_that_of_all_pairs(model: Model, record: Recor
     assert found[alone] == pytest.approx(1 + (wanted - 1) * share, rel=2e-3)
 
 
-@pytest.mark.parametrize("coefficient", [0.6, 0.9])
-def test_the_slow_part_of_a_memory_is_no_pattern(model: Model, record: Record, coefficient: float) -> None:
+def test_slow_part_of_a_long_memory_is_no_pattern(model: Model) -> None:
     kinds = ("temporal_correlation", "fixed_pattern", "range_offset", "surface_pose", "excess_noise")
-    result = reconcile(model, record(MAKE["temporal_correlation"](coefficient=coefficient)), Settings(kinds=kinds))
+    result = reconciled(model, MAKE["temporal_correlation"](coefficient=0.9), kinds=kinds)
     assert [n.effect.kind for n in result.named] == ["temporal_correlation"]
 
 
@@ -75,10 +76,12 @@ def averaged(evidence: Evidence, frames: int) -> Evidence:
     return replace(evidence, samples=np.where(quiet, np.rint(middle + mean), x).astype(np.uint16))
 
 
-@pytest.mark.parametrize("frames", [2, 4, 8])
-def test_noise_that_is_averaged_over_frames_is_no_memory_of_one_frame(
-    model: Model, record: Record, frames: int
-) -> None:
-    result = reconcile(model, averaged(record(), frames), Settings(kinds=("temporal_correlation", "range_offset")))
+@pytest.mark.parametrize(
+    "frames", [pytest.param(2, marks=pytest.mark.slow), 4, pytest.param(8, marks=pytest.mark.slow)]
+)
+def test_noise_averaged_over_frames_is_an_unexplained_memory(small: Model, frames: int) -> None:
+    result = reconcile(
+        small, averaged(recorded(small), frames), Settings(kinds=("temporal_correlation", "range_offset"))
+    )
     assert result.verified.verdict == "unexplained"
     assert result.where[0].statistic == "memory"

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, Record
+from recordings import MAKE, recorded
 
 from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import reconcile
@@ -13,24 +13,27 @@ from tofmix.simulation.model import Model
 KINDS = ("range_offset", "surface_pose", "multipath", "amplitude_walk", "temperature_drift", "excess_noise")
 
 
-@pytest.mark.parametrize("factor", [1.6, 0.7])
-def test_a_surface_that_is_noisier_has_no_second_path(model: Model, record: Record, factor: float) -> None:
+@pytest.mark.parametrize("factor", [1.6, pytest.param(0.7, marks=pytest.mark.slow)])
+def test_surface_with_other_noise_has_no_second_path(small: Model, factor: float) -> None:
     """A path of just one turn more, across the first, would dim the surface and not move it."""
-    evidence = record()
+    evidence = recorded(small)
     samples = evidence.samples.astype(np.float64)
     middle = np.median(samples, axis=0)
     own = np.abs(middle - np.median(middle)) < 0.25 * np.median(middle)
-    noisier = np.where(own & (samples > 0), np.maximum(middle + factor * (samples - middle), 1), samples)
-    result = reconcile(model, replace(evidence, samples=np.rint(noisier).astype(np.uint16)), Settings(kinds=KINDS))
+    other = np.where(own & (samples > 0), np.maximum(middle + factor * (samples - middle), 1), samples)
+    result = reconcile(small, replace(evidence, samples=np.rint(other).astype(np.uint16)), Settings(kinds=KINDS))
     assert "multipath" not in [n.effect.kind for n in result.named]
     assert "multipath" not in [c.kind for c in result.candidates[:1]]
 
 
-def test_an_offset_that_is_given_wrong_is_no_drift_and_no_walk(model: Model, record: Record) -> None:
+@pytest.mark.parametrize(
+    "kinds",
+    [("range_offset", "amplitude_walk", "temperature_drift"), pytest.param(KINDS, marks=pytest.mark.slow)],
+    ids=["few rivals", "all rivals"],
+)
+def test_offset_that_is_given_wrong_is_neither_drift_nor_walk(small: Model, kinds: tuple[str, ...]) -> None:
     """Another offset is not tried where the model has one; a drift that is over at once would stand for it."""
-    hidden = MAKE["range_offset"](offset_mm=18.0)
-    wrong = replace(model, effects=(MAKE["range_offset"](offset_mm=10.0),))
-    evidence = record(hidden, of=model)
-    result = reconcile(wrong, evidence, Settings(kinds=KINDS))
+    wrong = replace(small, effects=(MAKE["range_offset"](offset_mm=10.0),))
+    result = reconcile(wrong, recorded(small, MAKE["range_offset"](offset_mm=18.0)), Settings(kinds=kinds))
     assert not {"temperature_drift", "amplitude_walk"} & {n.effect.kind for n in result.named}
     assert result.verified.verdict == "unexplained"

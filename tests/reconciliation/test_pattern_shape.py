@@ -11,7 +11,7 @@ from tofmix.reconciliation.pattern_shape import smooth, tilted
     ("kind", "runs"),
     [("pixels", False), ("columns", False), ("rows", False), ("lens", True), ("kink", True), ("rising rows", True)],
 )
-def test_a_pattern_is_smooth_where_a_lens_bends_it(
+def test_map_is_smooth_where_neighbours_are_alike_and_not_where_drawn_by_pixel_column_or_row(
     kind: str, runs: bool, everywhere: bool, rng: np.random.Generator
 ) -> None:
     row, col = np.mgrid[-1:1:36j, -1:1:44j]
@@ -30,7 +30,7 @@ def test_a_pattern_is_smooth_where_a_lens_bends_it(
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_tilted_board_is_told_from_columns(seed: int) -> None:
+def test_tilted_board_is_told_from_columns(seed: int) -> None:
     rng = np.random.default_rng(seed)
     row, col = np.mgrid[:30, :40]
     board = (np.abs(row - 12) < 6) & (np.abs(col - 20) < 6)
@@ -43,19 +43,19 @@ def test_a_tilted_board_is_told_from_columns(seed: int) -> None:
 
 
 @pytest.mark.parametrize("lines", [12, 24, 60])
-def test_columns_drawn_by_themselves_are_in_order_by_chance_hardly_ever(lines: int) -> None:
+def test_columns_drawn_by_themselves_are_never_smooth(lines: int) -> None:
     rng = np.random.default_rng(lines)
     known = np.ones((16, lines), dtype=bool)
     found = [smooth(rng.normal(0, 0.2, known.shape) + rng.normal(0, 1, lines), known) for _ in range(300)]
     assert not any(found)
 
 
-def test_a_few_smooth_columns_beside_a_pattern_of_pixels_leave_it_one(rng: np.random.Generator) -> None:
+def test_faint_smooth_columns_leave_a_pattern_of_pixels_one(rng: np.random.Generator) -> None:
     """Poses within their tolerance bend what the columns have in common, of which pixels by themselves have little."""
     known = np.ones((40, 60), dtype=bool)
     assert not smooth(rng.normal(0, 3, known.shape) + np.linspace(0, 1, 60) ** 2, known)
 
 
-def test_a_map_of_nothing_is_not_smooth() -> None:
+def test_empty_map_is_not_smooth() -> None:
     assert not smooth(np.zeros((8, 8)), np.ones((8, 8), dtype=bool))
     assert not smooth(np.zeros((8, 8)), np.zeros((8, 8), dtype=bool))

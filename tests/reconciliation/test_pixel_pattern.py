@@ -8,7 +8,7 @@ from tofmix.reconciliation.pixel_pattern import LinesFactor, PatternLines
 
 @pytest.mark.parametrize("shape", [(5, 9), (9, 5), (6, 6)])
 @pytest.mark.parametrize("right", [1, 3])
-def test_a_factor_is_that_of_the_dense_matrix(shape: tuple[int, int], right: int) -> None:
+def test_factor_solves_as_the_dense_matrix_does(shape: tuple[int, int], right: int) -> None:
     rng = np.random.default_rng(4)
     cross = rng.uniform(0.1, 1.0, shape)
     diagonal = np.concatenate([cross.sum(axis=1), cross.sum(axis=0)]) + rng.uniform(0.2, 1.0, sum(shape))
@@ -22,7 +22,7 @@ def test_a_factor_is_that_of_the_dense_matrix(shape: tuple[int, int], right: int
 
 
 @pytest.mark.parametrize("image", [(4, 7), (7, 4)])
-def test_the_covariance_is_that_of_pixels_columns_and_rows(image: tuple[int, int]) -> None:
+def test_covariance_is_that_of_pixels_columns_and_rows(image: tuple[int, int]) -> None:
     """Against the whole matrix, pixels without information left out."""
     rng = np.random.default_rng(5)
     information = rng.uniform(0.5, 2.0, image[0] * image[1])

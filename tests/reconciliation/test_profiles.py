@@ -34,7 +34,7 @@ def offset(x: FloatArray) -> Effect:
 
 
 @pytest.mark.parametrize("step", [0.05, 2.0])
-def test_the_error_of_a_gaussian_mean_is_its_standard_deviation(step: float) -> None:
+def test_error_of_a_gaussian_mean_is_its_standard_deviation(step: float) -> None:
     """Whatever the step in which the covariance is given."""
     of = parameter("offset_mm", offset, np.array([3.0]), np.array([step]))
     covariance = np.array([[(0.7 / step) ** 2]])
@@ -44,7 +44,7 @@ def test_the_error_of_a_gaussian_mean_is_its_standard_deviation(step: float) -> 
 
 @pytest.mark.parametrize("turn", [0.0, 1.2, math.pi, -2.9])
 @pytest.mark.parametrize("sigma", [0.2, 0.4])
-def test_the_error_of_a_banana_is_that_of_its_profile(turn: float, sigma: float) -> None:
+def test_error_in_polar_numbers_is_that_of_the_profile(turn: float, sigma: float) -> None:
     """A round Gaussian about a point at distance 2, in polar numbers: radii to +-2 sigma, angles to asin(sigma)."""
     vector = 2.0 * np.array([math.cos(turn), math.sin(turn)])
     steps = np.array([0.1, 0.3])
@@ -55,13 +55,13 @@ def test_the_error_of_a_banana_is_that_of_its_profile(turn: float, sigma: float)
     assert math.asin(sigma) / 2 > sigma / 2  # which its slope alone would give
 
 
-def test_both_sides_count_where_the_parameter_is_an_exponential() -> None:
+def test_error_of_an_exponential_is_the_mean_of_both_sides() -> None:
     of = parameter("factor", exponential, np.array([0.2]), np.array([0.1]))
     wanted = math.exp(0.2) * math.sinh(2 * 0.3) / 2
     assert parabola_error(of, np.array([[9.0]])) == pytest.approx(wanted, rel=1e-9)
 
 
-def test_where_one_side_is_out_of_bounds_the_other_counts() -> None:
+def test_error_beside_a_bound_is_that_of_the_other_side() -> None:
     def bounded(x: FloatArray) -> Effect:
         if x[0] < 3.0:
             raise ValueError("out of bounds")
@@ -71,7 +71,7 @@ def test_where_one_side_is_out_of_bounds_the_other_counts() -> None:
     assert parabola_error(of, np.array([[100.0]])) == pytest.approx(0.5, rel=1e-9)
 
 
-def test_a_likelihood_that_is_no_parabola_is_followed() -> None:
+def test_error_of_a_poisson_mean_is_that_of_its_profile() -> None:
     """A count of 10 events, searched in its mean: its logarithm is 10 log m - m, curvature 1 / 10."""
     of = parameter("offset_mm", offset, np.array([10.0]), np.array([1.0]))
 
@@ -87,7 +87,7 @@ def test_a_likelihood_that_is_no_parabola_is_followed() -> None:
     assert found == pytest.approx((ends[1] - ends[0]) / 4, rel=0.03)
 
 
-def test_the_other_numbers_are_at_their_best_along_a_bent_ridge() -> None:
+def test_error_along_a_bent_ridge_is_that_of_the_profile() -> None:
     """One wide by 3 (quartic, so narrower than its curvature says), one narrow about x * x / 10: the profile of x."""
 
     def value(move: FloatArray) -> float:

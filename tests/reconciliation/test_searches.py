@@ -22,7 +22,7 @@ def lossy(model: Model, record: Record) -> Likelihood:
 
 
 @pytest.mark.parametrize("frames", [20, 25, 30])
-def test_a_drift_is_looked_for_in_few_frames_too(model: Model, record: Record, frames: int) -> None:
+def test_drift_has_starts_in_few_frames(model: Model, record: Record, frames: int) -> None:
     whole = record()
     few = replace(
         whole, samples=whole.samples[:frames], time_s=whole.time_s[:frames], fit_frames=whole.fit_frames[:frames]
@@ -34,7 +34,9 @@ def test_a_drift_is_looked_for_in_few_frames_too(model: Model, record: Record, f
 
 
 @pytest.mark.parametrize("kind", PROBLEMS)
-def test_every_start_is_an_effect_that_the_camera_may_have(model: Model, lossy: Likelihood, kind: str) -> None:
+def test_each_start_of_a_search_is_an_effect_that_the_camera_may_have(
+    model: Model, lossy: Likelihood, kind: str
+) -> None:
     found = problems(kind, lossy, lossy.scene.mixture())
     assert found or kind == "phase_wrapping"  # nothing is near the turn
     for problem in found:
@@ -46,7 +48,7 @@ def test_every_start_is_an_effect_that_the_camera_may_have(model: Model, lossy: 
             assert len(problem.steps) == len(start)
 
 
-def test_without_a_modulation_frequency_no_effect_of_the_phase_is_looked_for(model: Model, record: Record) -> None:
+def test_effects_of_the_phase_are_not_searched_for_without_a_modulation_frequency(model: Model, record: Record) -> None:
     evidence = record()
     sensor = replace(model.sensor, modulation_frequency_hz=None)
     likelihood = Likelihood(evidence, Scene(replace(model, sensor=sensor), evidence.time_s))
@@ -56,7 +58,7 @@ def test_without_a_modulation_frequency_no_effect_of_the_phase_is_looked_for(mod
     assert problems("range_offset", likelihood, mixture)
 
 
-def test_where_no_sample_is_lost_none_is_looked_for(model: Model, record: Record) -> None:
+def test_losses_are_not_searched_for_where_no_sample_is_lost(model: Model, record: Record) -> None:
     evidence = record()
     evidence.samples[evidence.samples == 0] = 1000
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
@@ -64,14 +66,14 @@ def test_where_no_sample_is_lost_none_is_looked_for(model: Model, record: Record
         assert problems(kind, likelihood, likelihood.scene.mixture()) == []
 
 
-def test_dark_surfaces_reflect_no_light_that_ranges_could_walk_with(model: Model, record: Record) -> None:
+def test_amplitude_walk_is_not_searched_for_before_dark_surfaces(model: Model, record: Record) -> None:
     dark = replace(model, surfaces=tuple(replace(s, reflectivity=0.0) for s in model.surfaces))
     evidence = record()
     likelihood = Likelihood(evidence, Scene(dark, evidence.time_s))
     assert problems("amplitude_walk", likelihood, likelihood.scene.mixture()) == []
 
 
-def test_the_fit_of_a_loss_is_the_share_that_is_lost(lossy: Likelihood) -> None:
+def test_fitted_dropout_is_the_share_that_is_lost(lossy: Likelihood) -> None:
     by_chance, _ = problems("dropout", lossy, lossy.scene.mixture())
     whole = np.arange(lossy.evidence.shape[0]), np.arange(lossy.evidence.shape[1])
     found = fit(by_chance, lossy, lossy.start(), whole)

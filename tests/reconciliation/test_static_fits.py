@@ -20,7 +20,9 @@ def _trial(model: Model, record: Record, *hidden: Effect) -> Trial:
 
 
 @pytest.mark.parametrize("pattern", [None, FixedPattern(pixel_sigma_mm=1.0, column_sigma_mm=9.0, row_sigma_mm=2.0)])
-def test_an_offset_is_the_weighted_mean_of_biases(model: Model, record: Record, pattern: FixedPattern | None) -> None:
+def test_static_offset_is_the_weighted_mean_of_biases(
+    model: Model, record: Record, pattern: FixedPattern | None
+) -> None:
     trial = _trial(model, record, MAKE["range_offset"](offset_mm=9.0))
     (offset,) = candidates(trial, ("range_offset",))
     assert offset.fitted is not None
@@ -39,7 +41,7 @@ def test_an_offset_is_the_weighted_mean_of_biases(model: Model, record: Record, 
     assert gain == pytest.approx(0.5 * mean**2 * (lit @ weighed[:, 0]), rel=1e-3)
 
 
-def test_two_recordings_have_biases_of_their_own_and_one_pattern(model: Model, record: Record) -> None:
+def test_two_recordings_have_own_biases_and_share_one_pattern(model: Model, record: Record) -> None:
     """Against the covariance of all biases, written out."""
     pattern, (pixel, column, row_) = FixedPattern(pixel_sigma_mm=3.0, column_sigma_mm=5.0, row_sigma_mm=2.0), (3, 5, 2)
     hidden = MAKE["range_offset"](offset_mm=9.0)
@@ -66,7 +68,7 @@ def test_two_recordings_have_biases_of_their_own_and_one_pattern(model: Model, r
     assert gain == pytest.approx(0.5 * mean**2 * (lit @ weighed[:, 0]), rel=1e-3)
 
 
-def test_what_stands_gives_back_what_it_took_of_another(model: Model, record: Record) -> None:
+def test_pose_gives_back_its_part_of_the_offset_when_fitted_together(model: Model, record: Record) -> None:
     """A pose that was fitted alone has a part of the offset; fitted together, both are what they are."""
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=20.0), MAKE["range_offset"](offset_mm=8.0)
     first = _trial(model, record, *hidden)

@@ -49,24 +49,24 @@ def planted(name: str, rng: np.random.Generator) -> FloatArray:
     ["common_mode of frame", "common_mode of row", "bias of row", "bias of all", "spread of col", "spread of time",
      "spread of all", "tails of all", "pattern of all"],
 )  # fmt: skip
-def test_what_is_planted_is_told_first(name: str, rng: np.random.Generator) -> None:
+def test_planted_change_is_told_first_on_its_own_axis(name: str, rng: np.random.Generator) -> None:
     told = telling(scored(planted(name, rng)))
     statistic, axis = max(told, key=lambda key: told[key])
     assert f"{statistic} of {axis}" == name
 
 
-def test_a_bias_beyond_where_scores_end_is_no_matter_of_tails(rng: np.random.Generator) -> None:
+def test_bias_beyond_the_end_of_scores_is_no_matter_of_tails(rng: np.random.Generator) -> None:
     far = rng.normal(0, 5, COLS)[COL] + rng.normal(0, 0.3, ROWS * COLS)
     told = telling(scored(np.clip(rng.normal(size=(FRAMES, ROWS * COLS)) + far, -4, 4)))
     assert max(told, key=lambda key: told[key]) == ("bias", "col")
     assert max(value for (statistic, _), value in told.items() if statistic in ("spread", "skew", "tails")) < 100
 
 
-def test_nothing_is_told_of_chance(rng: np.random.Generator) -> None:
+def test_chance_has_small_gains(rng: np.random.Generator) -> None:
     assert max(telling(scored(rng.normal(size=(FRAMES, ROWS * COLS)))).values()) < 12  # of 26 gains
 
 
-def test_a_gain_is_the_largest_over_all_variances(rng: np.random.Generator) -> None:
+def test_gain_is_the_largest_over_all_variances(rng: np.random.Generator) -> None:
     value = 2.0 * rng.normal(size=30)
 
     def less(extra: float) -> float:

@@ -1,26 +1,28 @@
 """The verdict is of the models as they are: no trace of poses that were tried, none of pixels that see nothing."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, Record
+from recordings import MAKE, Record, recorded
 
 from tofmix.reconciliation.add import Added, ways
 from tofmix.reconciliation.compare import compare
 from tofmix.reconciliation.likelihood import Likelihood
 from tofmix.reconciliation.mixture import Scene
-from tofmix.reconciliation.name import KINDS
 from tofmix.reconciliation.panel import Curve
-from tofmix.reconciliation.verify import _goes_on, verify
+from tofmix.reconciliation.verify import changes_in_time, verify
 from tofmix.reconciliation.way import Settings, held_out
 from tofmix.reconciliation.workflow import reconcile
+from tofmix.simulation.echoes import FrameSamples
+from tofmix.simulation.effects.base import Context
+from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.model import Model
 
-SETTINGS = Settings(kinds=KINDS)
+SETTINGS = Settings(kinds=("range_offset",))
 
 
-def test_a_pose_that_was_tried_leaves_no_trace_in_the_gaps(model: Model, record: Record) -> None:
+def test_pose_that_was_tried_leaves_no_trace_in_the_gaps(model: Model, record: Record) -> None:
     evidence = record()
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     start = likelihood.start()
@@ -33,7 +35,7 @@ def test_a_pose_that_was_tried_leaves_no_trace_in_the_gaps(model: Model, record:
     assert after_a_trial.floor.gap == straight.floor.gap
 
 
-def test_the_tolerance_brings_no_chance_of_other_frames_along(model: Model, record: Record) -> None:
+def test_panel_of_held_out_frames_does_not_depend_on_the_fitted_ones(model: Model, record: Record) -> None:
     evidence, other = record(seed=5), record(seed=6)
     samples = np.where(evidence.fit_frames[:, None], other.samples, evidence.samples)
     panels = []
@@ -43,54 +45,62 @@ def test_the_tolerance_brings_no_chance_of_other_frames_along(model: Model, reco
     assert panels[0] == panels[1]
 
 
-@pytest.mark.parametrize("frame_rate_hz", [4.0, 10.0])
-def test_the_floor_is_simulated_as_fast_as_was_recorded(model: Model, record: Record, frame_rate_hz: float) -> None:
-    """The model file may say another rate than the recording's 10 Hz, which is what counts."""
-    drift = MAKE["temperature_drift"](amplitude_mm=20.0, time_constant_s=2.0)
-    other = replace(model, recording=replace(model.recording, frame_rate_hz=frame_rate_hz))
-    result = reconcile(other, record(drift), Settings(kinds=("temperature_drift", "range_offset")))
+def test_floor_is_simulated_at_the_recordings_frame_rate_not_the_models(small: Model) -> None:
+    """The model file says 4 Hz, the recording's times 10 Hz."""
+    evidence = recorded(small, MAKE["temperature_drift"](amplitude_mm=20.0, time_constant_s=2.0))
+    other = replace(small, recording=replace(small.recording, frame_rate_hz=4.0))
+    result = reconcile(other, evidence, Settings(kinds=("temperature_drift", "range_offset")))
     assert [n.effect.kind for n in result.named] == ["temperature_drift"]
     assert result.verified.floor.gap < 1.3
     assert result.verified.closed is not None
     assert result.verified.closed < 1.05
 
 
-def test_a_change_in_time_that_no_law_has_leaves_a_drift_a_part_of_the_explanation(
-    model: Model, record: Record
-) -> None:
-    evidence = record(MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=2.0))
+@pytest.mark.parametrize(
+    "kinds",
+    [("temperature_drift",), pytest.param(("temperature_drift", "range_offset", "motion"), marks=pytest.mark.slow)],
+    ids=["drift", "drift, offset, motion"],
+)
+def test_ripple_in_time_leaves_a_drift_a_part_of_the_explanation(small: Model, kinds: tuple[str, ...]) -> None:
+    two = replace(small, surfaces=small.surfaces[1:])
+    evidence = recorded(two, MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=2.0))
     ripple = np.rint(2.5 * np.sin(0.9 * evidence.time_s)).astype(np.int64)
     moved = np.where(evidence.samples > 0, evidence.samples + ripple[:, None], 0).astype(np.uint16)
-    result = reconcile(
-        model, replace(evidence, samples=moved), Settings(kinds=("temperature_drift", "range_offset", "motion"))
-    )
+    result = reconcile(two, replace(evidence, samples=moved), Settings(kinds=kinds))
     assert result.verified.verdict != "explained"
     assert result.where[0].axis in ("time", "frame")
 
 
-def test_a_pattern_that_grows_is_a_pattern_in_part(model: Model, record: Record, rng: np.random.Generator) -> None:
+def test_pattern_that_grows_is_a_pattern_in_part(small: Model, rng: np.random.Generator) -> None:
     """What is left of each pixel changes slowly: one frame is like the next, and no bias stays."""
-    evidence = record()
+    evidence = recorded(small)
     growing = evidence.time_s[:, None] / evidence.time_s[-1] * rng.normal(0.0, 8.0, evidence.shape[1])
     moved = np.where(evidence.samples > 0, np.rint(evidence.samples + growing), 0).astype(np.uint16)
-    kinds = ("fixed_pattern", "interference", "temporal_correlation", "temperature_drift")
-    result = reconcile(model, replace(evidence, samples=moved), Settings(kinds=kinds))
+    kinds = ("fixed_pattern", "temporal_correlation", "temperature_drift")
+    result = reconcile(small, replace(evidence, samples=moved), Settings(kinds=kinds))
     assert result.verified.verdict in ("partly_explained", "unexplained")
     assert {n.effect.kind for n in result.named} <= {"fixed_pattern"}
 
 
-def test_a_model_whose_own_simulation_is_far_from_it_explains_nothing(
-    model: Model, record: Record, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    evidence = record(MAKE["range_offset"](offset_mm=8.0))
-    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inconsistent(RangeOffset):
+    """An offset whose samples lie 80 mm from its own prediction."""
+
+    def sample(self, samples: FrameSamples, context: Context) -> None:  # noqa: ARG002
+        """Add what the prediction does not know."""
+        samples.add_bias(80.0)
+
+
+def test_model_whose_own_simulation_is_far_from_its_prediction_explains_nothing(small: Model) -> None:
+    evidence = recorded(small, MAKE["range_offset"](offset_mm=8.0))
+    likelihood = Likelihood(evidence, Scene(small, evidence.time_s))
     (added, *_) = ways(likelihood, SETTINGS)
     assert verify(likelihood, added, SETTINGS).verdict == "explained"
-    far = record(MAKE["range_offset"](offset_mm=80.0))
-    other = Likelihood(far, Scene(model, far.time_s))
-    panel = compare(other, other.start(), held_out(other, SETTINGS), seed=1)
-    monkeypatch.setattr("tofmix.reconciliation.verify._floor", lambda *_: panel)
-    assert verify(likelihood, added, SETTINGS).verdict == "unexplained"
+    (found,) = added.state.effects
+    assert isinstance(found, RangeOffset)
+    inconsistent = replace(added.state, effects=(Inconsistent(offset_mm=found.offset_mm),))
+    judged = verify(likelihood, replace(added, state=inconsistent), SETTINGS)
+    assert judged.verdict == "unexplained"
 
 
 @pytest.mark.parametrize(
@@ -103,16 +113,16 @@ def test_a_model_whose_own_simulation_is_far_from_it_explains_nothing(
         ({"pattern": 80.0}, False),
     ],
 )
-def test_what_makes_a_frame_like_the_next_changes_unless_it_is_a_bias(
+def test_memory_that_is_left_is_a_change_in_time_unless_a_bias_stays(
     left: dict[str, float], goes_on: bool, model: Model, record: Record
 ) -> None:
     evidence = record()
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     floor = compare(likelihood, likelihood.start(), held_out(likelihood, SETTINGS), seed=1)
     loud = [_curve(statistic, z) for statistic, z in left.items()]
-    assert _goes_on(likelihood.start(), loud, floor, 2000.0) == goes_on
+    assert changes_in_time(likelihood.start(), loud, floor, 2000.0) == goes_on
     remembers = replace(likelihood.start(), effects=(MAKE["temporal_correlation"](coefficient=0.5),))
-    assert not _goes_on(remembers, loud, floor, 2000.0)
+    assert not changes_in_time(remembers, loud, floor, 2000.0)
 
 
 def _curve(statistic: str, nats: float) -> Curve:

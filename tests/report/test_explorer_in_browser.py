@@ -17,7 +17,7 @@ from tofmix.report.templates import read_part
 from tofmix.sensor import NoiseCurve
 
 BROWSER = chromium()
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")]
 
 READY = "document.documentElement?.dataset.explorer === 'ready'"
 ROWS, COLS = 9, 11

@@ -3,20 +3,15 @@
 import re
 from dataclasses import replace
 
-import numpy as np
 import pytest
+from recordings import reconciled
 
-from tofmix.reconciliation.evidence import make_evidence
-from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.words import in_words
-from tofmix.reconciliation.workflow import Reconciliation, reconcile
+from tofmix.reconciliation.workflow import Reconciliation
 from tofmix.report.gap_page import render_gap
 from tofmix.sensors.registry import load_profile
-from tofmix.simulation.cast import cast_scene
-from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.model import Model, RecordingSettings, Surface
-from tofmix.simulation.render import render_blocks
 
 MODEL = Model(
     sensor=replace(load_profile("sr4000"), rows=12, cols=16),
@@ -28,17 +23,10 @@ MODEL = Model(
 )
 
 
-def _reconciled(*effects: Effect) -> Reconciliation:
-    real = replace(MODEL, effects=effects)
-    (block,) = render_blocks(real, cast_scene(real), n_frames=60, seed=5, block_frames=60)
-    range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
-    settings = Settings(kinds=("range_offset", "surface_pose"))
-    return reconcile(MODEL, make_evidence(MODEL, range_mm, time_s=block.time_s), settings)
-
-
 @pytest.fixture(scope="module")
 def explained() -> Reconciliation:
-    return _reconciled(RangeOffset(offset_mm=9.0))
+    """The outcome for a hidden offset of 9 mm."""
+    return reconciled(MODEL, RangeOffset(offset_mm=9.0), kinds=("range_offset", "surface_pose"))
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +38,7 @@ def _titles(page: str) -> list[str]:
     return re.findall(r"<h3>(.*?)</h3>", page)
 
 
-def test_it_says_what_was_missing_and_where(page: str) -> None:
+def test_page_tells_the_missing_effect_and_where_it_shows(page: str) -> None:
     assert "my &lt;recording&gt;.h5" in page
     assert "<board>" not in page
     for words in ("Verdict: explained", "What was missing", "Where they disagree", "Candidates", "Panel"):
@@ -67,7 +55,7 @@ def test_words_of_an_effect_have_four_digits() -> None:
     assert in_words(RangeOffset(offset_mm=9.123456)) == "every range is 9.123 mm longer"
 
 
-def test_pictures_show_what_disagrees_most_and_each_statistic(page: str, explained: Reconciliation) -> None:
+def test_pictures_show_the_largest_disagreements_and_each_statistic(page: str, explained: Reconciliation) -> None:
     curves = [title for title in _titles(page) if " against " in title]
     places = [f"{p.statistic} against {p.axis}" for p in explained.where if p.axis != "all"]
     assert curves[:4] == [place.replace("_", " ") for place in places[:4]]
@@ -77,15 +65,16 @@ def test_pictures_show_what_disagrees_most_and_each_statistic(page: str, explain
     assert re.search(rf'alt="{curves[0]}: \d+\.\d times chance before, \d\.\d after"', page) is not None
 
 
-def test_maps_are_drawn_before_and_after(page: str) -> None:
+def test_residual_maps_are_drawn_before_and_after(page: str) -> None:
     assert [t for t in _titles(page) if "pixel," in t] == [f"residual of each pixel, {w}" for w in ("before", "after")]
     maps = re.findall(r'srcset="(data:image/png.*?)">\s*<img src="(data:image/png.*?)"', page)
     assert len(maps) == 2
     assert all(light != dark for light, dark in maps)
 
 
-def test_an_agreement_has_no_after() -> None:
-    page = render_gap(_reconciled(), source="a.h5")
+@pytest.mark.slow
+def test_page_of_an_agreement_has_no_after() -> None:
+    page = render_gap(reconciled(MODEL, kinds=("range_offset", "surface_pose")), source="a.h5")
     assert "Verdict: agree" in page
     assert "there is no after" in page
     for words in ("What was missing", "Where they disagree", "Added to the model", "pixel, after"):

@@ -201,6 +201,7 @@ def test_a_missing_extra_is_told(
         render_page(make_source(make_layers()))
 
 
+@pytest.mark.slow
 def test_a_full_page_is_small_and_soon_done(
     make_layers: Callable[..., Layers],
     make_source: Callable[..., LayersSource],

@@ -13,7 +13,8 @@ from tofmix.report.tables import format_table, ordinal, printable
 def check_form(text: str) -> None:
     lines = text.splitlines()
     assert text.isascii()
-    assert max(len(line) for line in lines) <= 80
+    # Commands are whole, to be copied.
+    assert max(len(line) for line in lines if not line.startswith("  try: tofmix ")) <= 80
     assert all(line == line.rstrip() for line in lines)
     assert "nan" not in text.lower()
 
@@ -24,7 +25,7 @@ def test_table_is_short_and_narrow(
 ) -> None:
     text = format_table(summarise(make_source(make_layers(max_layers=max_layers), source="ä" * 300 + "\x1b[31m")))
     check_form(text)
-    assert len(text.splitlines()) <= 36
+    assert len([line for line in text.splitlines() if not line.startswith("  try: ")]) <= 36
 
 
 def test_table_holds_the_counts(make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]) -> None:

@@ -4,15 +4,57 @@ import numpy as np
 import pytest
 
 from tofmix.errors import BadInputError
-from tofmix.sensors import PROFILES, load_profile
+from tofmix.sensors import PROFILES, load_profile, load_sheet, profiles_with_noise
 from tofmix.sensors.profile_toml import parse_profile
+from tofmix.sensors.sensor_file import sensor_of
+from tofmix.simulation.model_toml import parse_model
+from tofmix.toml_table import parse_toml
 
 
 @pytest.mark.parametrize("name", PROFILES)
 def test_every_profile_reads_and_has_sources(name: str) -> None:
-    profile = load_profile(name)
-    assert profile.sources
-    assert profile.integration_time_ms == profile.default_integration_time_ms
+    sheet = load_sheet(name)
+    assert sheet.sources
+    assert sheet.integration_time_ms == sheet.default_integration_time_ms
+
+
+@pytest.mark.parametrize("name", [name for name in PROFILES if load_sheet(name).missing()])
+def test_each_number_of_a_profile_with_gaps_has_a_source_and_each_gap_is_said(name: str) -> None:
+    sheet = load_sheet(name)
+    numbers = set(sheet.known()) - {"name", "confirmed", "sources"}
+    named = {key.strip() for text in sheet.sources for key in text.split(":")[0].replace(". ", ", ").split(",")}
+    assert numbers <= named | {part for text in sheet.sources for part in text.replace(":", " ").split()}
+    assert any(text.startswith("Not known:") for text in sheet.sources)
+    sensor = sheet.sensor()
+    assert sensor.noise is None
+    for key in ("range_min_mm", "range_max_mm", "fov_horizontal_deg", "fov_vertical_deg", "integration_time_ms"):
+        assert getattr(sensor, key) == getattr(sheet, key)
+
+
+def test_a_profile_with_gaps_is_no_camera_to_simulate_and_says_what_it_misses() -> None:
+    with pytest.raises(BadInputError, match=r"profile vl53l5cx: VL53L5CX: not known: integration_time_ms, noise, outl"):
+        load_profile("vl53l5cx")
+
+
+def test_a_model_may_fill_the_gaps_of_a_profile() -> None:
+    gaps = """
+integration_time_ms = 10.0
+outlier_probability = 1.0e-4
+[sensor.noise]
+range_mm = [100.0, 4000.0]
+sigma_mm = [5.0, 40.0]
+reference_integration_time_ms = 10.0
+exponent = 0.5
+"""
+    with pytest.raises(BadInputError, match=r"missing integration_time_ms, noise.range_mm, noise.sigma_mm, outlier_pr"):
+        parse_model('[sensor]\nprofile = "vl53l5cx"\n', source="m")
+    camera = sensor_of(parse_toml('[sensor]\nprofile = "vl53l5cx"\n' + gaps, source="m"))
+    assert (camera.rows, camera.fov_vertical_deg, camera.range_max_mm) == (8, 45.0, 4000.0)
+    assert float(camera.noise.sigma(4000.0)) == 40.0
+
+
+def test_only_profiles_with_a_curve_are_offered_for_noise() -> None:
+    assert profiles_with_noise() == ("sr3000", "sr4000", "stoc")
 
 
 def test_sr3000_is_the_papers_camera_and_says_that_it_is_unconfirmed() -> None:
@@ -71,7 +113,7 @@ def test_unknown_camera_is_refused_in_one_line_with_the_known_ones(name: str) ->
     [
         ("[abut]", 'p: "abut" is not a key here; did you mean "about"?'),
         ("[about]\nconfirmd = true", 'did you mean "confirmed"?'),
-        ("[about]\nconfirmed = 1\n", "p: \\[sensor\\]: missing rows"),
+        ("[about]\nconfirmed = 1\n", "p: no table \\[sensor\\]"),
     ],
 )
 def test_a_profile_file_is_read_as_strictly_as_a_model(text: str, message: str) -> None:

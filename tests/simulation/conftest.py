@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tofmix.sensors import SensorProfile, load_profile
-from tofmix.simulation import cast, cast_kernel
+from tofmix.simulation import cast, cast_cells, cast_kernel
 from tofmix.simulation.builtin import builtin_text
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Model, Surface
@@ -25,6 +25,7 @@ CastTwin = Callable[..., tuple[Floats, Floats]]
 def kernel_casts(monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernel itself, also where its twin, which is less precise, has taken its place elsewhere."""
     monkeypatch.setattr(cast, "cast_row", cast_kernel.cast_row)
+    monkeypatch.setattr(cast, "cast_cells", cast_cells.cast_cells)
 
 
 @pytest.fixture
@@ -61,6 +62,8 @@ def three_boards() -> tuple[Model, Truth]:
 def _twin(model: Model, row: int, col: int, *, side: int = 1000) -> tuple[Floats, Floats]:
     """Shares (S + 1,), the last that of no return, and mean ranges (S,) of one pixel from side x side beams."""
     s = model.sensor
+    assert s.fov_horizontal_deg is not None
+    assert s.fov_vertical_deg is not None
     part = (np.arange(side) + 0.5) / side - 0.5
     az = np.radians((col - (s.cols - 1) / 2 + part) * s.fov_horizontal_deg / s.cols)[np.newaxis, :]
     el = np.radians((row - (s.rows - 1) / 2 + part) * s.fov_vertical_deg / s.rows)[:, np.newaxis]

@@ -225,12 +225,18 @@ CASES = {
 
 
 BY_SHARES = [pytest.mark.compiled("edges in 800 pixels, whose shares must be right to a thousandth")]
+SLOW = [pytest.mark.slow]
 
 
 @pytest.mark.parametrize(
     ("name", "case"),
     [
-        pytest.param(name, k, marks=BY_SHARES if name in ("flying_pixels", "together") else [])
+        # The quick run has the largest magnitude of each effect.
+        pytest.param(
+            name,
+            k,
+            marks=(BY_SHARES if name in ("flying_pixels", "together") else []) + (SLOW if k < len(cases) - 1 else []),
+        )
         for name, cases in CASES.items()
         for k in range(len(cases))
     ],
@@ -251,7 +257,7 @@ def test_the_recording_has_the_distribution_of_the_taps(name: str, case: int) ->
     ("text", "errors"),
     [
         (effect("scattering", share=0.1), Errors(lens=0.1)),
-        (effect("pixel_crosstalk", share=0.05), Errors(neighbours=0.05)),
+        pytest.param(effect("pixel_crosstalk", share=0.05), Errors(neighbours=0.05), marks=SLOW),
         (effect("flying_pixels", probability=0.7), Errors(all_at_once=0.7)),
     ],
 )
@@ -269,7 +275,7 @@ def test_nothing_in_the_beam_gives_no_light(text: str, errors: Errors) -> None:
     assert_same(ours[:, ::apart], theirs[:, ::apart])
 
 
-@pytest.mark.parametrize("frequency_hz", [8.0e6, 60.0e6, 75.0e6])
+@pytest.mark.parametrize("frequency_hz", [pytest.param(8.0e6, marks=SLOW), 60.0e6, pytest.param(75.0e6, marks=SLOW)])
 def test_phase_wrapping_is_what_the_arctangent_does(frequency_hz: float) -> None:
     """At 8 MHz nothing folds; at 60 MHz two boards do, one of them at the end of its turn; at 75 MHz two others."""
     cam = camera(frequency_hz=frequency_hz)
@@ -284,7 +290,14 @@ EVEN = [replace(board, reflectivity=0.4 * (board.z_mm / BOARDS[0].z_mm) ** 2) fo
 """Two boards of one amplitude."""
 
 
-@pytest.mark.parametrize(("share", "sigma_mm"), [(0.0, 40.0), (0.1, 40.0), (0.4, 40.0), (0.2, 80.0)])
+@pytest.mark.parametrize(
+    ("share", "sigma_mm"),
+    [
+        *(pytest.param(share, 40.0, marks=SLOW) for share in (0.0, 0.1)),
+        (0.4, 40.0),
+        pytest.param(0.2, 80.0, marks=SLOW),
+    ],
+)
 def test_interference_is_a_strangers_light_in_bursts(share: float, sigma_mm: float) -> None:
     """Few rows and many frames, for all pixels share the bursts. Column 1 sees both boards."""
     cam = camera(rows=10)
@@ -308,7 +321,10 @@ def memory_of_squares(samples: Floats) -> Floats:
     return np.array([np.mean(frame[k:] * frame[:-k]) / np.mean(square**2) for k in range(1, 13)])
 
 
-@pytest.mark.parametrize(("coefficient", "forgets"), [(0.0, 1), (0.3, 4), (0.6, 9), (0.8, 20)])
+@pytest.mark.parametrize(
+    ("coefficient", "forgets"),
+    [*(pytest.param(c, n, marks=SLOW) for c, n in ((0.0, 1), (0.3, 4))), (0.6, 9), pytest.param(0.8, 20, marks=SLOW)],
+)
 def test_temporal_correlation_is_the_charges_memory(coefficient: float, forgets: int) -> None:
     """Samples far apart have the same distribution as without it, and steps between frames that of the taps.
 

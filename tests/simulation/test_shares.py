@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from tofmix.equiangular import Equiangular
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Model, Surface
 from tofmix.simulation.truth import Truth
@@ -75,7 +76,8 @@ def in_angles(polygon: Floats) -> Floats:
 def shares(model: Model, polygon: Floats, where: NDArray[np.bool_] | None = None) -> Floats:
     """Share of each pixel (row, col) that a polygon of the plane z = 1 covers; 0 outside `where`."""
     s = model.sensor
-    size = np.radians([s.fov_horizontal_deg / s.cols, s.fov_vertical_deg / s.rows])
+    assert isinstance(s.optics, Equiangular)
+    size = np.array(s.optics.pixel_size_rad(s.shape))
     pixels = in_angles(polygon) / size + [s.cols / 2, s.rows / 2]  # pixel (row, col) is [col, col + 1] x [row, row + 1]
     out = np.zeros((s.rows, s.cols))
     for row in range(s.rows):

@@ -206,6 +206,7 @@ def estimate(
     BadInputError
         If the file cannot be read, or its samples do not tell the noise.
     """
+    from tofmix.estimation.no_return import no_return_constant
     from tofmix.estimation.sequence import estimate_layers
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.windows import plan_windows
@@ -215,6 +216,10 @@ def estimate(
     windows = plan_windows(source.shape[0], window=window, stride=stride)
     asked = noise if noise is not None else AUTO if source.sensor.noise is None else FILE
     sensor = _sensor(source, asked, outliers, options)
+    source = source.with_sensor(sensor)
+    with source.opened() as samples:
+        if options.unambiguous_range_mm is None and not options.paper and sensor.no_return_mm is None:
+            sensor = replace(sensor, no_return_mm=no_return_constant(samples))
     source = source.with_sensor(sensor)
     with source.opened() as samples:
         layers = estimate_layers(samples, options, windows=windows, workers=workers or os.cpu_count() or 1)

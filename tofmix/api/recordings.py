@@ -298,11 +298,11 @@ def _no_sample(raw: NDArray[Any], invalid: tuple[float, ...]) -> NDArray[np.bool
 
 def _camera(sensor: Sensor | str | None, integration_time_ms: float | None) -> Sensor:
     if isinstance(sensor, str):
-        from tofmix.sensors import load_profile
+        from tofmix.sensors import load_sheet
 
-        profile = load_profile(sensor)
+        sheet = load_sheet(sensor)
         if integration_time_ms is not None:
-            profile = replace(profile, integration_time_ms=integration_time_ms)
-        return profile.sensor()
+            sheet = replace(sheet, integration_time_ms=integration_time_ms)
+        return sheet.sensor()
     camera = sensor or Sensor(name="unknown")
     return camera if integration_time_ms is None else replace(camera, integration_time_ms=integration_time_ms)

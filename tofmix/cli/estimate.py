@@ -109,6 +109,9 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
     "--min-samples", type=click.IntRange(2), default=3, show_default=True,
     help="Fewest valid samples that a pixel is fitted with.",
 )  # fmt: skip
+@click.option(
+    "--force", is_flag=True, allow_from_autoenv=False, help="Estimate a recording that is marked as averaged as well."
+)
 @click.option("--workers", type=click.IntRange(1), help="Threads; results do not depend on it.  [default: all cores]")
 @click.option(
     "--memory", type=MEMORY, default="1GB", show_default=True, metavar="SIZE",
@@ -146,6 +149,7 @@ def estimate(
     shard: tuple[int, int] | None,
     resume: bool,
     scheduler: str | None,
+    force: bool,
     overwrite: bool,
     as_json: bool,
     **choices: float | str | bool,
@@ -189,6 +193,7 @@ def estimate(
         resume=resume,
         overwrite=overwrite,
         scheduler=scheduler,
+        force=force,
     )
     estimate_files(recordings, output, output_dir, request, as_json=as_json)
 

@@ -3,17 +3,20 @@
 import json
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import progress_bar
+from tofmix.cli.options import is_quiet, note, progress_bar
+from tofmix.cli.recording_check import check_not_averaged, findings_of_samples, opened_recording
 from tofmix.cli.sensor_choice import circle_of, noise_choice, sensor_for
 from tofmix.errors import ExitCode, StorageError, TofmixError, UsageError, os_error_text
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
     from tofmix.pipeline.cluster import ClusterEngine
     from tofmix.pipeline.job import Engine
     from tofmix.pipeline.run import Outcome
+    from tofmix.report.findings import Finding, Remedy
     from tofmix.windows import Windows
 
 _COMPILING_AFTER_S = 4.0
@@ -46,6 +50,7 @@ class Request:
     resume: bool
     overwrite: bool
     scheduler: str | None
+    force: bool
 
 
 def estimate_files(
@@ -133,7 +138,7 @@ def _pixels(pairs: Sequence[tuple[Path, Path]], request: Request) -> int:
     total = 0
     for recording, _ in pairs:
         try:
-            with open_recording(recording) as source:
+            with open_recording(recording, check_units=False) as source:
                 _, rows, cols = source.shape
                 total += _windows(source, request).count * rows * cols // (request.shard or (1, 1))[1]
         except TofmixError:
@@ -155,28 +160,25 @@ def _estimate(
 ) -> tuple[str, dict[str, Any]]:
     """Estimate one recording; return what to say of it, as a line and for JSON."""
     from tofmix.io.journal import WHOLE, Shard
-    from tofmix.io.recording_file import open_recording
     from tofmix.io.storage import check_output
     from tofmix.pipeline.job import plan_job
     from tofmix.pipeline.local import LocalEngine
     from tofmix.pipeline.run import run_job
+    from tofmix.report.findings import Remedy
 
-    def say(text: str) -> None:
-        with bar.external_write_mode(file=sys.stderr):
-            click.echo(f"tofmix: {text}", err=True)
-
-    with open_recording(recording) as source:
+    say = partial(_say, bar)
+    with opened_recording(recording, say=say) as source:
+        if not request.force:
+            check_not_averaged(source)
         if not request.resume:
             check_output(target, overwrite=request.overwrite, inputs=(recording,))
-        options = request.options
-        if request.wrap:
-            options = replace(options, unambiguous_range_mm=circle_of(source))
-        with bar.external_write_mode(file=sys.stderr):
-            noise = noise_choice(source, request.noise)
-            source.sensor = sensor_for(
-                source, noise=noise, outliers=request.outliers, circle_mm=options.unambiguous_range_mm
-            )
+        noise = noise_choice(source, request.noise)
+        options = _settled(source, request, noise, bar)
         windows = _windows(source, request)
+        remedy = Remedy(recording=str(recording), noise=noise, window_frames=windows.length, windows=windows.count)
+        with bar.external_write_mode(file=sys.stderr), announced():
+            findings = findings_of_samples(source, source.sensor, options.unambiguous_range_mm, remedy)
+        say_findings(recording, findings, say)
         job = plan_job(source, windows, options, {"noise": noise, "outliers": request.outliers})
         engine: Engine
         if cluster is not None:
@@ -192,27 +194,78 @@ def _estimate(
             job, engine, target, shard=shard, overwrite=request.overwrite, resume=request.resume,
             progress=bar.update, say=say, settle=source.settle,
         )  # fmt: skip
-    if outcome.continued:
-        say(f"{target}: {outcome.continued} of {outcome.cells} blocks were there already")
+    if outcome.continued and not is_quiet():
+        say(f"{target}: {outcome.continued} of {counted(outcome.cells, 'block')} were there already")
     if windows.frames_left_out:
-        left_out = f"{windows.frames_left_out} frame{'s' * (windows.frames_left_out > 1)}"
-        say(f"{recording}: {left_out} after the last whole window left out")
-    return describe(outcome, request.shard)
+        say(f"{recording}: {counted(windows.frames_left_out, 'frame')} after the last whole window left out")
+    if request.shard is None:
+        findings += say_findings(target, findings_of(target, remedy), say)
+    return describe(outcome, findings, request.shard)
 
 
-def describe(outcome: "Outcome", shard: tuple[int, int] | None = None) -> tuple[str, dict[str, Any]]:
+def _settled(source: "RecordingFile", request: Request, noise: str, bar: "tqdm[Any]") -> "EstimateOptions":
+    """Give the recording the sensor that is asked for; return the options with its own unambiguous range."""
+    options = request.options
+    if request.wrap:
+        options = replace(options, unambiguous_range_mm=circle_of(source))
+    with bar.external_write_mode(file=sys.stderr):
+        source.sensor = sensor_for(
+            source, noise=noise, outliers=request.outliers, circle_mm=options.unambiguous_range_mm
+        )
+        if options.unambiguous_range_mm is None and not options.paper:
+            source.sensor = replace(source.sensor, no_return_mm=_no_return(source))
+    return options
+
+
+def _no_return(source: "RecordingFile") -> float | None:
+    """The file's constant of samples without a return, or the one that its samples show."""
+    from tofmix.estimation.no_return import no_return_constant
+
+    if source.sensor.no_return_mm is not None:
+        return source.sensor.no_return_mm
+    found = no_return_constant(source)
+    if found is not None:
+        note(f"{source.path}: range: {found:g} mm stands for no return; it is taken as a constant without noise")
+    return found
+
+
+def _say(bar: "tqdm[Any]", text: str) -> None:
+    with bar.external_write_mode(file=sys.stderr):
+        click.echo(f"tofmix: {text}", err=True)
+
+
+def say_findings(path: Path, findings: list["Finding"], say: Callable[[str], object]) -> list["Finding"]:
+    """Say what is doubtful about a file, a line each; return the same."""
+    for finding in findings:
+        say(f"{path}: {finding.line}")
+    return findings
+
+
+def findings_of(layers: Path, remedy: "Remedy | None" = None) -> list["Finding"]:
+    """What a layers file makes doubtful, as `tofmix report` says it."""
+    from tofmix.io.layers_file import open_layers
+    from tofmix.report.summary import find
+
+    with open_layers(layers) as file:
+        return list(find(file, remedy))
+
+
+def describe(
+    outcome: "Outcome", findings: Sequence["Finding"] = (), shard: tuple[int, int] | None = None
+) -> tuple[str, dict[str, Any]]:
     """Say what was made, as a line and for JSON."""
     (rows, cols), windows = outcome.grid.image, outcome.grid.windows
     found = ", ".join(f"{n}: {count:,}" for n, count in enumerate(outcome.tally) if count) or "none"
     part = f"part {shard[0]} of {shard[1]} of " if shard else ""
     line = (
-        f"{outcome.target}: {part}{rows} x {cols} pixels, {windows.count} window{'s' * (windows.count > 1)}"
-        f" of {windows.length} frames; pixels by surfaces {found}"
+        f"{outcome.target}: {part}{rows} x {cols} pixels, {counted(windows.count, 'window')}"
+        f" of {counted(windows.length, 'frame')}; pixels by surfaces {found}"
     )
     return line, {
         "status": "done", "exit_code": 0, "rows": rows, "cols": cols, "windows": windows.count,
         "window_frames": windows.length, "frames_left_out": windows.frames_left_out,
         "pixels_by_surfaces": list(outcome.tally), "blocks": outcome.cells, "blocks_continued": outcome.continued,
+        "warnings": [finding.as_dict() for finding in findings],
     }  # fmt: skip
 
 
@@ -237,7 +290,8 @@ def announced() -> Iterator[None]:
     """Say in one line on stderr what takes so long, if it does."""
     text = "tofmix: compiling the kernels; a first run takes 15 to 30 seconds longer"
     timer = threading.Timer(_COMPILING_AFTER_S, click.echo, (text,), {"err": True})
-    timer.start()
+    if not is_quiet():  # asked here, for the timer's thread knows no command
+        timer.start()
     try:
         yield
     finally:

@@ -1,17 +1,20 @@
 """``tofmix export``: layers in the formats of other programs."""
 
+import json
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
-from tofmix.cli.options import PATH, examples, overwrite_option, progress_bar
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar
 from tofmix.errors import BadInputError, UsageError
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.io.layers_file import LayersFile
     from tofmix.points import PointFilter
+    from tofmix.projection import Projection
 
 _POINTS_ONLY = {"min_weight": "--min-weight", "min_probability": "--min-probability", "fov": "--fov"}
 _IMAGES_ONLY = {"layer": "--layer", "scale": "--scale"}
@@ -37,11 +40,14 @@ tofmix export boards.layers.h5 -o second.png --layer 2 --scale 0.25
 )
 @click.option("--min-weight", type=click.FloatRange(0, 1), help="Points: leave out layers of a lesser share.")
 @click.option("--min-probability", type=click.FloatRange(0, 1), help="Points: leave out layers that less surely exist.")
-@click.option("--fov", metavar="H,V", help="Points: field of view in degrees.  [default: the layers file's]")
+@click.option(
+    "--fov", metavar="H,V", help="Points: field of view in degrees, of equal angles.  [default: the layers file's]"
+)
 @click.option("--layer", type=click.IntRange(1), default=1, show_default=True, help="Images: which layer, 1 = nearest.")
 @click.option(
     "--scale", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, help="Images: mm of one count."
 )
+@json_option
 @overwrite_option
 @click.pass_context
 def export(
@@ -55,6 +61,7 @@ def export(
     fov: str | None,
     layer: int,
     scale: float,
+    as_json: bool,
     overwrite: bool,
 ) -> None:
     """Write LAYERS, a layers file, for other programs.
@@ -78,24 +85,24 @@ def export(
         if window is not None and window >= file.shape[0]:
             raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
         if as_image:
-            _export_image(file, output, window, layer, scale, overwrite)
+            line, made = _export_image(file, output, window, layer, scale, overwrite)
         else:
             from tofmix.points import PointFilter
 
             chosen = PointFilter(min_weight=min_weight, min_probability=min_probability)
-            _export_points(file, output, window, fov, chosen, overwrite)
+            line, made = _export_points(file, output, window, fov, chosen, overwrite)
+    click.echo(json.dumps({"output": str(output), **made}) if as_json else line)
 
 
 def _export_points(
     file: "LayersFile", output: Path, window: int | None, fov: str | None, chosen: "PointFilter", overwrite: bool
-) -> None:
+) -> tuple[str, dict[str, Any]]:
     from tofmix.io.exporters import export_points
     from tofmix.points import LayerPoints
 
-    view = _field_of_view(file, fov)
     windows = range(file.shape[0]) if window is None else [window]
     try:
-        points = LayerPoints(file, fov_horizontal_deg=view[0], fov_vertical_deg=view[1], windows=windows, chosen=chosen)
+        points = LayerPoints(file, optics=_optics(file, fov), windows=windows, chosen=chosen)
     except ValueError as error:
         raise (UsageError if fov else BadInputError)(f"{'--fov' if fov else file.path}: {error}") from error
     title = f"layers of {file.provenance.source}"
@@ -105,10 +112,14 @@ def _export_points(
         )
     if count == 0:
         click.echo(f"tofmix: {output}: no layer passed, so there is no point in it", err=True)
-    click.echo(f"{output}: {count:,} points of {len(windows)} window{'s' * (len(windows) > 1)}")
+    line = f"{output}: {counted(count, 'point', ',')} of {counted(len(windows), 'window')}"
+    return line, {"points": count, "windows": len(windows)}
 
 
-def _field_of_view(file: "LayersFile", fov: str | None) -> tuple[float, float]:
+def _optics(file: "LayersFile", fov: str | None) -> "Projection":
+    """Where the pixels look: --fov, with equal angles, or as the layers file says."""
+    from tofmix.equiangular import Equiangular
+
     if fov is not None:
         try:
             numbers = [float(part) for part in fov.split(",")]
@@ -116,18 +127,18 @@ def _field_of_view(file: "LayersFile", fov: str | None) -> tuple[float, float]:
             numbers = []
         if len(numbers) != _ANGLES:
             raise UsageError(f"--fov: {fov!r} is not two angles in degrees, such as 47,39")
-        return numbers[0], numbers[1]
-    sensor = file.provenance.sensor
-    if sensor.fov_horizontal_deg is None or sensor.fov_vertical_deg is None:
+        return Equiangular(fov_horizontal_deg=numbers[0], fov_vertical_deg=numbers[1])
+    optics = file.provenance.sensor.optics
+    if optics is None:
         raise BadInputError(
             f"{file.path}: sensor: no field of view, so points cannot be placed; give it with --fov H,V"
         )
-    return sensor.fov_horizontal_deg, sensor.fov_vertical_deg
+    return optics
 
 
 def _export_image(
     file: "LayersFile", output: Path, window: int | None, layer: int, scale: float, overwrite: bool
-) -> None:
+) -> tuple[str, dict[str, Any]]:
     from tofmix.io.exporters import export_image
     from tofmix.io.exporters.image import RangeImage
 
@@ -144,4 +155,5 @@ def _export_image(
     except BadInputError as error:
         raise BadInputError(f"{file.path}: {error}") from error
     filled = int((image.counts() > 0).sum())
-    click.echo(f"{output}: {filled:,} pixels with a layer {layer}, {scale:g} mm a count, 0 = none")
+    line = f"{output}: {counted(filled, 'pixel', ',')} with a layer {layer}, {scale:g} mm a count, 0 = none"
+    return line, {"pixels": filled, "window": chosen, "layer": layer, "scale_mm": scale}

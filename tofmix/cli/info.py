@@ -20,6 +20,9 @@ tofmix info sample_data/three_boards.h5
 tofmix info boards.layers.h5 --json
 tofmix info my_scene.toml
 tofmix info corridor
+tofmix info vl53l5cx
+tofmix info depth.npy
+tofmix info gap
 """
 )
 @click.command(short_help="Say what a file is: sizes, units, options, warnings.")
@@ -29,18 +32,62 @@ def info(file: Path, as_json: bool) -> None:
     """Say what FILE is: a recording, a layers file, or a TOML file of a model or a sensor.
 
     Prints its sizes, units, options, camera and what to be wary of. FILE may also be
-    the name of a built-in model. Samples are not read, so that it takes no time; what
-    was found in a layers file is told by tofmix report.
+    the name of a built-in model or sensor, a folder that tofmix reconcile wrote, or
+    anything that tofmix import reads: a bag, images, an array, CSV, other HDF5. Of
+    samples at most a few blocks are read, to check their unit, so that it takes no
+    time; what was found in a layers file is told by tofmix report.
     """
     from tofmix.report.descriptions import format_description
-    from tofmix.simulation.builtin import BUILTIN_MODELS
 
-    is_text = file.suffix == _TOML or (str(file) in BUILTIN_MODELS and not file.exists())
-    description = _of_text(str(file)) if is_text else _of_hdf5(file)
+    description = _describe(file)
     if as_json:
         click.echo(json.dumps(description.as_dict(), indent=2, allow_nan=False))
     else:
         click.echo(format_description(description))
+
+
+def _describe(file: Path) -> "Description":
+    from tofmix.io.gap_file import is_gap_folder, read_gap
+    from tofmix.report.source_descriptions import describe_gap
+    from tofmix.sensors import PROFILES
+    from tofmix.simulation.builtin import BUILTIN_MODELS
+
+    name = str(file)
+    if is_gap_folder(file):
+        return describe_gap(read_gap(file), name=name)
+    if file.suffix == _TOML or (name in BUILTIN_MODELS and not file.exists()):
+        return _of_text(name)
+    if name in PROFILES and not file.exists():
+        from tofmix.report.descriptions import describe_sensor
+        from tofmix.sensors import load_sheet
+
+        return describe_sensor(load_sheet(name), name=name)
+    return _of_source(file) if _is_foreign(file) else _of_hdf5(file)
+
+
+def _is_foreign(path: Path) -> bool:
+    """Whether it is for `tofmix import`: a folder, a kind of file that is no HDF5, or HDF5 without ``range``."""
+    from tofmix.io import guard
+    from tofmix.io.file_kind import is_foreign_hdf5
+    from tofmix.io.importers import is_importable
+
+    if path.is_dir():
+        return True
+    if path.is_file() and guard.is_hdf5(path):
+        return is_foreign_hdf5(path)
+    return is_importable(path)
+
+
+def _of_source(path: Path) -> "Description":
+    import shlex
+
+    from tofmix.io.importers import open_source
+    from tofmix.io.importers.base import Request
+    from tofmix.report.source_descriptions import describe_source
+
+    command = shlex.join(["tofmix", "import", str(path), "-o", f"{path.stem or 'recording'}.recording.h5"])
+    with open_source(path, Request()) as source:
+        return describe_source(source, name=str(path), command=command)
 
 
 def _of_text(name: str) -> "Description":
@@ -59,6 +106,7 @@ def _of_hdf5(path: Path) -> "Description":
     from tofmix.io import layers_file
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers_file import open_layers
+    from tofmix.io.range_check import look, unit_doubt, zeros_doubt
     from tofmix.io.recording_file import open_recording
     from tofmix.report.descriptions import describe_layers, describe_recording
 
@@ -66,5 +114,7 @@ def _of_hdf5(path: Path) -> "Description":
     if kind == layers_file.FORMAT:
         with open_layers(path) as layers:
             return describe_layers(layers, name=str(path), file_bytes=size)
-    with open_recording(path) as recording:
-        return describe_recording(recording, name=str(path), file_bytes=size)
+    with open_recording(path, check_units=False) as recording:
+        found = look(recording)
+        doubts = {"range_units": unit_doubt(recording, found), "range_zeros": zeros_doubt(recording, found)}
+        return describe_recording(recording, name=str(path), file_bytes=size, doubts=doubts)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tofmix.cli.options import PATH, examples, json_option, overwrite_option
-from tofmix.cli.recording_check import check_recording
+from tofmix.cli.recording_check import check_recording, opened_recording
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
@@ -59,7 +59,6 @@ def inspect(
     samples and their density: the paper's Fig. 8, or its Fig. 7 with --over-frames.
     """
     from tofmix.io.layers_file import open_layers
-    from tofmix.io.recording_file import open_recording
     from tofmix.io.storage import claimed
     from tofmix.report.figures import FIGURE_SUFFIXES
 
@@ -77,7 +76,7 @@ def inspect(
         if recording is not None:
             from tofmix.report.pixels import row_samples
 
-            source = stack.enter_context(open_recording(recording))
+            source = stack.enter_context(opened_recording(recording))
             check_recording(file, source)
             frames = int(file.window_start[window]), int(file.window_stop[window])
             samples = row_samples(source, row=row, start=frames[0], stop=frames[1])

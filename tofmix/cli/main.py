@@ -18,8 +18,10 @@ from tofmix.cli.info import info
 from tofmix.cli.inspect import inspect
 from tofmix.cli.map import map_
 from tofmix.cli.merge import merge
+from tofmix.cli.options import quiet_option
 from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import report
+from tofmix.cli.sensors import sensors
 from tofmix.cli.simulate import simulate
 from tofmix.cli.verify import verify
 from tofmix.cli.warmup import warmup
@@ -32,6 +34,17 @@ Start here:
   tofmix simulate three-boards -o boards.h5
   tofmix estimate boards.h5
   tofmix report boards.layers.h5 --recording boards.h5 --html boards.html
+
+\b
+Completion of commands and options, for this shell:
+  eval "$(_TOFMIX_COMPLETE=bash_source tofmix)"
+  eval "$(_TOFMIX_COMPLETE=zsh_source tofmix)"
+  _TOFMIX_COMPLETE=fish_source tofmix | source
+
+\b
+Environment: an option that takes a value, as TOFMIX_COMMAND_OPTION.
+  TOFMIX_ESTIMATE_WORKERS=1 tofmix estimate boards.h5
+  NUMBA_CACHE_DIR=/opt/tofmix-kernels tofmix warmup
 
 \b
 Exit codes:
@@ -47,24 +60,33 @@ class _InOrder(click.Group):
 
 @click.group(
     cls=_InOrder,
+    invoke_without_command=True,
+    subcommand_metavar="COMMAND [ARGS]...",
     epilog=_EPILOG,
     context_settings={"help_option_names": ["-h", "--help"], "auto_envvar_prefix": "TOFMIX", "max_content_width": 100},
 )
 @click.version_option(__version__, prog_name="tofmix", allow_from_autoenv=False)
-def main() -> None:
-    """Every surface in a time-of-flight pixel.
+@click.pass_context
+def main(context: click.Context, /) -> None:
+    """The surfaces in a time-of-flight pixel.
 
     A pixel of a time-of-flight camera is a cone: where it meets several surfaces,
     the camera's averaging invents obstacles between them. tofmix reads recorded
-    range sequences and recovers every surface in each pixel: how many, how far,
+    range sequences and recovers the surfaces in each pixel: how many, how far,
     what share of the beam, how sure.
     """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help(), err=True)
+        context.exit(ExitCode.USAGE)
 
 
 for _command in (
-    simulate, estimate, report, reconcile, inspect, info, verify, compare, import_, export, map_, merge, warmup,
+    simulate, estimate, report, reconcile, inspect, info, verify, compare, import_, export, map_, sensors, merge,
+    warmup,
 ):  # fmt: skip
     main.add_command(_command)
+for _command in (simulate, estimate, reconcile, import_, export, map_, warmup):  # those that take their time
+    quiet_option(_command)
 
 
 def run(arguments: list[str] | None = None) -> NoReturn:

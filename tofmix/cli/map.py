@@ -140,13 +140,13 @@ def map_(
             raise UsageError(str(error)) from error
         with progress_bar(grid.size, "map", "cell") as bar:
             space = map_beams(beams, camera, grid, min_share=min_share, workers=threads, progress=bar.update)
-        contents: dict[Path, bytes] = {}
-        if voxels is not None:
-            contents[voxels] = encode_voxels(space, voxels, comment=comment)
-        floor = None if output is None else project(space, height)
-        if output is not None and floor is not None:
-            contents |= encode_map(floor, output, comment=comment)
-        write_together(contents, overwrite=overwrite, inputs=inputs)
+            contents: dict[Path, bytes] = {}
+            if voxels is not None:
+                contents[voxels] = encode_voxels(space, voxels, comment=comment)
+            floor = None if output is None else project(space, height)
+            if output is not None and floor is not None:
+                contents |= encode_map(floor, output, comment=comment)
+            write_together(contents, overwrite=overwrite, inputs=inputs)
     _say(output, floor, voxels, space, as_json)
 
 
@@ -171,13 +171,13 @@ def _check_call(output: Path | None, voxels: Path | None, source: str, recording
 def _beams(
     file: "LayersFile", window: int, source: str, recording: Path | None, min_probability: float, workers: int
 ) -> "Beams":
-    from tofmix.io.recording_file import open_recording
+    from tofmix.cli.recording_check import opened_recording
     from tofmix.mapping.beams import beams_from_layers
 
     try:
         if recording is None:
             return beams_from_layers(file.read_window(window), file.provenance.sensor, min_probability=min_probability)
-        with open_recording(recording) as samples:
+        with opened_recording(recording) as samples:
             frames = _frames(file, window, samples)
             if source == AVERAGED:
                 return _averaged(file, samples, frames)

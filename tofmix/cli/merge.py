@@ -24,8 +24,11 @@ def merge(parts: tuple[Path, ...], output: Path, *, as_json: bool, overwrite: bo
     The layers file has the same bytes as that of an estimate in one piece. Parts
     that are missing, doubled or of another run are refused. The parts stay.
     """
-    from tofmix.cli.estimate_files import describe
+    from tofmix.cli.estimate_files import describe, findings_of, say_findings
+    from tofmix.cli.recording_check import echo
     from tofmix.pipeline.run import merge_parts
 
-    line, values = describe(merge_parts(parts, output, overwrite=overwrite))
+    outcome = merge_parts(parts, output, overwrite=overwrite)
+    findings = say_findings(output, findings_of(output), echo)
+    line, values = describe(outcome, findings)
     click.echo(json.dumps({"output": str(output), **values}) if as_json else line)

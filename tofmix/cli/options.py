@@ -2,6 +2,7 @@
 
 import os
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar
@@ -56,6 +57,8 @@ class _Shard(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generi
 SHARD = _Shard()
 
 _LEAST_MEMORY = 250_000_000
+_USUAL_SIZE = 80, 24  # columns and rows of a terminal that does not say
+_QUIET = "tofmix.quiet"
 
 MEMORY = _Memory()
 
@@ -72,9 +75,47 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def _hush(context: click.Context, _: click.Parameter, wanted: bool) -> None:
+    context.meta[_QUIET] = wanted
+
+
+quiet_option = click.option(
+    "-q", "--quiet", is_flag=True, expose_value=False, callback=_hush, allow_from_autoenv=False,
+    help="No progress bar and no notes on stderr; results, warnings and errors stay.",
+)  # fmt: skip
+
+
+def is_quiet() -> bool:
+    """Whether the running command was told to be."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get(_QUIET))
+
+
+def note(text: str) -> None:
+    """Say on stderr what is good to know and no reason to worry; not where --quiet is given."""
+    if not is_quiet():
+        click.echo(f"tofmix: {text}", err=True)
+
+
 def progress_bar(total: int, what: str, unit: str) -> "tqdm[Any]":
-    """Return a bar on stderr; silent when stderr is no terminal."""
-    return tqdm(total=total, desc=what, unit=unit, unit_scale=True, disable=None, leave=False)
+    """Return a bar on stderr; silent with --quiet, and when stderr is no terminal."""
+    hushed = True if is_quiet() else None
+    cols, rows = _size_of_stderr()
+    return tqdm(
+        total=total, desc=what, unit=unit, unit_scale=True, disable=hushed, leave=False, ncols=cols, nrows=rows
+    )  # fmt: skip
+
+
+def _size_of_stderr() -> tuple[int, int] | tuple[None, None]:
+    """Columns and rows for a terminal that reports none, as serial lines and some containers do; else tqdm asks it.
+
+    With none of its own, tqdm would show nothing there.
+    """
+    try:
+        unknown = os.get_terminal_size(sys.stderr.fileno()).columns == 0
+    except (OSError, ValueError):  # no terminal, or no file at all
+        return None, None
+    return _USUAL_SIZE if unknown else (None, None)
 
 
 def examples(text: str) -> Callable[[click.Command], click.Command]:

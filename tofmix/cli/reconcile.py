@@ -11,6 +11,7 @@ from tofmix.cli.options import PATH, examples, json_option, overwrite_option, pr
 
 if TYPE_CHECKING:
     from tofmix.arrays import FloatArray
+    from tofmix.io.recording_file import RecordingFile
     from tofmix.reconciliation.evidence import Evidence
     from tofmix.reconciliation.workflow import Reconciliation
     from tofmix.simulation.model import Model
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 _MOST_SAMPLES = 1 << 28
 _SAME = 1e-3
+_SAME_PLACE = 0.1  # of a pixel
 _SAME_RATE = 0.02
 
 
@@ -97,7 +99,9 @@ def reconcile(
                 bar.update(1)
 
             result = run(*first, settings, tick, also=others)
-        _write(result, files, output, overwrite)
+            bar.total = bar.n  # no other way is tried: the page is left
+            bar.set_description("reconcile: page")
+            _write(result, files, output, overwrite)
     if as_json:
         click.echo(json.dumps(result.as_dict(), indent=2, allow_nan=False))
         return
@@ -143,12 +147,12 @@ def _read_all(files: "Files") -> list[tuple["Model", "Evidence"]]:
 def _read(scene: "Model", measured: Path) -> "Evidence":
     import numpy as np
 
+    from tofmix.cli.recording_check import opened_recording
     from tofmix.errors import BadInputError
-    from tofmix.io.recording_file import open_recording
     from tofmix.reconciliation.evidence import make_evidence
 
     every = slice(0, None)
-    with open_recording(measured) as file:
+    with opened_recording(measured) as file:
         samples = math.prod(file.shape)
         if samples > _MOST_SAMPLES:
             raise BadInputError(
@@ -161,6 +165,7 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
             own, models = getattr(file.sensor, name), getattr(scene.sensor, name)
             if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):
                 click.echo(f"tofmix: {measured}: sensor: {name} is {own:g}, the model's is {models:g}", err=True)
+        _say_other_optics(measured, file, scene)
     if time_s is not None and time_s[-1] > time_s[0]:
         models = scene.recording.frame_rate_hz
         steps = np.diff(time_s)
@@ -176,6 +181,28 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
         return make_evidence(scene, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c)
     except BadInputError as error:
         raise BadInputError(f"{measured}: {error}") from error
+
+
+def _say_other_optics(measured: Path, file: "RecordingFile", scene: "Model") -> None:
+    """Say where the recording's pixels look elsewhere than the model's."""
+    from tofmix.errors import BadInputError
+    from tofmix.geometry import largest_angle_deg
+    from tofmix.projection import beam_directions_of, pixel_extent_rad
+
+    shape, models = file.shape[1:], scene.sensor.optics
+    try:
+        own = file.sensor.optics
+        if own is None or own == models or shape != scene.sensor.shape:
+            return
+        off_deg = largest_angle_deg(beam_directions_of(own, shape), beam_directions_of(models, shape))
+    except ValueError as error:
+        raise BadInputError(f"{measured}: sensor: {error}") from error
+    if off_deg > _SAME_PLACE * math.degrees(float(pixel_extent_rad(models, shape).min())):
+        click.echo(
+            f"tofmix: {measured}: sensor: its pixels see {own.words(shape)} and look up to {off_deg:.2g} degrees beside"
+            f" the model's, which see {models.words(shape)}",
+            err=True,
+        )
 
 
 def _write(result: "Reconciliation", files: "Files", output: Path, overwrite: bool) -> None:

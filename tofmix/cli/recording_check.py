@@ -1,12 +1,72 @@
-"""Whether a recording goes with a layers file; shared by the commands that take both."""
+"""Opening recordings, and whether one goes with a layers file; shared by the commands that read recordings."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from tofmix.cli.sensor_choice import AUTO
+
 if TYPE_CHECKING:
     from tofmix.io.layers_file import LayersFile
     from tofmix.io.recording_file import RecordingFile
+    from tofmix.report.findings import Finding, Remedy
+    from tofmix.sensor import Sensor
+
+
+def echo(text: str) -> None:
+    """Say something on stderr."""
+    click.echo(f"tofmix: {text}", err=True)
+
+
+@contextmanager
+def opened_recording(path: Path, *, say: Callable[[str], object] = echo) -> Iterator["RecordingFile"]:
+    """Open a recording, and say what is doubtful about it.
+
+    Raises
+    ------
+    BadInputError
+        As `tofmix.io.recording_file.open_recording`.
+    """
+    from tofmix.io.recording_file import open_recording
+
+    with open_recording(path) as recording:
+        for line in recording.remarks:
+            say(line)
+        yield recording
+
+
+def check_not_averaged(recording: "RecordingFile") -> None:
+    """Refuse a recording whose frames are marked as averages.
+
+    Raises
+    ------
+    BadInputError
+        If its root attribute `averaged` is a number other than 0.
+    """
+    from tofmix.errors import BadInputError
+
+    if recording.attributes().get("averaged", 0) in (0, "0", ""):
+        return
+    raise BadInputError(
+        f"{recording.path}: marked as averaged: its frames are means, in which surfaces cannot be told apart; record at"
+        " an integration time that the camera does not average, or take the means for samples with --force"
+    )
+
+
+def findings_of_samples(
+    source: "RecordingFile", sensor: "Sensor", circle_mm: float | None, remedy: "Remedy"
+) -> list["Finding"]:
+    """What some of the samples say against the noise curve of `sensor`, and of drift within a window."""
+    from tofmix.estimation.consistency import check_consistency
+    from tofmix.report.findings import sample_findings
+
+    seen = check_consistency(source, sensor.noise, window_frames=remedy.window_frames, unambiguous_range_mm=circle_mm)
+    # A curve that the samples gave is theirs.
+    scatter = None if remedy.noise == AUTO else seen.scatter_over_curve
+    return sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
 
 
 def check_recording(file: "LayersFile", source: "RecordingFile") -> None:

@@ -2,12 +2,13 @@
 
 import json
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from tofmix.cli.options import PATH, examples, json_option, overwrite_option
-from tofmix.cli.recording_check import check_recording
+from tofmix.cli.recording_check import check_recording, findings_of_samples, opened_recording
 
 
 @examples(
@@ -35,15 +36,14 @@ def report(
     """
     from tofmix.errors import UsageError
     from tofmix.io.layers_file import open_layers
-    from tofmix.io.recording_file import open_recording
     from tofmix.io.storage import claimed, write_text
-    from tofmix.report.summary import summarise
+    from tofmix.report.summary import find, remedy_for, summarise
     from tofmix.report.tables import format_table
 
     inputs = tuple(path for path in (layers, recording) if path is not None)
     with ExitStack() as stack:
         file = stack.enter_context(open_layers(layers))
-        source = None if recording is None else stack.enter_context(open_recording(recording))
+        source = None if recording is None else stack.enter_context(opened_recording(recording))
         if source is not None:
             check_recording(file, source)
         if window >= file.shape[0]:
@@ -51,6 +51,11 @@ def report(
         if html is not None:
             stack.enter_context(claimed(html, overwrite=overwrite, inputs=inputs))
         summary = summarise(file)
+        if source is not None:
+            made = file.provenance
+            remedy = remedy_for(made, file.shape[0], str(recording))
+            of_samples = findings_of_samples(source, made.sensor, made.unambiguous_range_mm, remedy)
+            summary = replace(summary, warnings=(*of_samples, *find(file, remedy)))
         if html is not None:
             from tofmix.report.page import render_page
 

@@ -5,12 +5,14 @@ from typing import TYPE_CHECKING
 
 import click
 
+from tofmix.cli.options import note
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
     from tofmix.estimation.noise import MeasuredNoise
     from tofmix.io.recording_file import RecordingFile
     from tofmix.sensor import Sensor
+    from tofmix.sensors import SensorProfile
 
 FILE, AUTO = "file", "auto"
 
@@ -98,17 +100,17 @@ def sensor_for(
     BadInputError
         If there is no noise curve, or the recording does not tell it.
     """
-    from tofmix.circle import has_no_return
     from tofmix.estimation.beam import beam_of
-    from tofmix.sensors import PROFILES
+    from tofmix.sensors import PROFILES, profiles_with_noise
 
     if noise not in (FILE, AUTO, *PROFILES):
-        raise UsageError(f"--noise: unknown profile {noise!r}; choose file, auto or one of {', '.join(PROFILES)}")
+        known = ", ".join(profiles_with_noise())
+        raise UsageError(f"--noise: unknown profile {noise!r}; choose file, auto or one of {known}")
     sensor = source.sensor
     if noise == FILE and sensor.noise is None:
         raise BadInputError(
             f"{source.path}: sensor/noise_sigma: no noise curve; measure it with --noise auto,"
-            f" or choose a built-in one with --noise PROFILE ({', '.join(PROFILES)})"
+            f" or choose a built-in one with --noise PROFILE ({', '.join(profiles_with_noise())})"
         )
     measured = _measured(source, circle_mm) if AUTO in (noise, outliers) else None
     if noise == AUTO and measured is not None:
@@ -128,13 +130,25 @@ def sensor_for(
         beam_of(sensor, circle_mm)
     except ValueError as error:
         raise BadInputError(f"{source.path}: sensor: {error}") from error
+    _say_where_c_0_is_missing(source, sensor, circle_mm)
+    return sensor
+
+
+def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_mm: float | None) -> None:
+    from tofmix.circle import has_no_return
+
+    if circle_mm is None and sensor.range_max_mm is None and sensor.noise is not None:
+        click.echo(
+            f"tofmix: {source.path}: sensor: no range_max_mm: there is no share without a return, and random values are"
+            f" taken to spread up to the noise curve's end, {sensor.noise.range_mm[-1]:.0f} mm",
+            err=True,
+        )
     if circle_mm is not None and sensor.range_max_mm is not None and not has_no_return(sensor, circle_mm):
         click.echo(
             f"tofmix: {source.path}: sensor: samples without a return, at range_max_mm {sensor.range_max_mm:g}, cannot"
             f" be told from a surface at the fold of {circle_mm:.1f} mm; there is no c_0",
             err=True,
         )
-    return sensor
 
 
 def _measured(source: "RecordingFile", circle_mm: float | None) -> "MeasuredNoise":
@@ -147,10 +161,20 @@ def _measured(source: "RecordingFile", circle_mm: float | None) -> "MeasuredNois
         raise BadInputError(f"{source.path}: {error}; choose a curve with --noise PROFILE") from error
 
 
-def _with_profile(source: "RecordingFile", sensor: "Sensor", name: str) -> "Sensor":
-    from tofmix.sensors import load_profile
+def _profile_with_noise(name: str) -> "SensorProfile":
+    from tofmix.sensors import load_sheet, profiles_with_noise
 
-    profile = load_profile(name)
+    sheet = load_sheet(name)
+    if sheet.noise is None:
+        known = ", ".join(profiles_with_noise())
+        raise UsageError(
+            f"--noise: the noise of {sheet.name} is not known; --noise auto measures it, {known} have a curve"
+        )
+    return sheet.profile()
+
+
+def _with_profile(source: "RecordingFile", sensor: "Sensor", name: str) -> "Sensor":
+    profile = _profile_with_noise(name)
     if sensor.integration_time_ms is None:
         click.echo(
             f"tofmix: {source.path}: sensor: no integration_time_ms; the curve of {name} is taken"
@@ -171,7 +195,7 @@ def _say_what_was_measured(source: "RecordingFile", measured: "MeasuredNoise") -
     if source.has_amplitude:
         said.append(_amplitude_text(measured))
     if said:
-        click.echo(f"tofmix: {source.path}: noise: {'; '.join(said)}", err=True)
+        note(f"{source.path}: noise: {'; '.join(said)}")
 
 
 def _amplitude_text(measured: "MeasuredNoise") -> str:

@@ -1,13 +1,15 @@
 """``tofmix simulate``: a model in, a synthetic recording out."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import PATH, default_workers, examples, overwrite_option, progress_bar
+from tofmix.cli.options import PATH, default_workers, examples, json_option, overwrite_option, progress_bar
 from tofmix.errors import BadInputError
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.simulation.model import Model
@@ -59,6 +61,7 @@ tofmix simulate my_scene.toml -o my_scene.h5 --repeat 3
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_list_models, allow_from_autoenv=False,
     help="List the built-in models.",
 )  # fmt: skip
+@json_option
 @overwrite_option
 def simulate(
     model: str,
@@ -69,6 +72,7 @@ def simulate(
     print_model: bool,
     explain: bool,
     repeat: int | None,
+    as_json: bool,
     overwrite: bool,
 ) -> None:
     """Write a synthetic recording of MODEL, a TOML file or a built-in model.
@@ -78,6 +82,8 @@ def simulate(
     value; with the camera's noise at that range. A model may list effects of real
     cameras; they are on the page docs/effects.md. The recording carries the truth.
     """
+    if as_json and (print_model or explain):
+        raise click.UsageError("--json is for recordings that are written, not for --print-model or --explain")
     if print_model:
         from tofmix.io.model_file import load_model_text
 
@@ -106,7 +112,9 @@ def simulate(
         check_output(path, overwrite=overwrite, inputs=(Path(model),))
     for k, path in enumerate(outputs):
         with claimed(path, overwrite=overwrite, inputs=(Path(model),)):
-            _write(replace(scene, recording=replace(chosen, seed=chosen.seed + k)), model, path, averaged, overwrite)
+            seeded = replace(scene, recording=replace(chosen, seed=chosen.seed + k))
+            line, made = _write(seeded, model, path, averaged, overwrite)
+        click.echo(json.dumps(made) if as_json else line)
 
 
 def _numbered(output: Path, number: int) -> Path:
@@ -119,7 +127,7 @@ def _explain(scene: "Model") -> None:
     click.echo(explain(scene))
 
 
-def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: bool) -> None:
+def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: bool) -> tuple[str, dict[str, Any]]:
     from tofmix.io.recording_writer import CHUNK_FRAMES, RecordingWriter
     from tofmix.simulation.cast import cast_scene
     from tofmix.simulation.exposure import drawn_truth
@@ -145,7 +153,7 @@ def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: b
         attributes={"seed": seed, "averaged": int(averaged)},
         overwrite=overwrite,
     )
-    with writer, progress_bar(n_frames, "simulate", "frame") as bar:
+    with progress_bar(n_frames, "simulate", "frame") as bar, writer:  # the bar stays until the file has its name
         for block in render_blocks(
             model,
             truth,
@@ -163,5 +171,7 @@ def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: b
                 range_true=block.range_true,
             )
             bar.update(len(block.range_mm))
-    kind = f"{'averaged ' * averaged}frame{'s' * (n_frames > 1)}"
-    click.echo(f"{output}: {n_frames} {kind} of {shape[1]} x {shape[2]} pixels, seed {seed}")
+    frames = counted(n_frames, "averaged frame" if averaged else "frame")
+    made = {"output": str(output), "frames": n_frames, "rows": shape[1], "cols": shape[2], "seed": seed}
+    line = f"{output}: {frames} of {shape[1]} x {shape[2]} pixels, seed {seed}"
+    return line, made | {"averaged": averaged}

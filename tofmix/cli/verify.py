@@ -8,6 +8,7 @@ import click
 
 from tofmix.cli.options import PATH, examples, json_option
 from tofmix.errors import ExitCode
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.io.findings import Findings
@@ -53,7 +54,7 @@ def _say(path: Path, findings: "Findings") -> None:
     for note in findings.notes:
         click.echo(f"tofmix: {path}: {_printable(note)}", err=True)
     if findings.ok:
-        read = f", {findings.checked} datasets read" if findings.checked else ""
+        read = f", {counted(findings.checked, 'dataset')} read" if findings.checked else ""
         click.echo(f"{path}: {findings.kind}{read}; nothing is wrong")
 
 

@@ -1,8 +1,11 @@
 """``tofmix warmup``: compiles every kernel into the cache, for container images."""
 
+import json
+
 import click
 
-from tofmix.cli.options import examples
+from tofmix.cli.options import examples, json_option
+from tofmix.wording import counted
 
 
 @examples(
@@ -12,7 +15,8 @@ NUMBA_CACHE_DIR=/opt/tofmix-kernels tofmix warmup
 """
 )
 @click.command(short_help="Compile all kernels ahead, for container images.")
-def warmup() -> None:
+@json_option
+def warmup(*, as_json: bool) -> None:
     """Compile the kernels of all commands and options, and keep them.
 
     Later runs then compile nothing. The folder is printed: it lies in the package, or
@@ -29,4 +33,5 @@ def warmup() -> None:
         compile_all()
         warm_up(load_model("three-boards"))
     count = sum(1 for _ in cache_folder().rglob("*.nbc"))
-    click.echo(f"{cache_folder()}: {count} compiled kernels")
+    line = f"{cache_folder()}: {counted(count, 'compiled kernel')}"
+    click.echo(json.dumps({"folder": str(cache_folder()), "kernels": count}) if as_json else line)

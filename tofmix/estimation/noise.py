@@ -49,6 +49,7 @@ from tofmix.estimation.noise_series import (
 from tofmix.estimation.outliers import measure_outliers
 from tofmix.recording import SampleSource
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.wording import counted
 
 STRICTNESS = 0.1
 """Share of Gaussian series that each test of shape turns away: it costs no bias."""
@@ -116,7 +117,7 @@ def measure_noise(source: SampleSource) -> MeasuredNoise:
     series = read_series(source)
     step = quantisation_step(series.samples)
     found = series_statistics(series, step)
-    chosen = _single_surface(found)
+    chosen = single_surface(found)
     bins = cut_into_bins(found.range_mm[chosen])
     if not bins:
         raise ValueError(_what_is_missing(source, found, chosen))
@@ -137,8 +138,8 @@ def measure_noise(source: SampleSource) -> MeasuredNoise:
     )
 
 
-def _single_surface(found: SeriesStatistics) -> IntArray:
-    """Numbers of the series that are shaped as one surface, by range."""
+def single_surface(found: SeriesStatistics) -> IntArray:
+    """Numbers of the series that are shaped as one surface, by range; all with samples where hardly any is."""
     usable = found.kept > 0
     fits = usable & shaped_as_one(found, STRICTNESS)
     # Noise that is not Gaussian fails the tests nearly everywhere: then they tell nothing of surfaces.
@@ -154,12 +155,13 @@ def _single_surface(found: SeriesStatistics) -> IntArray:
 def _what_is_missing(source: SampleSource, found: SeriesStatistics, chosen: IntArray) -> str:
     frames = source.shape[0]
     if frames < LEAST_SAMPLES:
-        return f"noise: {frames} frames are too few to measure it; at least {LEAST_SAMPLES} are needed"
+        return f"noise: {counted(frames, 'frame')}; at least {LEAST_SAMPLES} are needed to measure it"
     filled = int((found.valid >= LEAST_SAMPLES).sum())
     if filled < LEAST_IN_BIN:
-        return f"noise: {filled} pixels have {LEAST_SAMPLES} valid samples; at least {LEAST_IN_BIN} are needed"
+        seen = counted(filled, "pixel")
+        return f"noise: {seen} with {LEAST_SAMPLES} valid samples or more; at least {LEAST_IN_BIN} are needed"
     return (
-        f"noise: {chosen.size} pixels show one surface, and nowhere {LEAST_IN_BIN} of them within"
+        f"noise: one surface in {counted(chosen.size, 'pixel')}, and nowhere {LEAST_IN_BIN} of them within"
         f" {100 * WIDE:.0f} % of one range, as measuring it needs"
     )
 

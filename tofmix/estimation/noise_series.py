@@ -8,6 +8,7 @@ may be picked by their shape as strictly as one likes and the variance stays unb
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.jit import jit
-from tofmix.recording import SampleSource, amplitude_source
+from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
 
 SERIES_FRAMES = 100
 """Frames of a series: long enough to tell a shape, short enough for drift to be a polynomial."""
@@ -85,8 +86,22 @@ def read_series(source: SampleSource) -> Series:
     chosen = np.arange(0, rows, step)
     runs = max(1, min(frames // length, MAX_SERIES // (len(chosen) * cols)))
     starts = np.linspace(0, frames - length, runs).astype(int)
+    return read_runs(source, starts.tolist(), length, chosen, amplitude_source(source))
+
+
+def read_runs(
+    source: SampleSource,
+    starts: Sequence[int],
+    length: int,
+    chosen: IntArray,
+    amplitudes: AmplitudeSource | None,
+) -> Series:
+    """Series of `length` frames from each of `starts` on, of the pixels of the chosen rows, ascending.
+
+    Runs come one after the other, each in the order of its pixels. They are read band by band of stored rows.
+    """
+    _, rows, cols = source.shape
     band = max(1, source.row_step)
-    amplitudes = amplitude_source(source)
     parts, pixels, medians = [], [], []
     for start in starts:
         for first in range(0, rows, band):

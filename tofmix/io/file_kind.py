@@ -15,3 +15,15 @@ def format_of(path: Path) -> str | None:
     """
     with guard.open_for_reading(path) as root, guard.reading(path, "format"):
         return hdf5.text_attribute(root, "format")
+
+
+def is_foreign_hdf5(path: Path) -> bool:
+    """Whether an HDF5 file is neither of a tofmix format nor has a dataset ``range``, as a recording does.
+
+    Raises
+    ------
+    BadInputError
+        As `format_of`.
+    """
+    with guard.open_for_reading(path) as root, guard.reading(path, "format"):
+        return hdf5.text_attribute(root, "format") is None and "range" not in root

@@ -25,6 +25,7 @@ import h5py
 from tofmix.errors import BadInputError, StorageError, os_error_text
 from tofmix.io.hdf5_memory import make_room
 from tofmix.io.library_reason import library_reason
+from tofmix.io.next_command import foreign_kind, import_command
 from tofmix.io.storage import check_input
 from tofmix.io.unpacking import BoundedDataset
 from tofmix.io.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
@@ -160,6 +161,9 @@ def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False)
     """
     with watched(str(path)):
         check_input(path)
+        kind = foreign_kind(path)
+        if kind is not None and not h5py.is_hdf5(path):  # a MATLAB file may be HDF5
+            raise BadInputError(f"{path} is {kind}, not HDF5: {import_command(path)}")
         # Resolved here, for /dev/stdin and its like are other files in another process.
         seen = _scout.look({"path": os.path.realpath(path)}, path)
         file = _open(path)

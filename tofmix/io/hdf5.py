@@ -18,7 +18,17 @@ from numpy.typing import ArrayLike, NDArray
 from tofmix.errors import BadInputError
 from tofmix.io import guard
 from tofmix.io.hdf5_memory import make_room
+from tofmix.io.next_command import next_command
 from tofmix.io.storage import AtomicFile, Sink
+from tofmix.projection import (
+    DEFAULT_PROJECTION,
+    PROJECTIONS,
+    Projection,
+    list_keys,
+    make_projection,
+    number_keys,
+    projection_values,
+)
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
 
 FORMAT_VERSION = "1.0"
@@ -28,6 +38,10 @@ CONVENTIONS = "CF-1.11"
 _LIBVER = (h5py.h5f.LIBVER_V18, h5py.h5f.LIBVER_V110)
 
 _MOST_POINTS = 100_000
+_MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
+
+_COMMANDS = {"tofmix-recording": ("recording", "estimate"), "tofmix-layers": ("layers file", "report")}
+"""What a file of each format is, and the command that takes it."""
 
 _SENSOR_NUMBERS = (
     "modulation_frequency_hz",
@@ -158,6 +172,10 @@ def write_sensor(root: h5py.File, sensor: Sensor) -> None:
         group.attrs[key] = np.nan if value is None else float(value)
     if sensor.no_return_mm is not None:
         group.attrs["no_return_mm"] = sensor.no_return_mm
+    if sensor.projection is not None:
+        group.attrs["projection"] = sensor.projection.name
+        for key, value in projection_values(sensor.projection).items():
+            group.attrs[key] = value
     if sensor.noise is not None:
         curve = {"noise_range": (sensor.noise.range_mm, "mm"), "noise_sigma": (sensor.noise.sigma_mm, "mm")}
         if sensor.noise.law is not None:
@@ -192,10 +210,37 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
     known = {key: value for key, value in numbers.items() if value is not None and np.isfinite(value)}
     known.setdefault("outlier_probability", DEFAULT_OUTLIER_PROBABILITY)
     try:
-        noise = _read_noise(group, path)
-        return Sensor(name=text_attribute(group, "name") or "unknown", noise=noise, **known)
+        noise, projection = _read_noise(group, path), _read_projection(group, path)
+        return Sensor(name=text_attribute(group, "name") or "unknown", noise=noise, projection=projection, **known)
     except ValueError as error:
         raise BadInputError(f"{path}: sensor: {error}") from error
+
+
+def _read_projection(group: h5py.Group, path: Path) -> Projection | None:
+    """Where the pixels look; None for equal angles over the field of view."""
+    if "projection" not in group.attrs:
+        return None
+    name = text_attribute(group, "projection") or ""
+    if name == DEFAULT_PROJECTION:
+        return None
+    if name not in PROJECTIONS:
+        raise ValueError(f"projection: {name!r} is not known; known: {', '.join(PROJECTIONS)}")
+    values: dict[str, float | list[float]] = {}
+    for key in number_keys(name):
+        number = _number(group, key, path)
+        if number is not None:
+            values[key] = number
+    for key in list_keys(name):
+        if key in group.attrs:
+            values[key] = _short_list(group, key, path)
+    return make_projection(name, values)
+
+
+def _short_list(group: h5py.Group, key: str, path: Path) -> list[float]:
+    value = np.asarray(group.attrs[key])
+    if value.size > _MOST_COEFFICIENTS or (value.size > 0 and value.dtype.kind not in "iuf"):
+        raise BadInputError(f"{path}: sensor: {key}: expected a few numbers, got {value.dtype} of shape {value.shape}")
+    return [float(number) for number in value.ravel()]
 
 
 def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:
@@ -255,6 +300,11 @@ def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> N
     found = text_attribute(root, "format")
     if found is None and not required:
         return
+    if found != kind and found in _COMMANDS:
+        what, command = _COMMANDS[found]
+        raise BadInputError(f"{path} is a {what}, not a {_COMMANDS[kind][0]}: {next_command(command, path)}")
+    if found is None and "range" in root and "n_modes" not in root:
+        raise BadInputError(f"{path}: no layers file; if it is a recording: {next_command('estimate', path)}")
     if found != kind:
         raise BadInputError(f"{path}: expected a {kind} file, its format attribute is {found!r}")
     version = text_attribute(root, "format_version") or ""

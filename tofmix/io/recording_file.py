@@ -17,19 +17,29 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.errors import BadInputError, os_error_text
 from tofmix.io import guard, hdf5
+from tofmix.io.next_command import import_command
+from tofmix.io.range_check import check_range
 from tofmix.io.watchdog import watched
 from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE
 
 FORMAT = "tofmix-recording"
 DIMS = ("frame", "row", "col")
+TARGET = "target"
 
 _HASHED_BYTES = 1 << 20
+
+_MM = ("mm", "millimeter", "millimetre", "millimeters", "millimetres")
+_CONVERTED = dict.fromkeys(("m", "meter", "metre", "meters", "metres"), "m") | dict.fromkeys(
+    ("cm", "centimeter", "centimetre", "centimeters", "centimetres"), "cm"
+)
+"""Units of `range` that are no mm, and what `tofmix import --units` calls them."""
 
 
 class RecordingFile:
     """An open recording. It is a `tofmix.recording.SampleSource`.
 
-    Made by `open_recording`; reads are in blocks, nothing is kept.
+    Made by `open_recording`; reads are in blocks, nothing is kept. `units` is the attribute of `range`; `remarks` are
+    lines for the user.
     """
 
     def __init__(self, root: h5py.File, path: Path) -> None:
@@ -38,6 +48,8 @@ class RecordingFile:
         self.settled = False
         self.sensor = hdf5.read_sensor(root, path)
         self._range = _samples(root, "range", path)
+        self.units = hdf5.text_attribute(self._range, "units")
+        self.remarks: tuple[str, ...] = ()
         frames, rows, cols = self._range.shape
         self.shape: tuple[int, int, int] = (frames, rows, cols)
         self._amplitude = _samples(root, "amplitude", path) if "amplitude" in root else None
@@ -212,19 +224,29 @@ class RecordingFile:
 
 
 @contextmanager
-def open_recording(path: Path) -> Iterator[RecordingFile]:
+def open_recording(path: Path, *, check_units: bool = True) -> Iterator[RecordingFile]:
     """Open a recording for reading.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    check_units : bool
+        Whether floats without `units` are held against mm (`tofmix.io.range_check`).
 
     Raises
     ------
     BadInputError
-        If the file is missing, not HDF5 or cut short, is no recording, or does not fit the contract.
+        If the file is missing, not HDF5 or cut short, is no recording, or does not fit the contract; with
+        `check_units`, if its ranges are not in mm, as it seems.
     """
     recording: RecordingFile | None = None
     with guard.open_for_reading(path, settled=lambda: recording is not None and recording.settled) as root:
         with guard.reading(path, "header"):
             hdf5.check_format(root, path, kind=FORMAT, required=False)
             recording = RecordingFile(root, path)
+        if check_units:
+            recording.remarks = check_range(recording)
         yield recording
 
 
@@ -264,6 +286,8 @@ def _whole_chunks(start: int, stop: int, step: int, wanted: int) -> Iterator[sli
 
 
 def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
+    if name == "range" and name not in root:
+        raise BadInputError(f"{path}: no dataset range; of a file of another layout: {import_command(path)}")
     dataset = guard.checked_dataset(root, name, path)
     if dataset.ndim != len(DIMS):
         raise BadInputError(f"{path}: {name}: expected (frame, row, col), got shape {dataset.shape}")
@@ -277,8 +301,9 @@ def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
     if dataset.dtype.kind not in "iuf":
         raise BadInputError(f"{path}: {name}: expected integers or floats, got {dataset.dtype}")
     units = hdf5.text_attribute(dataset, "units")
-    if name == "range" and units not in (None, "mm", "millimeter", "millimetre"):
-        raise BadInputError(f"{path}: range: units {units!r}, expected 'mm'")
+    if name == "range" and units not in (None, *_MM):
+        remedy = import_command(path, "--units", _CONVERTED[units]) if units in _CONVERTED else ""
+        raise BadInputError(f"{path}: range: units {units!r}, expected 'mm'{': ' * bool(remedy)}{remedy}")
     return dataset
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tofmix import __version__
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.io import hdf5
-from tofmix.io.recording_file import DIMS, FORMAT
+from tofmix.io.recording_file import DIMS, FORMAT, TARGET
 from tofmix.io.storage import AtomicFile
 from tofmix.io.truth_effects import add_effect_truth, add_range_true_frames, write_range_true_frames
 from tofmix.sensor import Sensor
@@ -41,6 +41,8 @@ class RecordingWriter:
         The new file.
     shape : (int, int, int)
         Frames, rows, columns.
+    targets : int
+        Length of the axis of targets, (frame, target, row, col); 0 for no such axis.
     sensor : Sensor
         The camera, with the noise curve at this recording's integration time.
     truth : Truth, optional
@@ -76,6 +78,7 @@ class RecordingWriter:
         *,
         shape: tuple[int, int, int],
         sensor: Sensor,
+        targets: int = 0,
         truth: Truth | None = None,
         model_text: str = "",
         effect_truth: tuple[EffectTruth, ...] = (),
@@ -92,6 +95,7 @@ class RecordingWriter:
     ) -> None:
         self._shape = shape
         self._sensor = sensor
+        self._targets = targets
         self._truth = truth
         self._model_text = model_text
         self._effect_truth = effect_truth
@@ -133,9 +137,12 @@ class RecordingWriter:
     def _add_frames(self, root: h5py.File) -> None:
         frames, rows, cols = self._shape
         dims = dict(zip(DIMS, self._shape, strict=True))
+        chunks: tuple[int, ...] = (min(frames, self._chunk_frames), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS))
+        if self._targets:
+            dims = {"frame": frames, TARGET: self._targets, "row": rows, "col": cols}
+            chunks = (chunks[0], self._targets, *chunks[1:])
         for name, length in dims.items():
             hdf5.add_scale(root, name, length)
-        chunks = (min(frames, self._chunk_frames), min(rows, _CHUNK_ROWS), min(cols, _CHUNK_COLS))
         fill = _NO_SAMPLE if self._dtype == "u2" else np.nan
         hdf5.add_variable(
             root, "range", dims=dims, dtype=self._dtype, units="mm", long_name="radial range", chunks=chunks, fill=fill
@@ -160,7 +167,7 @@ class RecordingWriter:
     ) -> None:
         """Write frames [start, start + n).
 
-        range_mm (n, row, col) uint16, 0 where invalid, or float32, NaN where invalid;
+        range_mm (n, row, col) or (n, target, row, col) uint16, 0 where invalid, or float32, NaN where invalid;
         amplitude (n, row, col); time_s and temperature_c (n,); range_true (n, row, col, layer), where surfaces move.
 
         Raises

@@ -26,6 +26,7 @@ from tofmix.io.storage import read_text
 from tofmix.io.verify_recording import verify_recording
 from tofmix.io.verify_storage import check_storage
 from tofmix.layers import LAYER_FIELDS
+from tofmix.wording import counted
 
 _VERDICTS = ("agree", "explained", "partly_explained", "unexplained")
 _PLACE = ("window", "row", "col")
@@ -97,7 +98,7 @@ def _check_windows(layers: LayersFile, findings: Findings) -> None:
     options = layers.provenance.options
     window = options.get("window")
     if isinstance(window, int) and (stops - starts != window).any():
-        findings.add("window_stop", f"windows are not of {window} frames, as the options say")
+        findings.add("window_stop", f"windows are not of {counted(window, 'frame')}, as the options say")
     if len(layers.provenance.source_sha256) != 64:  # noqa: PLR2004  digits of SHA-256
         findings.notes.append("no checksum of the recording that the layers were made from")
 

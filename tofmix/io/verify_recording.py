@@ -11,6 +11,7 @@ from tofmix.io import guard, hdf5
 from tofmix.io.findings import Findings
 from tofmix.io.recording_file import RecordingFile
 from tofmix.io.verify_storage import check_storage
+from tofmix.wording import counted
 
 _BLOCK_SAMPLES = 1 << 22
 _UNITS = {"amplitude": "1", "time": "s", "temperature": "degC"}
@@ -48,7 +49,7 @@ def verify_recording(root: h5py.File, recording: RecordingFile, findings: Findin
         except BadInputError as error:
             findings.add_error(error, recording.path)
     if recording.sensor.noise is None:
-        findings.notes.append("sensor: no noise curve; estimate needs --noise auto or --noise PROFILE")
+        findings.notes.append("sensor: no noise curve; estimate measures one, or takes --noise PROFILE")
 
 
 def _check_units(root: h5py.File, name: str, findings: Findings, *, ours: bool) -> None:
@@ -96,7 +97,7 @@ def _check_per_frame(root: h5py.File, recording: RecordingFile, findings: Findin
     if time_s is not None:
         findings.checked += 1
         if not np.isfinite(time_s).all():
-            findings.add("time", f"{int((~np.isfinite(time_s)).sum())} frames have no time")
+            findings.add("time", f"no time of {counted(int((~np.isfinite(time_s)).sum()), 'frame')}")
         elif (np.diff(time_s) <= 0).any():
             findings.add_broken("time", "ascending", np.r_[False, np.diff(time_s) <= 0], ("frame",), (0,))
     with guard.reading(recording.path, "temperature"):

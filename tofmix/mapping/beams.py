@@ -12,7 +12,9 @@ from numpy.typing import ArrayLike
 from scipy.special import erf
 
 from tofmix.arrays import FloatArray
+from tofmix.equiangular import Equiangular
 from tofmix.layers import Layers
+from tofmix.projection import Projection, pixel_extent_rad
 from tofmix.sensor import Sensor
 
 MAX_INCIDENCE_DEG = 60.0
@@ -46,8 +48,8 @@ class Beams:
         Samples that met nothing.
     free_to_mm : float
         Up to where a sample without a return says that space is free, mm; 0 where the camera knows no such samples.
-    fov_horizontal_rad, fov_vertical_rad : float
-        Full field of view, rad. Pixels are equally spaced in azimuth and in elevation.
+    optics : Projection
+        Where the pixels look.
     """
 
     near_mm: FloatArray
@@ -57,14 +59,26 @@ class Beams:
     probability: FloatArray
     samples_no_return: FloatArray
     free_to_mm: float
-    fov_horizontal_rad: float
-    fov_vertical_rad: float
+    optics: Projection
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the image."""
+        rows, cols = self.samples_no_return.shape
+        return rows, cols
 
     @property
     def pixel_size_rad(self) -> tuple[float, float]:
-        """Extent of a pixel in azimuth and elevation, rad."""
-        rows, cols = self.samples_no_return.shape
-        return self.fov_horizontal_rad / cols, self.fov_vertical_rad / rows
+        """Extent of a pixel in azimuth and elevation, rad.
+
+        Raises
+        ------
+        TypeError
+            If pixels have no equal angles.
+        """
+        if not isinstance(self.optics, Equiangular):
+            raise TypeError(f"projection: {self.optics.name}: its pixels differ in size")
+        return _equal_angles(self.optics, self.shape)
 
     @property
     def reach_mm(self) -> float:
@@ -102,7 +116,7 @@ def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float 
     layers : Layers
         Of the leading shape (row, col).
     sensor : Sensor
-        The camera: field of view, `range_max_mm`, noise curve.
+        The camera: field of view or projection, `range_max_mm`, noise curve.
     min_probability : float
         Layers less sure than this count neither as a hit nor as free space, in [0, 1].
 
@@ -114,7 +128,7 @@ def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float 
     Raises
     ------
     ValueError
-        If the layers are not an image, the sensor has no field of view, or `min_probability` is outside [0, 1].
+        If the layers are not an image, it is not known where the pixels look, or `min_probability` is outside [0, 1].
     """
     if not 0 <= min_probability <= 1:
         raise ValueError(f"min_probability: {min_probability:g} is not in [0, 1]")
@@ -145,7 +159,7 @@ def beams_from_ranges(range_mm: ArrayLike, n_samples: ArrayLike, sensor: Sensor)
     n_samples : (row, col) array_like
         Samples behind each mean.
     sensor : Sensor
-        The camera: field of view, `range_max_mm`, noise curve of one sample.
+        The camera: field of view or projection, `range_max_mm`, noise curve of one sample.
 
     Returns
     -------
@@ -155,7 +169,7 @@ def beams_from_ranges(range_mm: ArrayLike, n_samples: ArrayLike, sensor: Sensor)
     Raises
     ------
     ValueError
-        If the ranges are not an image of the same size as `n_samples`, or the sensor has no field of view.
+        If the ranges are not an image of the same size as `n_samples`, or it is not known where the pixels look.
     """
     mean, count = np.asarray(range_mm, dtype=np.float64), np.asarray(n_samples, dtype=np.float64)
     if mean.shape != count.shape:
@@ -192,11 +206,17 @@ def _beams(
 ) -> Beams:
     if samples_no_return.ndim != 2 or samples_no_return.size == 0:  # noqa: PLR2004  rows and columns
         raise ValueError(f"range: expected an image (row, col), got shape {samples_no_return.shape}")
-    if sensor.fov_horizontal_deg is None or sensor.fov_vertical_deg is None:
-        raise ValueError("the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg)")
+    optics = sensor.optics
+    if optics is None:
+        raise ValueError(
+            "the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg) and no projection, so beams have no"
+            " place; tofmix import --fov HxV says it"
+        )
     rows, cols = samples_no_return.shape
-    horizontal, vertical = math.radians(sensor.fov_horizontal_deg), math.radians(sensor.fov_vertical_deg)
-    half_width = range_mm * max(horizontal / cols, vertical / rows) / 2
+    if isinstance(optics, Equiangular):
+        half_width = range_mm * max(_equal_angles(optics, (rows, cols))) / 2
+    else:
+        half_width = range_mm * pixel_extent_rad(optics, (rows, cols))[..., np.newaxis] / 2
     half_depth = half_width * math.tan(math.radians(MAX_INCIDENCE_DEG))
     has_limit = sensor.range_max_mm is not None
     return Beams(
@@ -207,6 +227,10 @@ def _beams(
         probability=probability,
         samples_no_return=samples_no_return if has_limit else np.zeros_like(samples_no_return),
         free_to_mm=_free_to_mm(sensor) if has_limit else 0.0,
-        fov_horizontal_rad=horizontal,
-        fov_vertical_rad=vertical,
+        optics=optics,
     )
+
+
+def _equal_angles(optics: Equiangular, shape: tuple[int, int]) -> tuple[float, float]:
+    rows, cols = shape
+    return math.radians(optics.fov_horizontal_deg) / cols, math.radians(optics.fov_vertical_deg) / rows

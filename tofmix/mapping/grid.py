@@ -9,8 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.equiangular import Equiangular
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.pose import Pose
+from tofmix.projection import unit
 
 MAX_CELLS = 50_000_000
 """Most cells of a grid: about 2 GB while it is made."""
@@ -147,10 +149,14 @@ def plan_grid(beams: Beams, pose: Pose, *, cell_mm: float, height_mm: tuple[floa
 
 
 def _directions(beams: Beams) -> FloatArray:
-    """Unit vectors (n, 3) over the field of view, in the sensor's frame; 0 and the right angles among them."""
-    azimuth, elevation = (
-        _with_right_angles(half) for half in (beams.fov_horizontal_rad / 2, beams.fov_vertical_rad / 2)
-    )
+    """Unit vectors (n, 3) over the field of view, in the sensor's frame; of equal angles also 0 and right angles."""
+    optics = beams.optics
+    if not isinstance(optics, Equiangular):
+        rows, cols = beams.shape
+        places = np.linspace(-0.5, rows - 0.5, _BORDER), np.linspace(-0.5, cols - 0.5, _BORDER)
+        return unit(optics.rays(*np.meshgrid(*places, indexing="ij"), shape=beams.shape)).reshape(-1, 3)
+    angles = math.radians(optics.fov_horizontal_deg), math.radians(optics.fov_vertical_deg)
+    azimuth, elevation = (_with_right_angles(angle / 2) for angle in angles)
     az, el = np.meshgrid(azimuth, elevation)
     return np.column_stack([(np.sin(az) * np.cos(el)).ravel(), np.sin(el).ravel(), (np.cos(az) * np.cos(el)).ravel()])
 

@@ -1,6 +1,7 @@
 """The kernel of the map: how many samples stop in each cell, and how many pass through it.
 
-It validates nothing; call `tofmix.mapping.occupancy.count_light`.
+It validates nothing; call `tofmix.mapping.occupancy.count_light`. Here pixels have equal angles;
+`tofmix.mapping.image_kernel` is for other projections.
 
 It goes cell by cell, not beam by beam: a near cell is covered by many pixels, a far one by part of one, and
 each pixel's samples are shared out over the cells of a range by area. So a sample counts once at each range,
@@ -19,7 +20,7 @@ MIN_RAYS = 4
 
 
 @jit
-def _meets(direction: FloatArray, low: FloatArray, high: FloatArray, span: FloatArray) -> bool:
+def meets(direction: FloatArray, low: FloatArray, high: FloatArray, span: FloatArray) -> bool:
     """Whether a ray from the origin meets the box; `span` receives the ranges where it enters and leaves."""
     enter = 0.0
     leave = math.inf
@@ -39,7 +40,7 @@ def _meets(direction: FloatArray, low: FloatArray, high: FloatArray, span: Float
 
 
 @jit
-def _look(
+def look(
     row: int, col: int, part: float, span: FloatArray, near: FloatArray, far: FloatArray, clear: FloatArray,
     samples: FloatArray, probability: FloatArray, no_return: FloatArray, free_to: float, light: FloatArray,
 ) -> None:  # fmt: skip
@@ -127,10 +128,8 @@ def _look_at_cell(
                             + rotation[axis, 1] * math.sin(el)
                             + rotation[axis, 2] * math.cos(az) * math.cos(el)
                         )
-                    if _meets(direction, low, high, span):
-                        _look(
-                            row, col, dx * dy, span, near, far, clear, samples, probability, no_return, free_to, light
-                        )
+                    if meets(direction, low, high, span):
+                        look(row, col, dx * dy, span, near, far, clear, samples, probability, no_return, free_to, light)
 
 
 @jit

@@ -21,9 +21,12 @@ from numpy.typing import ArrayLike
 from scipy.special import betainc
 
 from tofmix.arrays import ByteArray, Float32Array, FloatArray
+from tofmix.equiangular import Equiangular
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.grid import Grid
+from tofmix.mapping.image_kernel import count_cells
 from tofmix.mapping.kernel import count_levels
+from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
 from tofmix.mapping.pose import Pose
 
 MIN_SHARE = 0.05
@@ -122,17 +125,11 @@ def count_light(
     Light
         Float64, in samples.
     """
-    low = [grid.centres_mm(axis) - grid.cell_mm / 2 - pose.position()[axis] for axis in range(3)]
-    width, height = beams.pixel_size_rad
-    surfaces = beams.near_mm, beams.far_mm, beams.clear_to_mm, beams.samples
-    probability = beams.probability_within(grid.cell_mm)
     out = np.zeros((grid.shape[2], grid.shape[0], grid.shape[1], 3))
+    count = _level_counter(beams, pose, grid)
 
     def level(k: int) -> None:
-        count_levels(
-            low[2][k : k + 1], low[0], low[1], grid.cell_mm, beams.reach_mm, pose.rotation(), width, height,
-            *surfaces, probability, beams.samples_no_return, beams.free_to_mm, out[k : k + 1],
-        )  # fmt: skip
+        count(k, out[k])
         if progress is not None:
             progress(grid.shape[0] * grid.shape[1])
 
@@ -141,6 +138,37 @@ def count_light(
         list(pool.map(level, range(1, grid.shape[2])))
     stopped, passed, probability = np.moveaxis(out, 0, 2).transpose(3, 0, 1, 2)
     return Light(stopped=stopped, passed=passed, probability=probability)
+
+
+def _level_counter(beams: Beams, pose: Pose, grid: Grid) -> Callable[[int, FloatArray], None]:
+    """What counts the light of one level: its number, and zeros (x, y, 3) that receive the counts."""
+    low = [grid.centres_mm(axis) - grid.cell_mm / 2 - pose.position()[axis] for axis in range(3)]
+    rotation, cell, optics = pose.rotation(), grid.cell_mm, beams.optics
+    light = (
+        beams.near_mm, beams.far_mm, beams.clear_to_mm, beams.samples, beams.probability_within(cell),
+        beams.samples_no_return, beams.free_to_mm,
+    )  # fmt: skip
+
+    if isinstance(optics, Equiangular):
+        width, height = beams.pixel_size_rad
+
+        def count_angles(k: int, out: FloatArray) -> None:
+            level = low[2][k : k + 1]
+            count_levels(
+                level, low[0], low[1], cell, beams.reach_mm, rotation, width, height, *light, out[np.newaxis]
+            )  # fmt: skip
+
+        return count_angles
+    nodes = image_nodes(optics, beams.shape)
+    cone = image_cone(nodes)
+
+    def count_image(k: int, out: FloatArray) -> None:
+        for i, x in enumerate(low[0]):
+            lows = np.column_stack([np.full_like(low[1], x), low[1], np.full_like(low[1], low[2][k])])
+            outlines = cell_outlines(optics, beams.shape, lows, cell, rotation, cone)
+            count_cells(lows, outlines, nodes, cell, beams.reach_mm, rotation, *light, out[i])
+
+    return count_image
 
 
 def log_odds(

@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tofmix.estimation.counters import COUNTERS
 from tofmix.estimation.layering import layer_pixels, warm_up
@@ -26,13 +27,23 @@ def compile_all() -> None:
     for sigma, refine, counter in product(SigmaMode, Refine, COUNTERS.values()):
         warm_up(EstimateOptions(sigma=sigma, refine=refine, counter=counter()))
     warm_up(EstimateOptions(unambiguous_range_mm=2.0 * _RANGE_MM))
-    made_up = np.random.default_rng(1).normal(_RANGE_MM, 10.0, (20, 6, 6))
-    amplitude = np.full(made_up.shape, 100.0)
-    sensor = Sensor(name="warm-up", range_max_mm=2.0 * _RANGE_MM, fov_horizontal_deg=10.0, fov_vertical_deg=10.0)
-    measure_noise(ArrayRecording(made_up, sensor, amplitude))
+    compile_noise()
+    range_mm, sensor, amplitude = _made_up()
     law = AmplitudeLaw(np.array([100.0]), np.array([50.0, 200.0]), np.array([2.0, 0.5]))
     by_amplitude = replace(sensor, noise=NoiseCurve(np.array([_RANGE_MM]), np.array([10.0]), law))
-    layers = layer_pixels(made_up, by_amplitude, amplitude=amplitude)
+    layers = layer_pixels(range_mm, by_amplitude, amplitude=amplitude)
     beams = beams_from_layers(layers, by_amplitude)
     count_light(beams, Pose(), grid_of_map(beams, Pose(), cell_mm=200.0))
     cast_scene(load_model("three-boards"))
+
+
+def compile_noise() -> None:
+    """Compile the kernels that measure noise, or load them from their cache."""
+    measure_noise(ArrayRecording(*_made_up()))
+
+
+def _made_up() -> tuple[NDArray[np.float64], Sensor, NDArray[np.float64]]:
+    """Samples of one surface in 6 x 6 pixels, their camera and their amplitudes."""
+    range_mm = np.random.default_rng(1).normal(_RANGE_MM, 10.0, (20, 6, 6))
+    sensor = Sensor(name="warm-up", range_max_mm=2.0 * _RANGE_MM, fov_horizontal_deg=10.0, fov_vertical_deg=10.0)
+    return range_mm, sensor, np.full(range_mm.shape, 100.0)

@@ -28,6 +28,7 @@ from tofmix.io.layers_file import LayersWriter, open_layers
 from tofmix.io.provenance import read_header_image
 from tofmix.io.storage import check_output
 from tofmix.pipeline.job import Engine, Job
+from tofmix.wording import counted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,7 +164,7 @@ def _open(path: Path, header: bytes, shard: Shard, *, resume: bool, say: Callabl
         )
     if not resume and (done or journal.header != header or journal.shard != shard):
         say(
-            f"{path}: an interrupted run left {done} of {len(shard.cells(_grid(journal).count))} blocks;"
+            f"{path}: an interrupted run left {done} of {counted(len(shard.cells(_grid(journal).count)), 'block')};"
             " starting afresh; --resume would have gone on from there"
         )
         journal.remove()
@@ -269,7 +270,7 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
         missing = grid.count - len(owner)
         if missing:
             raise BadInputError(
-                f"{first}: {missing} of the run's {grid.count} blocks are in no part; a part is damaged"
+                f"{first}: of the run's {counted(grid.count, 'block')} {missing} in no part; a part is damaged"
             )
         cells = ((grid.cell(index), owner[index].cell(index)) for index in range(grid.count))
         _assemble(cells, first, header, target, overwrite=overwrite, inputs=tuple(parts))
@@ -286,10 +287,14 @@ def _check_parts(parts: Sequence[Journal]) -> None:
                 f" {_difference(part, first.header, part.shard)}"
             )
         if part.shard.count != first.shard.count:
-            raise UsageError(f"{part.path}: of {part.shard.count} parts, but {first.path} of {first.shard.count}")
+            raise UsageError(
+                f"{part.path}: of {counted(part.shard.count, 'part')}, but {first.path} of {first.shard.count}"
+            )
         if part.shard.number in seen:
             raise UsageError(f"{part.path}: part {part.shard.number} again; it is also {seen[part.shard.number].path}")
         seen[part.shard.number] = part
     missing = [str(number) for number in range(1, first.shard.count + 1) if number not in seen]
     if missing:
-        raise UsageError(f"{first.path}: {first.shard.count} parts make the run; missing: {', '.join(missing)}")
+        raise UsageError(
+            f"{first.path}: the run has {counted(first.shard.count, 'part')}; missing: {', '.join(missing)}"
+        )

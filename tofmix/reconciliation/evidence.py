@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.errors import BadInputError
 from tofmix.simulation.model import Model
+from tofmix.wording import counted
 
 BLOCK_FRAMES = 5
 BLOCK_PIXELS = 4
@@ -124,7 +125,7 @@ def make_evidence(
             f"{model.sensor.rows} x {model.sensor.cols}"
         )
     if frames < _LEAST_FRAMES:
-        raise BadInputError(f"range: {frames} frames; at least {_LEAST_FRAMES} are needed, to hold some out")
+        raise BadInputError(f"range: {counted(frames, 'frame')}; at least {_LEAST_FRAMES} are needed, to hold some out")
     valid = np.isfinite(range_mm)
     if not valid.any():
         raise BadInputError("range: no sample is valid")

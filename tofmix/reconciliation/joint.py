@@ -197,7 +197,7 @@ def check_camera(models: Sequence[Model]) -> None:
             if field.name in _MAY_DIFFER or ours == theirs:
                 continue
             if field.name == "noise":
-                if np.array_equal(ours.range_mm, theirs.range_mm) and np.array_equal(ours.sigma_mm, theirs.sigma_mm):
+                if ours.same_as(theirs):
                     continue
                 raise BadInputError("sensor: noise: another camera than the first model's: the noise curves differ")
             raise BadInputError(f"sensor: {field.name}: {theirs} is another camera than the first model's {ours}")

@@ -58,14 +58,14 @@ def _bursts(likelihood: Likelihood, state: State, effect: Interference) -> tuple
     drop = (2 * value(effect.sigma_mm) - value(effect.sigma_mm + step) - value(effect.sigma_mm - step)) / step**2
     bursts = max(frames * share / effect.burst_frames, 1.0)
     errors = {
-        "probability": _share_error(share, frames / max(2 * effect.burst_frames * (1 - share) - 1, 1.0)),
+        "probability": share_error(share, frames / max(2 * effect.burst_frames * (1 - share) - 1, 1.0)),
         "sigma_mm": float(1 / np.sqrt(drop)) if drop > 0 else effect.sigma_mm,
         "burst_frames": float(effect.burst_frames / np.sqrt(bursts)),
     }
     return replace(effect, probability=share), errors
 
 
-def _share_error(share: float, independent: float) -> float:
+def share_error(share: float, independent: float) -> float:
     """Standard error of a share among so many independent frames; of few, taken nearer to a half.
 
     References

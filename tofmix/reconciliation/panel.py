@@ -127,8 +127,10 @@ def panel_axes(evidence: Evidence, m: Mixture, part: Part, *, bins: int = BINS) 
     yield _quantiles("amplitude", "1", m.of_main(m.amplitude)[part[1]], shares)
     yield _values("surface", m.of_main(m.surface)[part[1]])
     yield _values("surfaces_in_pixel", np.minimum(several, 3))
-    yield _values("row", row)
-    yield _values("col", col)
+    if rows > 1:  # one row is all
+        yield _values("row", row)
+    if cols > 1:
+        yield _values("col", col)
     yield _quantiles("radius", "pixel", np.hypot(row - (rows - 1) / 2, col - (cols - 1) / 2), shares)
     yield _quantiles("neighbour_contrast", "mm", contrast, (0.5, 0.8, 0.9, 0.95))
 
@@ -236,6 +238,8 @@ def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curv
     image = cube.reshape(-1, rows, cols)
     both = {"col": (image[:, :, 1:], image[:, :, :-1]), "row": (image[:, 1:], image[:, :-1])}
     for axis, (a, b) in both.items():
+        if a.size == 0:  # one column, or one row
+            continue
         n = max(int(((a != 0) & (b != 0)).sum()), 1)
         value = float((a * b).sum(dtype=np.float64)) / n
         yield Curve(statistic="neighbour_correlation", axis=axis, lower=np.zeros(1), upper=np.ones(1),

@@ -16,7 +16,8 @@ _LEAST = 1e-9
 def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
     """Variance of each row's mean, and column's, over that of independent samples, less 1, over root 2.
 
-    Means of pixels and of frames are taken out first, and the line's own spread is divided out.
+    Means of pixels and of frames are taken out first, and the line's own spread is divided out. Of an image of one row
+    the row's mean is the frame's, which is taken out: nothing is left to look at. So it is with one column.
     """
     rows, cols = evidence.image
     ok = np.isfinite(z)
@@ -29,6 +30,8 @@ def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
     image, valid = cube.reshape(-1, rows, cols), seen.reshape(-1, rows, cols)
     sigma = np.ones(1)
     for axis, name in ((2, "row"), (1, "col")):
+        if image.shape[3 - axis] == 1:
+            continue
         n = valid.sum(axis=axis)
         use = n >= _FEW
         frames = use.sum(axis=0)

@@ -148,7 +148,7 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     )
     sane = floor.gap <= max(before.gap, _SANE)
     verdict = _verdict(added, before, loud, enough=enough, signed=signed and sane)
-    if verdict == "explained" and _goes_on(added.state, loud, floor, scale * _gain(added, lost=False)):
+    if verdict == "explained" and changes_in_time(added.state, loud, floor, scale * _gain(added, lost=False)):
         verdict = "partly_explained"
     found = Verified(
         verdict=verdict, state=added.state, before=before, after=after, floor=floor, gain=gain, left=left, law=law
@@ -230,7 +230,7 @@ def _signed(likelihood: Likelihood, added: Added, floor: Compared, settings: Set
     return not any(smooth(v, known) or any(tilted(v, known, s) for s in surfaces) for v in values)
 
 
-def _goes_on(state: State, loud: list[Curve], floor: Compared, gain: float) -> bool:
+def changes_in_time(state: State, loud: list[Curve], floor: Compared, gain: float) -> bool:
     """Whether means of frames or pixels still change in time: laws in time are exact, so that something else is there.
 
     Where frames are disturbed, or noise has a memory, these means have that in them.

@@ -12,6 +12,7 @@ from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
+from tofmix.wording import counted, number
 
 _TITLES = {
     "agree": "Simulation and measurement agree",
@@ -29,7 +30,7 @@ def headline(result: Reconciliation) -> str:
     """One sentence: where they disagree, what explains it, and how far the gap falls."""
     v = result.verified
     if v.verdict == "agree" or not result.where:
-        gap = f"the gap is {v.before.gap:.2f}, chance is {v.floor.gap:.2f}"
+        gap = f"the gap is {v.before.gap:.2f}, noise alone gives {v.floor.gap:.2f}"
         within = ", and what is between is within the tolerance" if v.before.gap > _WIDER * v.floor.gap else ""
         return f"{_TITLES['agree']}: no disagreement beyond chance and tolerance; {gap}{within}."
     place = where_text(result.where[0], result)
@@ -43,7 +44,7 @@ def headline(result: Reconciliation) -> str:
     effects = " and ".join(effect_text(n, result) for n in result.named)
     verb = "explain" if len(result.named) > 1 else "explains"
     part = "it" if v.verdict == "explained" else "a part of it"
-    fall = f"the gap falls from {v.before.gap:.1f} to {v.after.gap:.1f}, chance is {v.floor.gap:.1f}"
+    fall = f"the gap falls from {v.before.gap:.1f} to {v.after.gap:.1f}, noise alone gives {v.floor.gap:.1f}"
     wider = v.verdict == "explained" and not result.left and v.after.gap > _WIDER * max(v.floor.gap, 1.0)
     within = ", and what is between is within the tolerance, which errors do not hold" if wider else ""
     return f"Simulation and measurement disagree most {place}. {effects} {verb} {part}; {fall}{within}."
@@ -52,7 +53,7 @@ def headline(result: Reconciliation) -> str:
 def in_words(effect: Effect) -> str:
     """What the effect does, its numbers to four digits."""
     numbers = {name: getattr(effect, name) for name in effect.parameters()}
-    short = {name: float(f"{value:.4g}") for name, value in numbers.items() if isinstance(value, float)}
+    short = {name: float(f"{value:.4g}") + 0.0 for name, value in numbers.items() if isinstance(value, float)}
     return replace(effect, **short).explain()
 
 
@@ -62,12 +63,12 @@ def where_text(place: Place, result: Reconciliation) -> str:
     unit = _UNITS.get(place.axis, "")
     axis = _AXES.get(place.axis, place.axis)
     within = f" in recording {place.recording + 1}" if len(result.models) > 1 else ""
-    size = f"{place.statistic.replace('_', ' ')} of {place.size:+.3g}{' mm' if place.unit == 'mm' else ''}"
+    size = f"{place.statistic.replace('_', ' ')} of {number(place.size, '+.3g')}{' mm' if place.unit == 'mm' else ''}"
     if place.statistic == "memory":
-        frames = f"{low:g} to {high:g} frames" if high > low else f"{low:g} frame{'s' if low > 1 else ''}"
+        frames = f"{low:g} to {high:g} frames" if high > low else counted(int(low), "frame")
         return f"between samples {frames} apart{within} ({size})"
     if place.statistic == "bridging":
-        return f"between two surfaces that are in one pixel{within} ({place.size:+.3g} of its samples)"
+        return f"between two surfaces that are in one pixel{within} ({number(place.size, '+.3g')} of its samples)"
     if place.axis == "all":
         return f"everywhere{within} ({size})"
     if place.axis == "surface":
@@ -75,7 +76,7 @@ def where_text(place: Place, result: Reconciliation) -> str:
         numbers = range(max(math.floor(low), 0), math.ceil(high))
         named = " and ".join(f'"{names[n]}"' for n in numbers if n < len(names)) or "no return"
         return f"on {named}{within} ({size})"
-    return f"at {axis} {low:.4g} to {high:.4g}{' ' if unit else ''}{unit}{within} ({size})"
+    return f"at {axis} {number(low, '.4g')} to {number(high, '.4g')}{' ' if unit else ''}{unit}{within} ({size})"
 
 
 def p_text(place: Place) -> str:
@@ -102,15 +103,15 @@ def _size_of_map(effect: Effect) -> list[str]:
         known = effect.map.values[effect.map.values != 0].astype(np.float64)  # 0 where nothing returns
         return [f"{np.sqrt((known**2).mean()):.3g} mm rms"] if known.size else []
     if isinstance(effect, StuckPixels) and effect.map is not None:
-        return [f"{int(np.isfinite(effect.map.values).sum())} pixels"]
+        return [counted(int(np.isfinite(effect.map.values).sum()), "pixel")]
     return []
 
 
 def _with_error(name: str, value: float, error: float | None) -> str:
     if not error:
-        return f"{name} {value:.4g}"
+        return f"{name} {number(value, '.4g')}"
     digits = max(0, 1 - math.floor(math.log10(error)))
-    return f"{name} {value:.{min(digits, 8)}f} +- {error:.{min(digits, 8)}f}"
+    return f"{name} {number(value, f'.{min(digits, 8)}f')} +- {error:.{min(digits, 8)}f}"
 
 
 def summary_lines(result: Reconciliation) -> list[str]:
@@ -118,16 +119,17 @@ def summary_lines(result: Reconciliation) -> list[str]:
     v = result.verified
     lines = [headline(result), "", f"verdict      {v.verdict}"]
     lines += [
-        f"effect       {effect_text(n, result)}, held-out gain {n.heldout_gain_nats:.0f} nats" for n in result.named
+        f"effect       {effect_text(n, result)}, held-out gain {number(n.heldout_gain_nats, '.0f')} nats"
+        for n in result.named
     ]
     lines += [f"where        {where_text(p, result)}, {p_text(p)}" for p in result.where[:2]]
     if result.named and result.left:
         lines.append(f"left         {where_text(result.left[0], result)}, {p_text(result.left[0])}")
-    ranking = ", ".join(f"{c.kind} {c.gain:.0f}" for c in result.candidates[:4])
-    lines += [f"candidates   {ranking}"] if ranking else []
+    ranking = ", ".join(f"{c.kind} {number(c.gain, '.0f')}" for c in result.candidates[:4])
+    lines += [f"candidates   each alone: {ranking}"] if ranking else []
     for group in result.as_dict()["aliases"]:
         lines.append(f"not told apart: {', '.join(group['kinds'])}; would be by: {group['separate_by']}")
-    closed = "" if v.closed is None else f", closed {100 * v.closed:.1f} %"
+    closed = "" if v.closed is None else f", closed {number(100 * v.closed, '.1f')} %"
     lines.append(f"gap          before {v.before.gap:.2f}, after {v.after.gap:.2f}, floor {v.floor.gap:.2f}{closed}")
     return lines
 
@@ -144,4 +146,4 @@ def _table(named: NamedEffect) -> str:
 
 
 def _value(value: Any) -> str:  # noqa: ANN401  a string or a number
-    return json.dumps(value) if isinstance(value, str) else repr(float(value))
+    return json.dumps(value) if isinstance(value, str) else repr(float(value) + 0.0)

@@ -64,7 +64,7 @@ class NamedEffect:
                 continue
             values[name] = value.path if isinstance(value, PixelMap) else value
             if isinstance(value, float | int):
-                values[name] = float(f"{float(value):.8g}")
+                values[name] = float(f"{float(value):.8g}") + 0.0
         return values if "map" not in values else {"map": values["map"]}
 
 
@@ -161,11 +161,11 @@ def _panel(before: Compared, after: Compared, floor: Compared) -> list[tuple[int
 
 
 def _short(value: float) -> float:
-    return float(f"{value:.6g}")
+    return float(f"{value:.6g}") + 0.0  # never -0
 
 
 def _rounded(values: dict[str, float]) -> dict[str, float]:
-    return {name: float(f"{v:.3g}") for name, v in values.items()}
+    return {name: float(f"{v:.3g}") + 0.0 for name, v in values.items()}
 
 
 def reconcile(

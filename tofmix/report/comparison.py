@@ -17,6 +17,7 @@ from tofmix.layers import Layers
 from tofmix.report.quantiles import ValueCounts
 from tofmix.report.sources import LayersSource
 from tofmix.report.window_difference import WindowDifference, compare_windows
+from tofmix.wording import counted
 
 DEFAULT_TOLERANCE = 3.0
 """Difference of two ranges, in combined standard errors, up to which they are the same."""
@@ -110,7 +111,7 @@ def check_comparable(a: LayersSource, b: LayersSource) -> None:
         If windows, rows or columns differ, or windows lie over other numbers of frames.
     """
     if a.shape != b.shape:
-        sizes = " and ".join(f"{w} window{'s' * (w != 1)} of {r} x {c} pixels" for w, r, c in (a.shape, b.shape))
+        sizes = " and ".join(f"{counted(w, 'window')} of {r} x {c} pixels" for w, r, c in (a.shape, b.shape))
         raise BadInputError(f"the two have different sizes, {sizes}")
     lengths = [np.unique(one.window_stop - one.window_start).tolist() for one in (a, b)]
     if lengths[0] != lengths[1]:

@@ -9,6 +9,7 @@ from tofmix.report.comparison import Comparison, common_circle
 from tofmix.report.sources import LayersSource
 from tofmix.report.templates import load_template
 from tofmix.report.window_difference import compare_windows
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.report.picture import Picture
@@ -64,8 +65,8 @@ def headline(comparison: Comparison) -> str:
     """Say in one sentence how far the two differ."""
     c = comparison
     if c.different == 0:
-        return f"All {c.pixels:,} pixels agree within {c.tolerance:g} standard errors."
+        return f"All {counted(c.pixels, 'pixel', ',')} agree within {c.tolerance:g} standard errors."
     return (
-        f"{c.different:,} of {c.pixels:,} pixels differ: {c.count_differs:,} in the number of surfaces,"
+        f"{c.different:,} of {counted(c.pixels, 'pixel', ',')} differ: {c.count_differs:,} in the number of surfaces,"
         f" {c.range_differs:,} in a range by more than {c.tolerance:g} standard errors."
     )

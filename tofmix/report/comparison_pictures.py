@@ -7,6 +7,7 @@ from tofmix.report.curves import gap_histogram
 from tofmix.report.images import category_image, gap_image
 from tofmix.report.picture import Picture, make_picture
 from tofmix.report.window_difference import WindowDifference
+from tofmix.wording import counted
 
 _CATEGORIES = ("the same", "another range", "fewer in B", "more in B")
 
@@ -18,14 +19,14 @@ def draw_comparison(a: Layers, b: Layers, found: WindowDifference, *, tolerance:
     categories[b.n_modes < a.n_modes] = 2
     categories[b.n_modes > a.n_modes] = 3
     counts = np.bincount(categories.ravel(), minlength=len(_CATEGORIES)).tolist()
-    told = "; ".join(f"{name}: {count} pixels" for name, count in zip(_CATEGORIES, counts, strict=True))
+    told = "; ".join(f"{name}: {counted(count, 'pixel')}" for name, count in zip(_CATEGORIES, counts, strict=True))
     first = found.gap_mm[..., 0]
     known = np.abs(first[np.isfinite(first)])
     size = (
         f"Median size {np.median(known):.2f} mm, largest {known.max():.1f} mm." if known.size else "No pixel has one."
     )
     in_errors = np.abs(found.gap_errors[np.isfinite(found.gap_errors)])
-    spread = f"{int((in_errors > tolerance).sum())} of {in_errors.size} layers lie beyond the tolerance."
+    spread = f"{int((in_errors > tolerance).sum())} of {counted(in_errors.size, 'layer')} lie beyond the tolerance."
     return (
         make_picture(
             lambda theme: category_image(categories, names=_CATEGORIES, theme=theme),

@@ -2,6 +2,7 @@
 
 from tofmix.report.comparison import Comparison, PixelDifference
 from tofmix.report.tables import printable
+from tofmix.wording import counted
 
 _SHOWN_PAIRS = 5
 
@@ -9,10 +10,11 @@ _SHOWN_PAIRS = 5
 def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: float) -> str:
     """Format a comparison of the files `names` for the terminal, without a newline at the end."""
     c = comparison
+    image = f"{counted(c.rows, 'row')} x {counted(c.cols, 'column')}"
     lines = [
         *(f"{'AB'[k]}          {printable(names[k])}, of {printable(c.sources[k])}" for k in (0, 1)),
         f"recording  {'the same' if c.same_recording else 'another one'}",
-        f"pixels     {c.pixels} ({c.windows} window{'s' * (c.windows != 1)} of {c.rows} rows x {c.cols} columns)",
+        f"pixels     {c.pixels} ({counted(c.windows, 'window')} of {image})",
         "",
         *(
             f"{name:<40}{count:>8}{_share(count, c.pixels):>9}"
@@ -28,7 +30,7 @@ def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: 
         f"range differences median {_number(c.gap_median_mm)} mm, largest {_number(c.gap_largest_mm)} mm",
         f"                  largest {_number(c.gap_largest_errors)} combined standard errors",
     ]
-    lines += [f"surfaces {a} in A, {b} in B: {count} pixels" for a, b, count in c.surfaces[:_SHOWN_PAIRS]]
+    lines += [f"surfaces {a} in A, {b} in B: {counted(count, 'pixel')}" for a, b, count in c.surfaces[:_SHOWN_PAIRS]]
     lines += [f"option {name}: {pair[0]} in A, {pair[1]} in B" for name, pair in c.options.items()]
     if c.pixels_shown:
         lines += ["", f"{'window':>6}{'row':>6}{'col':>6}{'errors':>8}  ranges in A | in B (mm)"]

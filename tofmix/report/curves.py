@@ -11,6 +11,7 @@ from tofmix.layers import Layers
 from tofmix.report.tables import ordinal
 from tofmix.report.theme import LAYER_LINES, RANGE_MAP, Theme
 from tofmix.sensor import NoiseCurve
+from tofmix.wording import counted
 
 SHOWN_LAYERS = len(LAYER_LINES)
 """Layers that are drawn each for itself; more cannot be told apart."""
@@ -75,7 +76,7 @@ def sigma_figure(layers: Layers, *, curve: NoiseCurve | None, theme: Theme) -> F
         axes.legend(loc="upper left")
     off = int((sigma_mm > top).sum())
     if off:
-        axes.set_title(f"{off} components lie above this view", loc="left")
+        axes.set_title(f"{counted(off, 'component')} above this view", loc="left")
     return figure
 
 
@@ -102,7 +103,7 @@ def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme) -> 
     axes.set_xlim(-most, most)
     outside = int((np.abs(finite) > most).sum())
     if outside:
-        axes.set_title(f"{outside} layers lie outside this view", loc="left", fontsize="small")
+        axes.set_title(f"{counted(outside, 'layer')} outside this view", loc="left", fontsize="small")
     figure.legend(loc="outside upper center", ncols=3, columnspacing=1.0)
     return figure
 

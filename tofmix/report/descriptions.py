@@ -4,8 +4,11 @@ Use `describe_recording`, `describe_layers` or `describe_model`. Headers are rea
 counts and the status. What an estimate found is told by `tofmix.report.summary`.
 """
 
+import textwrap
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,18 +16,27 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.flags import Status, status_name
+from tofmix.projection import projection_values
 from tofmix.report.findings import Finding, count_findings
 from tofmix.report.sources import LayersSource
+from tofmix.report.summary import remedy_for
 from tofmix.report.tables import printable
 from tofmix.sensor import Sensor
 from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.sheet import CameraSheet
 from tofmix.simulation.model import Model
+from tofmix.wording import counted, number
 
 GAP = 1.5
 """A step of `time` longer than this many median steps is a gap."""
 
 _BYTES_A_SAMPLE = 6
 _NAME_WIDTH = 26
+_TEXT_WIDTH = 100
+_LONGEST_SENTENCE = 1000
+_OF_SENTENCES = ("sources", "next_steps")
+"""Sections whose values are sentences."""
+
 _SENSOR_NUMBERS = (
     "modulation_frequency_hz",
     "integration_time_ms",
@@ -46,7 +58,7 @@ class Description:
     Parameters
     ----------
     kind : str
-        ``recording``, ``layers``, ``model`` or ``sensor``.
+        ``recording``, ``layers``, ``model``, ``sensor``, ``source`` or ``reconciliation``.
     name : str
         The file as it was named.
     sections : dict of str to dict
@@ -62,7 +74,7 @@ class Description:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the same for JSON: None for numbers that are not finite."""
-        warnings = [{"code": finding.code, "text": finding.text} for finding in self.warnings]
+        warnings = [{"code": finding.code, "text": finding.line} for finding in self.warnings]
         sections = {title: {k: _no_nan(v) for k, v in part.items()} for title, part in self.sections.items()}
         return {"kind": self.kind, "file": self.name, **sections, "warnings": warnings}
 
@@ -108,12 +120,17 @@ class LayersHeader(LayersSource, Protocol):
         """One dataset of one window."""
 
 
-def describe_recording(file: RecordingHeader, *, name: str, file_bytes: int) -> Description:
-    """Describe a recording from its header and its frames' times."""
+def describe_recording(
+    file: RecordingHeader, *, name: str, file_bytes: int, doubts: Mapping[str, str | None] = MappingProxyType({})
+) -> Description:
+    """Describe a recording from its header and its frames' times.
+
+    `doubts` are what its samples make doubtful, text by code, None where they do not (`tofmix.io.range_check`).
+    """
     frames, rows, cols = file.shape
     time_s = file.read_time()
     samples: Section = {
-        "units": "mm",
+        "units": None if doubts.get("range_units") else "mm",
         "type": file.stored_type,
         "invalid_value": file.fill,
         "amplitude": file.has_amplitude,
@@ -128,7 +145,8 @@ def describe_recording(file: RecordingHeader, *, name: str, file_bytes: int) -> 
         sections["time"] = _time_section(time_s)
     sections["sensor"] = _sensor_section(file.sensor)
     sections["attributes"] = dict(file.attributes())
-    warnings = [*_recording_findings(file), *_time_findings(time_s)]
+    of_samples = [Finding(code=code, text=f"Range: {text}.") for code, text in doubts.items() if text is not None]
+    warnings = [*of_samples, *_recording_findings(file), *_time_findings(time_s)]
     return Description(kind="recording", name=name, sections=sections, warnings=tuple(warnings))
 
 
@@ -158,10 +176,14 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         "sensor": _sensor_section(provenance.sensor),
     }  # fmt: skip
     warnings = count_findings(
-        pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers
-    )
+        pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers,
+        remedy=remedy_for(provenance, windows),
+    )  # fmt: skip
     return Description(
-        kind="layers", name=name, sections=sections, warnings=(*warnings, *_view_findings(provenance.sensor))
+        kind="layers",
+        name=name,
+        sections=sections,
+        warnings=(*warnings, *_view_findings(provenance.sensor, (rows, cols))),
     )
 
 
@@ -195,9 +217,11 @@ def describe_model(model: Model, *, name: str) -> Description:
     return Description(kind="model", name=name, sections=sections, warnings=tuple(warnings))
 
 
-def describe_sensor(camera: SensorProfile, *, name: str) -> Description:
+def describe_sensor(camera: CameraSheet, *, name: str) -> Description:
     """Describe a camera's own file."""
-    sections = {"sensor": _profile_section(camera)}
+    sections = {"sensor": _profile_section(camera) | {"outlier_probability": camera.outlier_probability}}
+    if camera.sources:
+        sections["sources"] = {str(number): text for number, text in enumerate(camera.sources, 1)}
     return Description(kind="sensor", name=name, sections=sections, warnings=_profile_findings(camera))
 
 
@@ -207,11 +231,17 @@ def format_description(description: Description) -> str:
     for title, section in description.sections.items():
         lines += ["", title.replace("_", " ")]
         for key, value in section.items():
-            lines += _lines(key, value)
+            lines += _wrapped(value) if title in _OF_SENTENCES else _lines(key, value)
     if description.warnings:
         lines.append("")
-    lines += [f"warning: {finding.text}" for finding in description.warnings]
+    lines += [f"warning: {finding.line}" for finding in description.warnings]
     return "\n".join(lines)
+
+
+def _wrapped(value: Value) -> list[str]:
+    return textwrap.wrap(
+        printable(str(value), _LONGEST_SENTENCE), _TEXT_WIDTH, initial_indent="  - ", subsequent_indent="    "
+    )
 
 
 def _no_nan(value: Value) -> Value:
@@ -232,26 +262,34 @@ def _shown(value: object) -> str:
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
         return " ".join(_shown(item) for item in value) or "none"
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
+    return number(value, ".9g") if isinstance(value, float) else str(value)
 
 
 def _sensor_section(sensor: Sensor) -> Section:
     section: Section = {"name": sensor.name}
     section |= {key: getattr(sensor, key) for key in _SENSOR_NUMBERS}
+    if sensor.projection is not None:
+        section["projection"] = sensor.projection.name
+        for key, value in projection_values(sensor.projection).items():
+            section[key] = list(value) if isinstance(value, tuple) else value
     noise = sensor.noise
     section["noise_range_mm"] = None if noise is None else noise.range_mm.tolist()
     section["noise_sigma_mm"] = None if noise is None else noise.sigma_mm.tolist()
+    if noise is not None and noise.law is not None:
+        section["noise_reference_amplitude"] = noise.law.reference.tolist()
+        section["noise_amplitude"] = noise.law.amplitude.tolist()
+        section["noise_amplitude_factor"] = noise.law.factor.tolist()
     return section
 
 
-def _profile_section(camera: SensorProfile) -> Section:
+def _profile_section(camera: SensorProfile | CameraSheet) -> Section:
     return {"rows": camera.rows, "cols": camera.cols} | _sensor_section(camera.sensor())
 
 
-def _profile_findings(camera: SensorProfile) -> tuple[Finding, ...]:
+def _profile_findings(camera: SensorProfile | CameraSheet) -> tuple[Finding, ...]:
     if camera.confirmed or not camera.sources:
         return ()
-    text = f"Figures of {camera.name} are unconfirmed; its profile says where each is from."
+    text = f"Figures of {camera.name} are unconfirmed; its sources say where each is from."
     return (Finding(code="unconfirmed_sensor", text=text),)
 
 
@@ -273,7 +311,7 @@ def _time_findings(time_s: FloatArray | None) -> list[Finding]:
     gaps = int((steps > GAP * np.median(steps)).sum()) if steps.size else 0
     if not gaps:
         return []
-    text = f"{gaps} steps of time are longer than {GAP:g} times the median: frames are missing."
+    text = f"{counted(gaps, 'step')} of time longer than {GAP:g} times the median: frames are missing."
     return [Finding(code="time_gaps", text=text)]
 
 
@@ -281,19 +319,23 @@ def _recording_findings(file: RecordingHeader) -> list[Finding]:
     found = []
     sensor = file.sensor
     if sensor.noise is None:
-        text = "No noise curve: estimate needs --noise auto, or --noise with a built-in sensor."
+        text = "No noise curve: estimate measures one, or takes a built-in sensor's with --noise."
         found.append(Finding(code="no_noise_curve", text=text))
     if sensor.range_max_mm is None:
         text = "No range_max_mm: what does not return is not told from surfaces."
         found.append(Finding(code="no_range_max", text=text))
-    found += _view_findings(sensor)
+    found += _view_findings(sensor, file.shape[1:])
     if file.shape[0] == 1:
         text = "One frame: a pixel's one sample cannot show several surfaces."
         found.append(Finding(code="one_frame", text=text))
     return found
 
 
-def _view_findings(sensor: Sensor) -> list[Finding]:
-    if sensor.fov_horizontal_deg is not None and sensor.fov_vertical_deg is not None:
-        return []
+def _view_findings(sensor: Sensor, shape: tuple[int, int]) -> list[Finding]:
+    try:
+        if sensor.optics is not None:
+            sensor.optics.check(shape)
+            return []
+    except ValueError as error:
+        return [Finding(code="unfit_projection", text=f"Points cannot be placed: {error}.")]
     return [Finding(code="no_field_of_view", text="No field of view: points cannot be placed; export needs --fov.")]

@@ -19,6 +19,7 @@ from tofmix.report.rasters import ABOVE, BELOW, count_colours, count_label, rang
 from tofmix.report.sample_packing import MOST_SAMPLES, PackedSamples, pack_samples
 from tofmix.report.sources import LayersSource
 from tofmix.report.theme import DARK, LIGHT
+from tofmix.sensor import Sensor
 
 MOST_PIXELS = 60_000
 """Pixels of all windows of a page; one window is always there, unless it has more than `LARGEST_IMAGE`."""
@@ -42,6 +43,7 @@ _LAYER_UNITS = {
     "range": 0.01, "range_stderr": 0.01, "weight": 1e-4, "weight_stderr": 1e-4, "sigma": 0.01, "probability": 1e-6,
 }  # fmt: skip
 _AVERAGED_UNIT_MM = 0.1
+_ANGLE_DIGITS = 6  # of an angle in rad: 0.01 mm at 10 m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -173,9 +175,24 @@ def _settings(layers_file: LayersSource, scale: tuple[float, float], most: int) 
         "tooFew": int(Status.TOO_FEW_SAMPLES),
         "rangeMax": sensor.range_max_mm,
         "circle": layers_file.provenance.unambiguous_range_mm,
-        "fov": [sensor.fov_horizontal_deg, sensor.fov_vertical_deg],
+        "angles": _angles(sensor, (rows, cols)),
         "noise": None if curve is None else [curve.range_mm.tolist(), curve.sigma_mm.tolist()],
     }
+
+
+def _angles(sensor: Sensor, shape: tuple[int, int]) -> list[list[float]] | None:
+    """Where the pixels of the middle row look across, and those of the middle column down, rad; None if not known."""
+    rows, cols = shape
+    try:
+        optics = sensor.optics
+        if optics is None:
+            return None
+        across = optics.rays((rows - 1) / 2, np.arange(cols), shape=shape)
+        down = optics.rays(np.arange(rows), (cols - 1) / 2, shape=shape)
+    except ValueError:  # numbers that no camera has; `info` says which
+        return None
+    angles = np.arctan2(across[:, 0], across[:, 2]), np.arctan2(down[:, 1], np.hypot(down[:, 0], down[:, 2]))
+    return [[round(float(angle), _ANGLE_DIGITS) for angle in line] for line in angles]
 
 
 def _windows_note(chosen: range, windows: int) -> str:

@@ -140,12 +140,10 @@ Object.assign(Explorer.prototype, {
     }
   },
 
-  /** Where the pixels of the section look, radians from the middle; null without a field of view. */
+  /** Where the pixels of the section look, radians from the axis; null where that is not known. */
   angles() {
-    const { cols, rows, fov } = this.settings;
-    const [count, view] = this.along === "row" ? [cols, fov[0]] : [rows, fov[1]];
-    if (view === null) return null;
-    return Array.from({ length: count }, (_, k) => (((k - (count - 1) / 2) * view) / count) * (Math.PI / 180));
+    const { angles } = this.settings;
+    return angles && angles[this.along === "row" ? 0 : 1];
   },
 
   showSection() {

@@ -1,9 +1,11 @@
 """What a reader of a layers file should be wary of, in one sentence each.
 
-A finding says what was seen and what to try. The thresholds are for drawing
-attention, not tests: nothing is refused here.
+A finding says what was seen and which command to try. The thresholds are for drawing
+attention, not tests: nothing is refused here. `estimate`, `merge` and `report` print the same ones.
 """
 
+import math
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -11,6 +13,15 @@ from tofmix.flags import Status, status_name
 
 SIGMA_TOLERANCE = 0.10
 """Relative difference of median sigma and curve that is worth a word."""
+
+SCATTER_FACTOR = 2.0
+"""Samples that scatter this much more or less than the curve contradict it.
+
+Two surfaces that samples cannot tell apart, 3 sigma from each other, scatter sqrt(1 + 3^2 / 4) = 1.8 times as much.
+"""
+
+DRIFT_SIGMAS = math.sqrt(12.0 * ((1.0 + SIGMA_TOLERANCE) ** 2 - 1.0))
+"""A steady change over a window of D sigmas adds D^2 / 12 sigma^2 to a variance: sigma by `SIGMA_TOLERANCE` here."""
 
 STATUS_SHARE = 0.05
 """Share of pixels with one unwelcome status that is worth a word."""
@@ -22,27 +33,115 @@ CLOSE_SIGMAS = 5.0
 CLOSE_SHARE = 0.05
 """Share of pixels with two layers this near to each other, in sigmas, that is worth a word."""
 
+_MORE_ITERATIONS = 200  # four times the default of --max-iter
+_MOST_LAYERS = 32  # that --max-layers takes
+
 MIN_COMPONENTS = 30
 """Fewer components than this say nothing of the curve."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One warning: `code` is stable and for scripts, `text` for people."""
+    """One warning: `code` is stable and for scripts, `text` for people, `commands` are what may mend it."""
 
     code: str
     text: str
+    commands: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, str | list[str]]:
+        """Return the same for JSON."""
+        return {"code": self.code, "text": self.text, "commands": list(self.commands)}
+
+    @property
+    def line(self) -> str:
+        """All of it in one line."""
+        return f"{self.text} Try: {', or: '.join(self.commands)}" if self.commands else self.text
 
 
-_STATUS_TEXTS: dict[Status, str] = {
-    Status.TOO_FEW_SAMPLES: "have too few valid samples and were not fitted; a longer --window has more",
-    Status.NOT_CONVERGED: "did not converge; raise --max-iter, or take their layers as rough",
-    Status.DEGENERATE: "have layers whose errors the samples cannot tell; take their range_stderr as unknown",
-}
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remedy:
+    """The estimate that findings are about: their remedies are the same command with another option.
+
+    Parameters
+    ----------
+    recording : str
+        The recording, as it is named in a command.
+    noise : str
+        Its option ``--noise``.
+    window_frames, windows : int
+        Frames of a window, and how many windows there are.
+    """
+
+    recording: str
+    noise: str = "file"
+    window_frames: int = 2
+    windows: int = 1
+
+    def command(self, *options: str) -> str:
+        """The command with other options."""
+        return shlex.join(["tofmix", "estimate", self.recording, *options, "--overwrite"])
+
+    def measure(self) -> str:
+        """The command that measures the noise curve; where that was done, the one with a third of the window."""
+        return self.shorter() if self.noise == "auto" else self.command("--noise", "auto")
+
+    def shorter(self, window: int | None = None) -> str:
+        """The command with a shorter window; a third, if not said otherwise, has a ninth of a drift's variance."""
+        return self.command("--window", str(max(1, self.window_frames // 3 if window is None else window)))
+
+
+def sample_findings(*, scatter_over_curve: float | None, drift_sigmas: float | None, remedy: Remedy) -> list[Finding]:
+    """List what the samples say against the noise curve, and of drift within a window.
+
+    Parameters
+    ----------
+    scatter_over_curve : float or None
+        Standard deviation of a pixel's samples over the curve's sigma (median).
+    drift_sigmas : float or None
+        How far the ranges of a quarter of the pixels or more change over a window, in sigmas.
+    remedy : Remedy
+        The estimate.
+
+    Returns
+    -------
+    list of Finding
+        Empty if all is well.
+    """
+    found = []
+    if scatter_over_curve is not None and not 1.0 / SCATTER_FACTOR <= scatter_over_curve <= SCATTER_FACTOR:
+        averaged = ", as averaged or filtered ranges do" if scatter_over_curve < 1.0 else ""
+        text = f"Samples scatter {scatter_over_curve:.2g} times as much as the noise curve says (median){averaged}."
+        found.append(Finding(code="scatter_off_curve", text=text, commands=(remedy.measure(),)))
+    if drift_sigmas is not None and drift_sigmas > DRIFT_SIGMAS:
+        # Half of what is worth a word.
+        window = int(0.5 * DRIFT_SIGMAS / drift_sigmas * remedy.window_frames)
+        text = (
+            f"In a quarter of the pixels ranges drift by {drift_sigmas:.1f} sigma or more within the"
+            f" {remedy.window_frames} frames of a window, which can make two layers of one surface."
+        )
+        found.append(Finding(code="drift", text=text, commands=(remedy.shorter(window),)))
+    return found
+
+
+def _status_texts(remedy: Remedy) -> dict[Status, tuple[str, tuple[str, ...]]]:
+    """What is wrong with pixels of a status, and the commands that may mend it."""
+    longer = (remedy.command("--window", str(2 * remedy.window_frames)),) if remedy.windows > 1 else ()
+    more = (remedy.command("--max-iter", str(_MORE_ITERATIONS)),)
+    return {
+        Status.TOO_FEW_SAMPLES: ("have too few valid samples and were not fitted; more frames have more.", longer),
+        Status.NOT_CONVERGED: ("did not converge; their layers are rough.", more),
+        Status.DEGENERATE: ("have layers whose errors the samples cannot tell; their range_stderr is not known.", ()),
+    }
 
 
 def count_findings(
-    *, pixels: int, by_status: Mapping[str, int], by_surfaces: Sequence[int], max_layers: int, close: int = 0
+    *,
+    pixels: int,
+    by_status: Mapping[str, int],
+    by_surfaces: Sequence[int],
+    max_layers: int,
+    remedy: Remedy,
+    close: int = 0,
 ) -> list[Finding]:
     """List what the counts of pixels say.
 
@@ -56,6 +155,8 @@ def count_findings(
         Pixels with 0, 1, 2, ... surfaces.
     max_layers : int
         Layers that the file can hold.
+    remedy : Remedy
+        The estimate.
     close : int
         Pixels with two layers within `CLOSE_SIGMAS` of each other.
 
@@ -65,26 +166,29 @@ def count_findings(
         Empty if all is well.
     """
     found = []
-    for status, text in _STATUS_TEXTS.items():
+    for status, (said, commands) in _status_texts(remedy).items():
         share = by_status.get(status_name(status), 0) / max(1, pixels)
         if share > STATUS_SHARE:
-            found.append(Finding(code=status_name(status), text=f"{100 * share:.1f} % of the pixels {text}."))
+            text = f"{100 * share:.1f} % of the pixels {said}"
+            found.append(Finding(code=status_name(status), text=text, commands=commands))
     full = sum(by_surfaces[max_layers:]) / max(1, pixels)
     if max_layers > 1 and full > FULL_SHARE:
-        text = f"{100 * full:.1f} % of the pixels use all {max_layers} layers; a larger --max-layers may find more."
-        found.append(Finding(code="all_layers_used", text=text))
+        more = () if max_layers >= _MOST_LAYERS else (remedy.command("--max-layers", str(min(2 * max_layers, 32))),)
+        text = f"{100 * full:.1f} % of the pixels use all {max_layers} layers; there may be more."
+        found.append(Finding(code="all_layers_used", text=text, commands=more))
     if close / max(1, pixels) > CLOSE_SHARE:
         text = (
-            f"{100 * close / pixels:.1f} % of the pixels have two layers within {CLOSE_SIGMAS:g} sigma of each other."
-            " Few scenes look like that; a noise curve that is too small, or drift within the window, does."
+            f"{100 * close / pixels:.1f} % of the pixels have two layers within {CLOSE_SIGMAS:g} sigma of each other,"
+            " as few scenes have. Ranges that drift within a window do that, and noise above its curve."
         )
-        found.append(Finding(code="close_layers", text=text))
+        commands = tuple(dict.fromkeys((remedy.shorter(), remedy.measure())))
+        found.append(Finding(code="close_layers", text=text, commands=commands))
     if pixels and pixels == sum(by_surfaces[:1]):
         found.append(Finding(code="no_surface_anywhere", text="No pixel shows a surface."))
     return found
 
 
-def sigma_findings(*, count: int, median: float | None, has_curve: bool) -> list[Finding]:
+def sigma_findings(*, count: int, median: float | None, has_curve: bool, remedy: Remedy) -> list[Finding]:
     """List what sigma says of the sensor's noise curve.
 
     Parameters
@@ -93,6 +197,8 @@ def sigma_findings(*, count: int, median: float | None, has_curve: bool) -> list
         Components compared, and the median of their sigma over the curve.
     has_curve : bool
         Whether there is a curve.
+    remedy : Remedy
+        The estimate.
 
     Returns
     -------
@@ -103,8 +209,5 @@ def sigma_findings(*, count: int, median: float | None, has_curve: bool) -> list
         return [Finding(code="no_noise_curve", text="The file has no noise curve, so sigma is compared with nothing.")]
     if median is None or count < MIN_COMPONENTS or abs(median - 1.0) <= SIGMA_TOLERANCE:
         return []
-    text = (
-        f"Sigma is {median:.2f} times the sensor's curve (median): the noise curve and the recording disagree; "
-        "measure the curve from the recording."
-    )
-    return [Finding(code="sigma_off_curve", text=text)]
+    text = f"Sigma is {median:.2f} times the sensor's curve (median): the noise curve and the recording disagree."
+    return [Finding(code="sigma_off_curve", text=text, commands=(remedy.measure(),))]

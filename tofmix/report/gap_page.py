@@ -6,6 +6,7 @@ from tofmix.reconciliation.name import Candidate
 from tofmix.reconciliation.words import effect_tables, effect_text, headline, in_words, p_text, where_text
 from tofmix.reconciliation.workflow import NamedEffect, Reconciliation
 from tofmix.report.templates import load_template
+from tofmix.wording import number
 
 
 def render_gap(result: Reconciliation, *, source: str) -> str:
@@ -39,12 +40,13 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
         effects=[(effect_text(n, result), in_words(n.effect), n.heldout_gain_nats) for n in result.named],
         where=[(where_text(p, result), p_text(p)) for p in result.where[:6]],
         left=[(where_text(p, result), p_text(p)) for p in result.left[:6]] if result.named else [],
-        candidates=[(c.kind, _fitted(c, result), f"{c.gain:,.0f}", c.parameters) for c in result.candidates],
+        candidates=[(c.kind, _fitted(c, result), number(c.gain, ",.0f"), c.parameters) for c in result.candidates],
         aliases=said["aliases"],
         added=_added(result),
         panel=said["panel"],
         curves=pictures.curve_pictures(result),
         maps=pictures.map_pictures(result),
+        number=number,
     )
 
 

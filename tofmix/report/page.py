@@ -11,12 +11,15 @@ from importlib import import_module
 
 from tofmix.errors import UsageError
 from tofmix.layers import Provenance
+from tofmix.projection import projection_values
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary import Summary, noise_of, summarise
 from tofmix.report.tables import ordinal
 from tofmix.report.templates import load_template, read_part
+from tofmix.sensor import Sensor
+from tofmix.wording import counted
 
 SCRIPTS = ("explorer_data.js", "explorer_plots.js", "explorer.js", "explorer_views.js")
 
@@ -102,8 +105,8 @@ def render_page(
 
 def headline(summary: Summary) -> str:
     """Say in one sentence what was found, for example ``25,344 pixels, 1 window of 100 frames: 13 % see ...``."""
-    windows = f"{summary.windows:,} window{'s' if summary.windows != 1 else ''} of {summary.window_frames:,} frames"
-    pixels = f"{summary.rows * summary.cols:,} pixel{'s' if summary.rows * summary.cols != 1 else ''}"
+    windows = f"{counted(summary.windows, 'window', ',')} of {counted(summary.window_frames, 'frame', ',')}"
+    pixels = counted(summary.rows * summary.cols, "pixel", ",")
     several = percent(summary.share_several_surfaces)
     return f"{pixels}, {windows}: {several} see more than one surface, {percent(summary.share_no_surface)} see none."
 
@@ -141,12 +144,25 @@ def _sensor_rows(provenance: Provenance) -> list[Row]:
         ("integration time", sensor.integration_time_ms, 1.0, "ms"),
         ("least range", sensor.range_min_mm, 1.0, "mm"),
         ("largest range", sensor.range_max_mm, 1.0, "mm"),
-        ("field of view, horizontal", sensor.fov_horizontal_deg, 1.0, "degrees"),
-        ("field of view, vertical", sensor.fov_vertical_deg, 1.0, "degrees"),
+        *_view_values(sensor),
         ("outlier probability p(c_r)", sensor.outlier_probability, 1.0, ""),
     )
     rows = [(name, "not known" if v is None else f"{v * factor:g} {unit}".strip()) for name, v, factor, unit in values]
     return [("name", sensor.name), *rows]
+
+
+def _view_values(sensor: Sensor) -> list[tuple[str, float | None, float, str]]:
+    """Where the pixels look, number by number."""
+    if sensor.projection is None:
+        names = (("horizontal", sensor.fov_horizontal_deg), ("vertical", sensor.fov_vertical_deg))
+        return [(f"field of view, {name}", value, 1.0, "degrees") for name, value in names]
+    rows: list[tuple[str, float | None, float, str]] = []
+    for key, value in projection_values(sensor.projection).items():
+        if isinstance(value, tuple):
+            rows += [(f"{sensor.projection.name}, {key} {n}", part, 1.0, "") for n, part in enumerate(value, 1)]
+        else:
+            rows.append((f"{sensor.projection.name}, {key}", value, 1.0, "pixels"))
+    return rows
 
 
 def _noise_rows(provenance: Provenance) -> list[Row]:
@@ -161,8 +177,8 @@ def _provenance_rows(summary: Summary, sensor: str) -> list[Row]:
         ("recording", summary.source),
         ("SHA-256 of the recording", summary.source_sha256),
         ("estimated by tofmix", summary.version),
-        ("image", f"{summary.rows} rows x {summary.cols} columns"),
-        ("windows", f"{summary.windows} of {summary.window_frames} frames"),
+        ("image", f"{counted(summary.rows, 'row')} x {counted(summary.cols, 'column')}"),
+        ("windows", f"{summary.windows} of {counted(summary.window_frames, 'frame')}"),
         ("frames left out at the end", f"{summary.frames_left_out}"),
         ("options of estimate", ", ".join(f"{name} {value}" for name, value in summary.options.items()) or "none"),
         ("sensor", sensor),

@@ -25,6 +25,7 @@ from tofmix.report.rasters import (
 from tofmix.report.tables import ordinal
 from tofmix.report.theme import DARK, LIGHT
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.wording import counted
 
 NO_DATA, NO_SURFACE = "var(--hatching)", "var(--no-surface)"
 """Grounds of the legend that the page's style knows in both themes."""
@@ -146,7 +147,7 @@ def _extent(range_mm: FloatArray) -> str:
 def _count_picture(layers: Layers) -> ImagePicture:
     fitted = layers.status != int(Status.TOO_FEW_SAMPLES)
     counts = np.bincount(layers.n_modes[fitted], minlength=int(layers.n_modes.max(initial=0)) + 1)
-    found = "; ".join(f"{n}: {count} pixels" for n, count in enumerate(counts.tolist()) if count)
+    found = "; ".join(f"{n}: {counted(count, 'pixel')}" for n, count in enumerate(counts.tolist()) if count)
     light, dark = (count_uri(layers.n_modes, fitted=fitted, theme=theme) for theme in (LIGHT, DARK))
     present = sorted({min(n, MANY) for n, count in enumerate(counts.tolist()) if count})
     colours = [NO_SURFACE, *count_colours(len(counts) - 1, LIGHT)[1:]]

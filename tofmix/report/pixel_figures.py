@@ -17,6 +17,7 @@ from tofmix.estimation.density import density
 from tofmix.report.pixels import GrowingDensity, PixelView
 from tofmix.report.theme import Theme
 from tofmix.sensor import NoiseCurve
+from tofmix.wording import counted
 
 WIDTH_INCH = 7.2
 
@@ -118,7 +119,7 @@ def growth_figure(
     top = 1.35 * _M * max(float(p.max()) for _, p in growth.snapshots)
     for panel, (number, p) in zip(axes, growth.snapshots, strict=False):
         modes_m = growth.modes_mm[number - 1] / _M
-        named = f"{number} sample{'s' * (number != 1)}: {len(modes_m)} mode{'s' * (len(modes_m) != 1)}"
+        named = f"{counted(number, 'sample')}: {counted(len(modes_m), 'mode')}"
         style_axes(panel, named, theme)
         panel.set(ylim=(0.0, top), ylabel="p(r)  (1/m)")
         draw_density(panel, range_m, _M * p, _within(modes_m, low, high), theme)
@@ -144,13 +145,13 @@ def _draw_pixel(
 ) -> None:
     count = len(view.range_mm)
     status = "" if view.status == "ok" else f", {view.status.replace('_', ' ')}"
-    style_axes(axes, f"{view.name}: {count} layer{'s' * (count != 1)}{status}", theme)
+    style_axes(axes, f"{view.name}: {counted(count, 'layer')}{status}", theme)
     highest = 0.0
     samples = view.samples_mm
     if samples is not None and samples.size:
         bins = np.linspace(range_m[0], range_m[-1], _bins(samples, range_m) + 1)
         bars = np.histogram(samples / _M, bins)[0] / (samples.size * np.diff(bins))
-        axes.stairs(bars, bins, fill=True, color=theme.grid, label=f"{samples.size} samples")
+        axes.stairs(bars, bins, fill=True, color=theme.grid, label=counted(samples.size, "sample"))
         highest = float(bars.max())
     for k in range(count):
         part = _component(view, k, range_m)

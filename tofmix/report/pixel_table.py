@@ -2,6 +2,7 @@
 
 from tofmix.arrays import FloatArray
 from tofmix.report.pixels import GrowingDensity, PixelView
+from tofmix.wording import counted
 
 
 def format_pixels(views: list[PixelView], chosen: int) -> str:
@@ -12,8 +13,8 @@ def format_pixels(views: list[PixelView], chosen: int) -> str:
 
 def _pixel_lines(view: PixelView) -> list[str]:
     count = len(view.range_mm)
-    found = f"{count} layer{'s' * (count != 1)}, {view.status}, {view.n_samples} samples"
-    lines = [f"{view.name}: {found}, {view.n_peaks} peak{'s' * (view.n_peaks != 1)}"]
+    found = f"{counted(count, 'layer')}, {view.status}, {counted(view.n_samples, 'sample')}"
+    lines = [f"{view.name}: {found}, {counted(view.n_peaks, 'peak')}"]
     if count:
         lines.append(f"{'layer':>7}{'range mm':>11}{'+-':>9}{'weight':>9}{'+-':>8}{'sigma mm':>10}{'probability':>13}")
     lines += [_layer_line(view, k) for k in range(count)]

@@ -18,6 +18,7 @@ from PIL import Image
 
 from tofmix.arrays import FloatArray
 from tofmix.report.theme import COUNT_MAP, DARK, LIGHT, RANGE_MAP, Theme
+from tofmix.wording import counted
 
 MANY = 6
 """Counts of surfaces from here on share one colour."""
@@ -117,7 +118,7 @@ def count_label(count: int) -> str:
     """``no surface``, ``1 surface``, ``2 surfaces``, ..., ``6 or more``."""
     if count >= MANY:
         return f"{MANY} or more"
-    return "no surface" if count == 0 else f"{count} surface{'s' if count > 1 else ''}"
+    return "no surface" if count == 0 else counted(count, "surface")
 
 
 def _png_uri(index: NDArray[np.uint8], palette: list[str]) -> str:

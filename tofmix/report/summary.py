@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from tofmix.arrays import FloatArray
 from tofmix.circle import circular_noise
 from tofmix.flags import Status, status_name
 from tofmix.layers import Layers, Provenance
-from tofmix.report.findings import CLOSE_SIGMAS, Finding, count_findings, sigma_findings
+from tofmix.report.findings import CLOSE_SIGMAS, Finding, Remedy, count_findings, sigma_findings
 from tofmix.report.quantiles import ValueCounts
 from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve
@@ -106,7 +107,8 @@ class Summary:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the same as dicts and lists under the same names, for JSON; never NaN, None instead."""
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+        values = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+        return values | {"warnings": [finding.as_dict() for finding in self.warnings]}
 
 
 def summarise(layers_file: LayersSource) -> Summary:
@@ -132,18 +134,6 @@ def summarise(layers_file: LayersSource) -> Summary:
         tally.add(layers_file.read_window(k))
     pixels = windows * rows * cols
     summaries = tally.layer_summaries()
-    by_status = tally.by_status()
-    sigma_over_curve = _quantiles(tally.dominant_ratio)
-    of_sigma = sigma_findings(
-        count=sigma_over_curve.count, median=sigma_over_curve.q50, has_curve=provenance.sensor.noise is not None
-    )
-    of_counts = count_findings(
-        pixels=pixels,
-        by_status=by_status,
-        by_surfaces=tally.surfaces,
-        max_layers=layers_file.max_layers,
-        close=tally.close,
-    )
     return Summary(
         source=provenance.source,
         source_sha256=provenance.source_sha256,
@@ -158,59 +148,120 @@ def summarise(layers_file: LayersSource) -> Summary:
         pixels=pixels,
         pixels_by_surfaces=tuple(tally.surfaces),
         pixels_by_peaks=tuple(tally.peaks),
-        pixels_by_status=by_status,
+        pixels_by_status=tally.by_status(),
         pixels_with_close_layers=tally.close,
         share_several_surfaces=sum(tally.surfaces[2:]) / max(1, pixels),
         share_no_surface=sum(tally.surfaces[:1]) / max(1, pixels),
         layers=summaries,
         weight_no_return=_quantiles(tally.no_return),
-        sigma_over_curve=sigma_over_curve,
+        sigma_over_curve=_quantiles(tally.dominant_ratio),
         samples=_quantiles(tally.samples),
-        warnings=(*of_sigma, *of_counts),
+        warnings=tally.findings(layers_file, pixels, remedy_for(provenance, windows)),
     )
 
 
-class _Tally:
-    """Running counts over windows."""
+def find(layers_file: LayersSource, remedy: Remedy | None = None) -> tuple[Finding, ...]:
+    """List the findings of a layers file, the same as in its summary, with less work.
+
+    Parameters
+    ----------
+    layers_file : LayersSource
+        The file; read window by window.
+    remedy : Remedy, optional
+        What the remedies' commands are about; by default the recording under the name that the file gives.
+    """
+    provenance = layers_file.provenance
+    windows, rows, cols = layers_file.shape
+    tally = _FindingTally(layers_file.max_layers, noise_of(provenance), provenance.unambiguous_range_mm)
+    for k in range(windows):
+        tally.add(layers_file.read_window(k))
+    return tally.findings(layers_file, windows * rows * cols, remedy or remedy_for(provenance, windows))
+
+
+def remedy_for(provenance: Provenance, windows: int, recording: str | None = None) -> Remedy:
+    """The estimate that made a layers file, for the commands of its findings."""
+    options = provenance.options
+    return Remedy(
+        recording=provenance.source if recording is None else recording,
+        noise=str(options.get("noise", "file")),
+        window_frames=int(options.get("window", 2)),
+        windows=windows,
+    )
+
+
+class _FindingTally:
+    """Running counts over windows of what findings are about."""
 
     def __init__(self, max_layers: int, curve: NoiseCurve | None, length: float | None) -> None:
         self._curve = curve
         self._length = length
         self.surfaces = [0] * (max_layers + 1)
-        self.peaks = [0]
         self.close = 0
         self._status: dict[int, int] = {}
-        self._layers = [_LayerTally() for _ in range(max_layers)]
-        self.no_return = ValueCounts()
-        self.samples = ValueCounts()
         self.dominant_ratio = ValueCounts()
 
     def add(self, window: Layers) -> None:
         self.surfaces = _added(self.surfaces, window.n_modes)
-        self.peaks = _added(self.peaks, window.n_peaks)
         self.close += _close(window, self._length)
         values, counts = np.unique(window.status, return_counts=True)
         for value, count in zip(values.tolist(), counts.tolist(), strict=True):
             self._status[value] = self._status.get(value, 0) + count
-        self.no_return.add(window.weight_no_return)
-        self.samples.add(window.n_samples.astype(np.float32))
+        self.dominant_ratio.add(self.ratio(window)[window.weight > DOMINANT_WEIGHT])
+
+    def ratio(self, window: Layers) -> FloatArray:
+        """Sigma over the curve's, of each layer; NaN where there is none."""
         range_mm = window.range.astype(np.float64)
         ratio = np.full(range_mm.shape, np.nan)
         if self._curve is not None:
             known = np.isfinite(range_mm)
             ratio[known] = window.sigma[known] / self._curve.sigma(range_mm[known])
-        self.dominant_ratio.add(ratio[window.weight > DOMINANT_WEIGHT])
+        return ratio
+
+    def findings(self, layers_file: LayersSource, pixels: int, remedy: Remedy) -> tuple[Finding, ...]:
+        of_sigma = sigma_findings(
+            count=self.dominant_ratio.count,
+            median=self.dominant_ratio.quantiles(0.5)[0],
+            has_curve=layers_file.provenance.sensor.noise is not None,
+            remedy=remedy,
+        )
+        of_counts = count_findings(
+            pixels=pixels,
+            by_status=self.by_status(),
+            by_surfaces=self.surfaces,
+            max_layers=layers_file.max_layers,
+            close=self.close,
+            remedy=remedy,
+        )
+        return *of_sigma, *of_counts
+
+    def by_status(self) -> dict[str, int]:
+        named = {status_name(s): self._status.get(int(s), 0) for s in Status}
+        unnamed = {f"status_{v}": n for v, n in sorted(self._status.items()) if v not in tuple(Status)}
+        return named | unnamed
+
+
+class _Tally(_FindingTally):
+    """Running counts over windows of all that a summary tells."""
+
+    def __init__(self, max_layers: int, curve: NoiseCurve | None, length: float | None) -> None:
+        super().__init__(max_layers, curve, length)
+        self.peaks = [0]
+        self._layers = [_LayerTally() for _ in range(max_layers)]
+        self.no_return = ValueCounts()
+        self.samples = ValueCounts()
+
+    def add(self, window: Layers) -> None:
+        super().add(window)
+        self.peaks = _added(self.peaks, window.n_peaks)
+        self.no_return.add(window.weight_no_return)
+        self.samples.add(window.n_samples.astype(np.float32))
+        ratio = self.ratio(window)
         for k, layer in enumerate(self._layers):
             layer.range.add(window.range[..., k])
             layer.weight.add(window.weight[..., k])
             layer.stderr.add(window.range_stderr[..., k])
             layer.sigma.add(window.sigma[..., k])
             layer.ratio.add(ratio[..., k])
-
-    def by_status(self) -> dict[str, int]:
-        named = {status_name(s): self._status.get(int(s), 0) for s in Status}
-        unnamed = {f"status_{v}": n for v, n in sorted(self._status.items()) if v not in tuple(Status)}
-        return named | unnamed
 
     def layer_summaries(self) -> tuple[LayerSummary, ...]:
         return tuple(

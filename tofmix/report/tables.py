@@ -7,6 +7,7 @@ reads the same everywhere.
 import textwrap
 
 from tofmix.report.summary import LayerSummary, Quantiles, Summary
+from tofmix.wording import counted, number
 
 COLUMNS = 80
 MAX_ROWS = 5
@@ -31,11 +32,12 @@ def format_table(summary: Summary) -> str:
     Returns
     -------
     str
-        About 25 lines of at most 80 ASCII characters, without a newline at the end.
+        About 25 lines of at most 80 ASCII characters, but for commands; without a newline at the end.
     """
     lines = [*_head(summary), "", *_surfaces(summary), "", *_layers(summary), "", *_status(summary)]
     for finding in summary.warnings:
         lines += textwrap.wrap(f"warning: {finding.text}", COLUMNS, subsequent_indent="  ")
+        lines += [f"  try: {printable(command, 1000)}" for command in finding.commands]  # whole, to be copied
     return "\n".join(lines)
 
 
@@ -47,13 +49,13 @@ def printable(text: str, width: int = 64) -> str:
 
 
 def _head(summary: Summary) -> list[str]:
-    windows = f"{summary.windows} of {summary.window_frames} frames"
+    windows = f"{summary.windows} of {counted(summary.window_frames, 'frame')}"
     if summary.frames_left_out:
-        windows += f"; {summary.frames_left_out} frames left out at the end"
+        windows += f"; {counted(summary.frames_left_out, 'frame')} left out at the end"
     return [
         f"source     {printable(summary.source)}",
         f"windows    {windows}",
-        f"pixels     {summary.pixels} ({summary.rows} rows x {summary.cols} columns a window)",
+        f"pixels     {summary.pixels} ({counted(summary.rows, 'row')} x {counted(summary.cols, 'column')} a window)",
         f"samples    {_number(summary.samples.q50, '.0f')} valid a pixel (median)",
     ]
 
@@ -78,7 +80,7 @@ def _layers(summary: Summary) -> list[str]:
     lines += [_layer(layer) for layer in summary.layers[:MAX_ROWS] if layer.count or layer.layer == 1]
     more = sum(layer.count for layer in summary.layers[MAX_ROWS:])
     if more:
-        lines.append(f"and {more} components in further layers")
+        lines.append(f"and {counted(more, 'component')} in further layers")
     no_return = summary.weight_no_return
     lines.append(f"{'p(c_0)':<8}{no_return.count:>9}{_triple(no_return, '.3f')}  share without a return")
     if summary.options.get("sigma") == "tied":
@@ -113,7 +115,7 @@ def _triple(quantiles: Quantiles, form: str) -> str:
 
 
 def _number(value: float | None, form: str) -> str:
-    return "-" if value is None else format(value, form)
+    return "-" if value is None else number(value, form)
 
 
 def _share(count: int, pixels: int) -> str:

@@ -6,6 +6,15 @@ camera up here to read one.
 """
 
 from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.registry import PROFILES, load_profile
+from tofmix.sensors.registry import PROFILES, load_profile, load_sheet, profile_text, profiles_with_noise
+from tofmix.sensors.sheet import CameraSheet
 
-__all__ = ["PROFILES", "SensorProfile", "load_profile"]
+__all__ = [
+    "PROFILES",
+    "CameraSheet",
+    "SensorProfile",
+    "load_profile",
+    "load_sheet",
+    "profile_text",
+    "profiles_with_noise",
+]

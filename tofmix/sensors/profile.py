@@ -8,7 +8,9 @@ suffices, which `SensorProfile.sensor` makes.
 import math
 from dataclasses import dataclass
 
+from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
+from tofmix.projection import Projection
 from tofmix.ranging import unambiguous_range_mm
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 
@@ -36,8 +38,8 @@ class SensorProfile:
         The camera's name.
     rows, cols : int
         Size of the image, 1 to 4096 pixels each.
-    fov_horizontal_deg, fov_vertical_deg : float
-        Full field of view, above 0, up to 360 and 180.
+    fov_horizontal_deg, fov_vertical_deg : float, optional
+        Full field of view, above 0, up to 360 and 180; left out where there is a `projection`.
     range_min_mm, range_max_mm : float
         Working range, 0 <= min < max <= 65,000.
     modulation_frequency_hz : float or None
@@ -54,6 +56,8 @@ class SensorProfile:
         Integration time at which `noise` holds, above 0.
     exponent : float
         sigma(r, tau) = sigma(r) * (reference / tau) ** exponent; at least 0.
+    projection : Projection, optional
+        Where the pixels look, if not with equal angles over the field of view.
     confirmed : bool
         Whether the figures were checked against the maker's data or a measurement.
     sources : tuple of str
@@ -68,8 +72,9 @@ class SensorProfile:
     name: str
     rows: int
     cols: int
-    fov_horizontal_deg: float
-    fov_vertical_deg: float
+    fov_horizontal_deg: float | None = None
+    fov_vertical_deg: float | None = None
+    projection: Projection | None = None
     range_min_mm: float
     range_max_mm: float
     integration_time_ms: float
@@ -92,7 +97,7 @@ class SensorProfile:
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise ValueError(f"{key}: {value:g} is not a finite number above 0")
         for key, most in (("fov_horizontal_deg", 360.0), ("fov_vertical_deg", 180.0), ("range_max_mm", MAX_RANGE_MM)):
-            if getattr(self, key) > most:
+            if (getattr(self, key) or 0.0) > most:
                 raise ValueError(f"{key}: {getattr(self, key):g} is above {most:g}")
         if not 0 <= self.range_min_mm < self.range_max_mm:
             raise ValueError(f"range_min_mm: {self.range_min_mm:g} is not in [0, range_max_mm = {self.range_max_mm:g})")
@@ -100,6 +105,27 @@ class SensorProfile:
             raise ValueError(f"outlier_probability: {self.outlier_probability:g} is not in [0, 1)")
         if not (math.isfinite(self.exponent) and self.exponent >= 0):
             raise ValueError(f"exponent: {self.exponent:g} is not a finite number of at least 0")
+        self.optics.check(self.shape)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the image."""
+        return self.rows, self.cols
+
+    @property
+    def optics(self) -> Projection:
+        """Where the pixels look: `projection`, or equal angles over the field of view.
+
+        Raises
+        ------
+        ValueError
+            If there is neither.
+        """
+        if self.projection is not None:
+            return self.projection
+        if self.fov_horizontal_deg is None or self.fov_vertical_deg is None:
+            raise ValueError("fov_horizontal_deg: no field of view, and no projection")
+        return Equiangular(fov_horizontal_deg=self.fov_horizontal_deg, fov_vertical_deg=self.fov_vertical_deg)
 
     def noise_at(self, integration_time_ms: float) -> NoiseCurve:
         """sigma(r) at another integration time, by the tau law.
@@ -112,7 +138,7 @@ class SensorProfile:
         Returns
         -------
         NoiseCurve
-            `noise` times (reference / tau) ** exponent.
+            `noise` times (reference / tau) ** exponent. Amplitudes grow with tau, those of its law too.
 
         Raises
         ------
@@ -125,7 +151,7 @@ class SensorProfile:
             factor = (self.reference_integration_time_ms / integration_time_ms) ** self.exponent
         except OverflowError:
             raise ValueError(f"exponent: {self.exponent:g}: sigma overflows at {integration_time_ms:g} ms") from None
-        return self.noise.scaled(factor)
+        return self.noise.scaled(factor, amplitude_factor=integration_time_ms / self.reference_integration_time_ms)
 
     def turn_mm(self, purpose: str) -> float:
         """Unambiguous range d_u = c / (2 f), mm, for what acts on the phase.
@@ -163,6 +189,7 @@ class SensorProfile:
             range_max_mm=self.range_max_mm,
             fov_horizontal_deg=self.fov_horizontal_deg,
             fov_vertical_deg=self.fov_vertical_deg,
+            projection=self.projection,
             outlier_probability=self.outlier_probability,
             noise=self.noise_at(self.integration_time_ms),
         )

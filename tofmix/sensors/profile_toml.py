@@ -1,20 +1,24 @@
-"""The ``[sensor]`` table of profiles and models, into a `SensorProfile`.
+"""The ``[sensor]`` table of profiles and models, into a `SensorProfile` or a `CameraSheet`.
 
-Use `read_sensor` for a model, whose keys may override a built-in camera, and
-`parse_profile` for a built-in camera's own file.
+Use `read_sensor` for a model, whose keys may override a built-in camera, `read_sheet` where a camera is only
+described, and `parse_profile` for a built-in camera's own file.
 """
 
 from dataclasses import replace
 from typing import Any
 
-from tofmix.sensor import NoiseCurve
+import numpy as np
+
+from tofmix.projection import DEFAULT_PROJECTION, PROJECTIONS, Projection, list_keys, make_projection, number_keys
+from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors.profile import SensorProfile
-from tofmix.toml_table import TomlTable, parse_toml
+from tofmix.sensors.sheet import CameraSheet
+from tofmix.toml_table import TomlTable, nearest, parse_toml
 
 _WHOLE = ("rows", "cols")
+_VIEW = ("fov_horizontal_deg", "fov_vertical_deg")
 _NUMBERS = (
-    "fov_horizontal_deg",
-    "fov_vertical_deg",
+    *_VIEW,
     "range_min_mm",
     "range_max_mm",
     "integration_time_ms",
@@ -22,21 +26,59 @@ _NUMBERS = (
 )
 _MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms")  # a camera without phase has no frequency
 _NOISE_LISTS = ("range_mm", "sigma_mm")
+_LAW = {"reference_amplitude": "reference", "amplitude": "amplitude", "amplitude_factor": "factor"}
+"""Keys of an `AmplitudeLaw` and its fields; they go together."""
+
 _NOISE_NUMBERS = ("reference_integration_time_ms", "exponent")
 _UNNAMED = "unnamed"
 
 
-def read_sensor(table: TomlTable, base: SensorProfile | None, *, more_keys: tuple[str, ...] = ()) -> SensorProfile:
-    """Read ``[sensor]`` and ``[sensor.noise]``; their keys override `base`.
+def read_sheet(table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[str, ...] = ()) -> CameraSheet:
+    """Read ``[sensor]`` and ``[sensor.noise]``, none of whose keys is needed; they override `base`.
 
     Parameters
     ----------
     table : TomlTable
         The ``[sensor]`` table.
-    base : SensorProfile or None
-        What stands where a key is left out; None if every key must be given.
+    base : CameraSheet or None
+        What stands where a key is left out.
     more_keys : tuple of str
         Keys that the caller reads itself.
+
+    Raises
+    ------
+    BadInputError
+        If a key is unknown, of a wrong type or outside its bounds.
+    """
+    noise = table.table("noise")
+    optics = {"projection", *_optics_keys()}
+    table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", *optics, *more_keys})
+    noise.refuse_unknown({*_NOISE_LISTS, *_LAW, *_NOISE_NUMBERS})
+    settings: dict[str, Any] = {"name": _UNNAMED} if base is None else base.known()
+    if "name" in table:
+        settings["name"] = table.text("name")
+    settings |= {key: table.integer(key) for key in _WHOLE if key in table}
+    settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
+    settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
+    if any(key in noise for key in (*_NOISE_LISTS, *_LAW)):
+        settings["noise"] = _noise_curve(noise, settings.get("noise"))
+    settings["projection"] = _projection(table, base)
+    if settings["projection"] is not None:
+        settings |= dict.fromkeys(_VIEW)  # it says where the pixels look; a field of view beside it says nothing
+    try:
+        return CameraSheet(**settings)
+    except ValueError as error:
+        where = noise if str(error).startswith(("reference", "exponent", "noise curve")) else table
+        raise where.error(str(error)) from None
+
+
+def read_sensor(table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[str, ...] = ()) -> SensorProfile:
+    """Read ``[sensor]`` and ``[sensor.noise]`` of a camera that is simulated; their keys override `base`.
+
+    Parameters
+    ----------
+    table, base, more_keys
+        As for `read_sheet`.
 
     Raises
     ------
@@ -44,53 +86,81 @@ def read_sensor(table: TomlTable, base: SensorProfile | None, *, more_keys: tupl
         If a key is unknown, missing, of a wrong type or outside its bounds.
     """
     noise = table.table("noise")
-    table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", *more_keys})
-    noise.refuse_unknown({*_NOISE_LISTS, *_NOISE_NUMBERS})
     if base is None:
-        _refuse_missing(table, noise)
-    settings: dict[str, Any] = _settings(base)
-    if "name" in table:
-        settings["name"] = table.text("name")
-    settings |= {key: table.integer(key) for key in _WHOLE if key in table}
-    settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
-    settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
-    settings["noise"] = _noise_curve(noise, base)
-    # Without a profile nobody has said what the camera integrates by default; the curve's own time is the best guess.
-    settings.setdefault("default_integration_time_ms", settings["reference_integration_time_ms"])
+        _refuse_missing(table, noise, seen=_projection(table, None) is not None)
+    sheet = read_sheet(table, base, more_keys=more_keys)
+    if lacking := sheet.missing():
+        keys = ", ".join("noise.range_mm, noise.sigma_mm" if key == "noise" else key for key in lacking)
+        raise table.error(f"missing {keys}; the profile of {sheet.name} does not know them: give them")
+    return sheet.profile()
+
+
+def _optics_keys() -> tuple[str, ...]:
+    """Keys of all projections but the default one."""
+    others = [name for name in PROJECTIONS if name != DEFAULT_PROJECTION]
+    return tuple(key for name in others for key in (*number_keys(name), *list_keys(name)))
+
+
+def _projection(table: TomlTable, base: CameraSheet | None) -> Projection | None:
+    """Where the pixels look; None for equal angles over the field of view."""
+    before = None if base is None else base.projection
+    name = DEFAULT_PROJECTION if before is None else before.name
+    if "projection" in table:
+        name = table.text("projection")
+    if name not in PROJECTIONS:
+        raise table.error(f'"{name}" is not a projection{nearest(name, PROJECTIONS)}', "projection")
+    own = () if name == DEFAULT_PROJECTION else (*number_keys(name), *list_keys(name))
+    for key in _optics_keys():
+        if key in table and key not in own:
+            others = " or ".join(f'"{n}"' for n in PROJECTIONS if key in (*number_keys(n), *list_keys(n)))
+            raise table.error(f"does not go with the projection {name}; add projection = {others}", key)
+    if name == DEFAULT_PROJECTION:
+        return None
+    values: dict[str, float | tuple[float, ...]] = {}
+    if before is not None and before.name == name:
+        values |= {key: getattr(before, key) for key in own}
+    values |= {key: table.number(key) for key in number_keys(name) if key in table}
+    values |= {key: table.numbers(key) for key in list_keys(name) if key in table}
     try:
-        profile = SensorProfile(**settings)
-        profile.sensor()  # the tau law may take sigma out of its bounds
+        return make_projection(name, values)
     except ValueError as error:
-        where = noise if str(error).startswith(("reference", "exponent", "noise curve")) else table
-        raise where.error(str(error)) from None
-    return profile
+        raise table.error(str(error)) from None
 
 
-def _settings(base: SensorProfile | None) -> dict[str, Any]:
-    if base is None:
-        return {"name": _UNNAMED}
-    keys = ("name", *_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, *_NOISE_NUMBERS, "confirmed", "sources")
-    return {key: getattr(base, key) for key in keys}
-
-
-def _refuse_missing(table: TomlTable, noise: TomlTable) -> None:
-    missing = [key for key in (*_WHOLE, *_NUMBERS) if key not in table]
+def _refuse_missing(table: TomlTable, noise: TomlTable, *, seen: bool) -> None:
+    """Refuse a table that leaves out a key; the field of view is not needed where the optics are `seen` without."""
+    missing = [key for key in (*_WHOLE, *_NUMBERS) if key not in table and not (seen and key in _VIEW)]
     missing += [f"noise.{key}" for key in (*_NOISE_LISTS, *_NOISE_NUMBERS) if key not in noise]
     if missing:
         raise table.error(f'missing {", ".join(missing)}; give them, or profile = "sr3000" for what is left out')
 
 
-def _noise_curve(noise: TomlTable, base: SensorProfile | None) -> NoiseCurve:
-    lists = {} if base is None else {"range_mm": base.noise.range_mm, "sigma_mm": base.noise.sigma_mm}
+def _noise_curve(noise: TomlTable, base: NoiseCurve | None) -> NoiseCurve:
+    lists = {} if base is None else {"range_mm": base.range_mm, "sigma_mm": base.sigma_mm}
     given: dict[str, Any] = {key: noise.numbers(key) for key in _NOISE_LISTS if key in noise}
+    if lacking := [key for key in _NOISE_LISTS if key not in lists | given]:
+        raise noise.error(f"missing {lacking[0]}; range_mm and sigma_mm go together")
     try:
-        return NoiseCurve(**(lists | given))
+        return NoiseCurve(**(lists | given), law=_amplitude_law(noise, base))
     except ValueError as error:
         raise noise.error(str(error).removeprefix("noise curve: ")) from None
 
 
-def parse_profile(text: str, *, source: str) -> SensorProfile:
-    """Read a built-in camera's file: ``[about]`` and a ``[sensor]`` that gives every key.
+def _amplitude_law(noise: TomlTable, base: NoiseCurve | None) -> AmplitudeLaw | None:
+    """How noise depends on amplitude at the reference integration time; None where nothing is said."""
+    before = None if base is None or base.law is None else base.law
+    given = {key: noise.numbers(key) for key in _LAW if key in noise}
+    if before is not None:
+        given = {key: tuple(getattr(before, name).tolist()) for key, name in _LAW.items()} | given
+    if not given:
+        return None
+    if lacking := [key for key in _LAW if key not in given]:
+        raise noise.error(f"missing {lacking[0]}; {', '.join(_LAW)} go together")
+    return AmplitudeLaw(**{name: np.array(given[key]) for key, name in _LAW.items()})
+
+
+def parse_profile(text: str, *, source: str) -> CameraSheet:
+    """Read a built-in camera's file: ``[about]`` and a ``[sensor]`` with the keys that are known.
 
     Parameters
     ----------
@@ -108,5 +178,7 @@ def parse_profile(text: str, *, source: str) -> SensorProfile:
     root.refuse_unknown({"about", "sensor"})
     about = root.table("about")
     about.refuse_unknown({"confirmed", "sources"})
-    profile = read_sensor(root.table("sensor"), None)
-    return replace(profile, confirmed=about.boolean("confirmed"), sources=about.texts("sources"))
+    if "sensor" not in root:
+        raise root.error("no table [sensor], so no camera")
+    sheet = read_sheet(root.table("sensor"), None)
+    return replace(sheet, confirmed=about.boolean("confirmed"), sources=about.texts("sources"))

@@ -1,12 +1,13 @@
 """The camera that a file describes: a model, or a TOML file with a ``[sensor]`` table alone.
 
-Use it where a user names a camera by file; `load_profile` has the built-in ones.
+Use it where a user names a camera by file; `load_sheet` has the built-in ones.
 """
 
 from tofmix.errors import BadInputError
 from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.profile_toml import read_sensor
-from tofmix.sensors.registry import load_profile
+from tofmix.sensors.profile_toml import read_sensor, read_sheet
+from tofmix.sensors.registry import load_sheet
+from tofmix.sensors.sheet import CameraSheet
 from tofmix.toml_table import TomlTable, parse_toml
 
 
@@ -19,18 +20,21 @@ def sensor_of(root: TomlTable) -> SensorProfile:
         If a key is unknown, missing, of a wrong type or outside its bounds.
     """
     table = root.table("sensor")
-    base = None
-    if "profile" in table:
-        name = table.text("profile")
-        try:
-            base = load_profile(name)
-        except BadInputError as error:
-            raise table.error(str(error), "profile") from None
-    return read_sensor(table, base, more_keys=("profile",))
+    return read_sensor(table, _base_of(table), more_keys=("profile",))
 
 
-def parse_sensor(text: str, *, source: str) -> SensorProfile:
-    """Read the camera of a TOML file; tables of a model beside ``[sensor]`` are passed over.
+def _base_of(table: TomlTable) -> CameraSheet | None:
+    if "profile" not in table:
+        return None
+    name = table.text("profile")
+    try:
+        return load_sheet(name)
+    except BadInputError as error:
+        raise table.error(str(error), "profile") from None
+
+
+def parse_sensor(text: str, *, source: str) -> CameraSheet:
+    """Read what a TOML file knows of a camera; tables of a model beside ``[sensor]`` are passed over.
 
     Parameters
     ----------
@@ -47,4 +51,5 @@ def parse_sensor(text: str, *, source: str) -> SensorProfile:
     root = parse_toml(text, source=source)
     if "sensor" not in root:
         raise root.error("no table [sensor], so no camera")
-    return sensor_of(root)
+    table = root.table("sensor")
+    return read_sheet(table, _base_of(table), more_keys=("profile",))

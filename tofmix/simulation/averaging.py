@@ -7,7 +7,7 @@ samples themselves are those of `tofmix.simulation.events`.
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +83,9 @@ def exposures(table: EventTable, sensor: SensorProfile) -> tuple[Exposure, ...]:
         If one sample is not shorter than the default integration time.
     """
     times = exposure_times(sensor)
-    sigma = {time: table.sigma(sensor.noise_at(time)) for time in set(times)}
+    whole = sensor.integration_time_ms
+    parts = {time: replace(table, amplitude=table.amplitude * np.float32(time / whole)) for time in set(times)}
+    sigma = {time: part.sigma(sensor.noise_at(time)) for time, part in parts.items()}
     return tuple(Exposure(fraction=time / sensor.integration_time_ms, sigma_mm=sigma[time]) for time in times)
 
 

@@ -4,7 +4,7 @@ Use it once a model; every frame of a still scene has the same truth. Nothing
 here is random, and no noise, bias or effect enters.
 """
 
-import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
@@ -12,11 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
+from tofmix.projection import cell_nodes
 from tofmix.sensors.profile import SensorProfile
+from tofmix.simulation.cast_cells import cast_cells, reached_cells
 from tofmix.simulation.cast_kernel import cast_row, reached_row
 from tofmix.simulation.model import MAX_LENGTH_MM, Model
-from tofmix.simulation.scene import scene_arrays
+from tofmix.simulation.scene import SceneArrays, scene_arrays
 from tofmix.simulation.truth import Truth
 
 # A surface or a gap of less than this share of a pixel is left out, and the others take its place. Shares are right
@@ -139,38 +142,47 @@ def _cast(model: Model, wanted: BoolArray | None = None) -> _Seen:
     sensor, scene = model.sensor, scene_arrays(model)
     if wanted is None:
         wanted = np.ones((sensor.rows, sensor.cols), dtype=np.bool_)
-    azimuths, size = _azimuths(sensor), _pixel_size(sensor)
+    cast = _row_caster(sensor, scene)
     rows = []
-    for row, elevation in enumerate(_elevations(sensor)):
+    for row in range(sensor.rows):
         sums = np.zeros((sensor.cols, len(model.surfaces), 3))
-        cast_row(elevation, azimuths, *size, scene, wanted[row], sums)
+        cast(row, wanted[row], sums)
         rows.append(_sift(sums, row * sensor.cols))
     return _Seen(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+
+
+def _row_caster(sensor: SensorProfile, scene: SceneArrays) -> Callable[[int, BoolArray, FloatArray], None]:
+    """What casts one image row: its number, pixels (col,) wanted, and zeros (col, S, 3) that receive the sums.
+
+    Cells of equal angles have kernels of their own, which take sines and cosines once a row and once a column.
+    """
+    optics = sensor.optics
+    if not isinstance(optics, Equiangular):
+        return lambda row, wanted, sums: cast_cells(cell_nodes(optics, row, sensor.shape), scene, wanted, sums)
+    (width, height), azimuths, elevations = optics.pixel_size_rad(sensor.shape), *_angles(sensor, optics)
+    return lambda row, wanted, sums: cast_row(elevations[row], azimuths, width, height, scene, wanted, sums)
 
 
 def _reached(model: Model, moving: BoolArray) -> BoolArray:
     """Pixels (row, col) in which a moving surface may be seen."""
     sensor, scene = model.sensor, scene_arrays(model)
     reached = np.empty((sensor.rows, sensor.cols), dtype=np.bool_)
-    azimuths, size = _azimuths(sensor), _pixel_size(sensor)
-    for row, elevation in enumerate(_elevations(sensor)):
-        reached_row(elevation, azimuths, *size, scene, moving, reached[row])
+    optics = sensor.optics
+    if not isinstance(optics, Equiangular):
+        for row in range(sensor.rows):
+            reached_cells(cell_nodes(optics, row, sensor.shape), scene, moving, reached[row])
+        return reached
+    (width, height), azimuths, elevations = optics.pixel_size_rad(sensor.shape), *_angles(sensor, optics)
+    for row, elevation in enumerate(elevations):
+        reached_row(elevation, azimuths, width, height, scene, moving, reached[row])
     return reached
 
 
-def _elevations(sensor: SensorProfile) -> FloatArray:
-    """Elevation (row,) of each image row's centre, rad."""
-    return (np.arange(sensor.rows, dtype=np.float64) - (sensor.rows - 1) / 2) * _pixel_size(sensor)[1]
-
-
-def _azimuths(sensor: SensorProfile) -> FloatArray:
-    """Azimuth (col,) of each image column's centre, rad."""
-    return (np.arange(sensor.cols, dtype=np.float64) - (sensor.cols - 1) / 2) * _pixel_size(sensor)[0]
-
-
-def _pixel_size(sensor: SensorProfile) -> tuple[float, float]:
-    """Extent of a pixel in azimuth and elevation, rad."""
-    return math.radians(sensor.fov_horizontal_deg / sensor.cols), math.radians(sensor.fov_vertical_deg / sensor.rows)
+def _angles(sensor: SensorProfile, optics: Equiangular) -> tuple[FloatArray, FloatArray]:
+    """Azimuth (col,) of each column's centre and elevation (row,) of each row's, rad."""
+    width, height = optics.pixel_size_rad(sensor.shape)
+    azimuths = (np.arange(sensor.cols, dtype=np.float64) - (sensor.cols - 1) / 2) * width
+    return azimuths, (np.arange(sensor.rows, dtype=np.float64) - (sensor.rows - 1) / 2) * height
 
 
 def _sift(sums: FloatArray, first_pixel: int) -> _Seen:

@@ -1,4 +1,6 @@
-"""Kernels that cast the beams of one image row. They validate nothing; call `tofmix.simulation.cast`.
+"""Kernels that cast the beams of one image row, of equal angles. They validate nothing; call `tofmix.simulation.cast`.
+
+`tofmix.simulation.cast_cells` has those of other projections, and takes from here what judges cells and beams.
 
 A cell (a pixel, or one of the 32 x 32 parts of one that an edge crosses) is
 first judged as a whole: from its centre and its radius, does one surface, or
@@ -21,16 +23,16 @@ SUBCELLS = 32  # cells a side of a pixel that an edge crosses
 # are evenly spaced, so that an edge along the grid is found to 1 / 64 of a cell. 19 gives nearly the longest
 # shortest distance between points of any generator, and serves oblique edges better than the longest.
 LATTICE = 64
-_LATTICE_STEP = 19
+LATTICE_STEP = 19
 # Each cell shifts its lattice by the golden ratio's plane sequence (R2), or an oblique edge would meet the same
 # points in the same way in every cell along it and their errors would add up.
-_SHIFT_ACROSS = 0.7548776662466927
-_SHIFT_DOWN = 0.5698402909980532
+SHIFT_ACROSS = 0.7548776662466927
+SHIFT_DOWN = 0.5698402909980532
 _TIE = 1.0e-9  # relative difference of ranges below which two surfaces are one plane: the first in the model is seen
 
 
 @jit
-def _judge(
+def judge(
     x: float, y: float, z: float, radius: float, scene: SceneArrays, candidates: IntArray, count: int, kept: IntArray
 ) -> tuple[int, int]:
     """What fills the cell around direction (x, y, z): a surface, NOTHING or MIXED; and how many may be seen in it.
@@ -83,7 +85,7 @@ def _hides(x: float, y: float, z: float, radius: float, scene: SceneArrays, fron
 
 
 @jit
-def _nearest(x: float, y: float, z: float, scene: SceneArrays, candidates: IntArray, count: int) -> int:
+def nearest(x: float, y: float, z: float, scene: SceneArrays, candidates: IntArray, count: int) -> int:
     """The surface that a beam meets first, or NOTHING."""
     best = NOTHING
     best_inverse = 0.0
@@ -104,7 +106,7 @@ def _nearest(x: float, y: float, z: float, scene: SceneArrays, candidates: IntAr
 
 
 @jit
-def _add(x: float, y: float, z: float, weight: float, scene: SceneArrays, surface: int, sums: FloatArray) -> None:
+def add(x: float, y: float, z: float, weight: float, scene: SceneArrays, surface: int, sums: FloatArray) -> None:
     """Add one beam that meets `surface` to that surface's sums of share, range and cosine."""
     cosine = scene.normal[surface, 0] * x + scene.normal[surface, 1] * y + scene.normal[surface, 2] * z
     sums[surface, 0] += weight
@@ -127,7 +129,7 @@ def _cast_smooth(
         y = math.sin(el)
         level = math.cos(el)
         for i in range(SMOOTH_BEAMS):
-            _add(across[i, 0] * level, y, across[i, 1] * level, 1.0 / SMOOTH_BEAMS**2, scene, surface, sums)
+            add(across[i, 0] * level, y, across[i, 1] * level, 1.0 / SMOOTH_BEAMS**2, scene, surface, sums)
 
 
 @jit
@@ -137,16 +139,16 @@ def _cast_lattice(
 ) -> None:  # fmt: skip
     """A cell of a pixel that an edge crosses: a shifted lattice of 64 beams."""
     for i in range(LATTICE):
-        across = ((i + 0.5) / LATTICE + shift * _SHIFT_ACROSS) % 1.0
-        down = ((i * _LATTICE_STEP % LATTICE + 0.5) / LATTICE + shift * _SHIFT_DOWN) % 1.0
+        across = ((i + 0.5) / LATTICE + shift * SHIFT_ACROSS) % 1.0
+        down = ((i * LATTICE_STEP % LATTICE + 0.5) / LATTICE + shift * SHIFT_DOWN) % 1.0
         az = left + across * width
         el = top + down * height
         x = math.sin(az) * math.cos(el)
         y = math.sin(el)
         z = math.cos(az) * math.cos(el)
-        surface = _nearest(x, y, z, scene, candidates, count)
+        surface = nearest(x, y, z, scene, candidates, count)
         if surface >= 0:
-            _add(x, y, z, 1.0 / (SUBCELLS**2 * LATTICE), scene, surface, sums)
+            add(x, y, z, 1.0 / (SUBCELLS**2 * LATTICE), scene, surface, sums)
 
 
 @jit
@@ -172,9 +174,9 @@ def _cast_mixed(
             left = azimuth - width / 2 + i * cell_width
             x = across[i, 0] * level
             z = across[i, 1] * level
-            found, n_kept = _judge(x, y, z, radius, scene, candidates, count, kept)
+            found, n_kept = judge(x, y, z, radius, scene, candidates, count, kept)
             if found >= 0:
-                _add(x, y, z, 1.0 / SUBCELLS**2, scene, found, sums)
+                add(x, y, z, 1.0 / SUBCELLS**2, scene, found, sums)
             elif found == MIXED:
                 shift = j * SUBCELLS + i
                 _cast_lattice(left, top, cell_width, cell_height, shift, scene, kept, n_kept, sums)
@@ -205,7 +207,7 @@ def reached_row(
     for col in range(azimuths.shape[0]):
         x = math.sin(azimuths[col]) * level
         z = math.cos(azimuths[col]) * level
-        _, n_seen = _judge(x, y, z, radius, scene, everything, count, seen)
+        _, n_seen = judge(x, y, z, radius, scene, everything, count, seen)
         reached[col] = False
         for k in range(n_seen):
             reached[col] |= moving[seen[k]]
@@ -248,7 +250,7 @@ def cast_row(
         az = azimuths[col]
         x = math.sin(az) * el_cos
         z = math.cos(az) * el_cos
-        found, n_seen = _judge(x, el_sin, z, radius, scene, everything, count, seen)
+        found, n_seen = judge(x, el_sin, z, radius, scene, everything, count, seen)
         if found >= 0:
             _cast_smooth(az, elevation, width, height, scene, found, sums[col])
         elif found == MIXED:

@@ -42,8 +42,8 @@ class EventTable:
         return len(self.range_mm) - 1
 
     def sigma(self, noise: NoiseCurve) -> FloatArray:
-        """Sigma (L + 2, pixel) in mm of each event: sigma(r) at its range, 0 for a random value."""
-        sigma = noise.sigma(self.range_mm)
+        """Sigma (L + 2, pixel) in mm of each event: sigma(r) at its range and amplitude, 0 for a random value."""
+        sigma = noise.sigma(self.range_mm, self.amplitude)
         sigma[self.random_value] = 0.0  # equation (1): c_r has a flat density, without noise on top
         return sigma
 

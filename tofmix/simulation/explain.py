@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from tofmix.ranging import unambiguous_range_mm
 from tofmix.simulation.effects.base import LEVEL_NAMES, Level
 from tofmix.simulation.model import Model
+from tofmix.wording import counted
 
 
 def explain(model: Model) -> str:
@@ -16,8 +17,8 @@ def explain(model: Model) -> str:
 def _camera(model: Model) -> Iterator[str]:
     sensor, recording = model.sensor, model.recording
     yield (
-        f"camera: {sensor.name}, {sensor.rows} x {sensor.cols} pixels over {sensor.fov_horizontal_deg:g} x "
-        f"{sensor.fov_vertical_deg:g} degrees, {sensor.range_min_mm:g} to {sensor.range_max_mm:g} mm"
+        f"camera: {sensor.name}, {sensor.rows} x {sensor.cols} pixels over {sensor.optics.words(sensor.shape)}, "
+        f"{sensor.range_min_mm:g} to {sensor.range_max_mm:g} mm"
     )
     frequency = sensor.modulation_frequency_hz
     if frequency is None:
@@ -29,16 +30,21 @@ def _camera(model: Model) -> Iterator[str]:
         )
     middle = math.sqrt(max(sensor.range_min_mm, 1.0) * sensor.range_max_mm)
     sigma = float(sensor.noise_at(sensor.integration_time_ms).sigma(middle))
-    yield f"noise: Gaussian, sigma(r) of the camera, such as {sigma:.3g} mm at {middle:.0f} mm"
+    law = "" if sensor.noise.law is None else "; less where a sample is bright, more where it is faint"
+    yield f"noise: Gaussian, sigma(r) of the camera, such as {sigma:.3g} mm at {middle:.0f} mm{law}"
     yield (
-        f"recording: {recording.frames} frames at {recording.frame_rate_hz:g} Hz, "
+        f"recording: {counted(recording.frames, 'frame')} at {recording.frame_rate_hz:g} Hz, "
         f"{recording.frames / recording.frame_rate_hz:g} s in all, seed {recording.seed}"
     )
 
 
 def _scene(model: Model) -> Iterator[str]:
     names = ", ".join(f'"{surface.name}"' for surface in model.surfaces)
-    yield f"scene: {len(model.surfaces)} surfaces: {names}" if names else "scene: no surface, no return anywhere"
+    yield (
+        f"scene: {counted(len(model.surfaces), 'surface')}: {names}"
+        if names
+        else "scene: no surface, no return anywhere"
+    )
 
 
 def _samples(model: Model) -> Iterator[str]:

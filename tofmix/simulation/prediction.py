@@ -217,18 +217,20 @@ def equation_1(truth: Truth, model: Model) -> Prediction:
     """
     sensor = model.sensor
     pixels, layers = truth.n_modes.size, truth.range_true.shape[2]
+    noise = sensor.noise_at(sensor.integration_time_ms)
     nothing, far = np.full((1, pixels), -1), np.full((1, pixels), sensor.range_max_mm)
     ranges = np.vstack([np.nan_to_num(truth.range_true.reshape(pixels, layers).T.astype(np.float64)), far])
     seen = np.nan_to_num(truth.weight_true.reshape(pixels, layers).T)
     weight = np.vstack([seen, truth.weight_no_return.reshape(1, pixels)]).astype(np.float64)
     weight *= (1.0 - sensor.outlier_probability) / weight.sum(axis=0)
+    amplitude = np.vstack([truth.amplitude.reshape(pixels, layers).T.astype(np.float64), np.zeros((1, pixels))])
     return Prediction(
         turn_mm=Context(sensor=sensor, surfaces=(), seed=0).turn_mm,
         surface=np.vstack([truth.surface.reshape(pixels, layers).T.astype(np.int64), nothing]),
         true_range_mm=ranges,
         range_mm=ranges,
-        amplitude=np.vstack([truth.amplitude.reshape(pixels, layers).T.astype(np.float64), np.zeros((1, pixels))]),
-        sigma_mm=sensor.noise_at(sensor.integration_time_ms).sigma(ranges),
+        amplitude=amplitude,
+        sigma_mm=noise.sigma(ranges, amplitude),
         weight=weight,
         invalid=np.zeros(pixels),
         outlier=sensor.outlier_probability,

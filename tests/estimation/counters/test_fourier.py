@@ -28,7 +28,10 @@ def _twin(samples: NDArray[np.float64], sensor: Sensor, order: int, level: float
     return np.asarray(low + period * (at[tops] + np.pi) / (2 * np.pi))
 
 
-@pytest.mark.parametrize(("order", "level"), [(8, 0.05), (16, 0.05), (16, 0.0), (40, 0.02), (1, 0.0)])
+@pytest.mark.parametrize(
+    ("order", "level"),
+    [(8, 0.05), (16, 0.05), (16, 0.0), pytest.param(40, 0.02, marks=pytest.mark.slow), (1, 0.0)],
+)
 def test_peaks_equal_the_twin(order: int, level: float, rng: np.random.Generator, sensor: Sensor) -> None:
     block = draw(rng, sensor, ranges_mm=[1000, 2500, 4100], shares=[0.2, 0.3, 0.5], n=60, pixels=100)
     peaks = Fourier(order=order, level=level).peaks(sort_samples(block), beam_of(sensor))

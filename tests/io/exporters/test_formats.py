@@ -15,6 +15,7 @@ from made_up import LayersInMemory, made_up_layers
 from PIL import Image
 from pypcd4.pypcd4 import PointCloud
 
+from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.exporters import POINT_WRITERS, export_image, export_points
 from tofmix.io.exporters.image import RangeImage
@@ -22,7 +23,7 @@ from tofmix.io.exporters.las import SCALE_M
 from tofmix.points import POINT_DTYPE, LayerPoints, PointArray
 
 SHAPE, MAX_LAYERS = (3, 6, 7), 4
-VIEW: dict[str, Any] = {"fov_horizontal_deg": 47.0, "fov_vertical_deg": 39.0}
+VIEW: dict[str, Any] = {"optics": Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)}
 NAMES = POINT_DTYPE.names or ()
 COORDINATES = ("x", "y", "z")
 

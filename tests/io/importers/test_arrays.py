@@ -83,7 +83,7 @@ def test_npz_and_mat_carry_amplitude_and_time(tmp_path: Path) -> None:
         assert [frame.time_s for frame in frames] == time_s.tolist()
 
 
-@pytest.mark.parametrize("version", ["5", "7.3"])
+@pytest.mark.parametrize("version", [pytest.param("5", marks=pytest.mark.slow), "7.3"])
 def test_mat_in_matlabs_order_and_in_ours(tmp_path: Path, version: str) -> None:
     own = save(tmp_path / "own.mat", version, d=np.moveaxis(samples(), 0, -1))
     ours = save(tmp_path / "ours.mat", version, d=samples())
@@ -97,13 +97,13 @@ def test_mat_in_matlabs_order_and_in_ours(tmp_path: Path, version: str) -> None:
     np.testing.assert_array_equal(depths(single), samples()[:1])
 
 
-@pytest.mark.parametrize("kind", ["npz", "5", "7.3"])
+@pytest.mark.parametrize("kind", ["npz", pytest.param("5", marks=pytest.mark.slow), "7.3"])
 def test_the_array_is_chosen_or_the_candidates_are_listed(tmp_path: Path, kind: str) -> None:
     held: dict[str, Any] = {"a": samples(), "b": samples(seed=4)}
     path = tmp_path / ("a.npz" if kind == "npz" else "a.mat")
     np.savez(path, **held) if kind == "npz" else save(path, kind, **held)
     np.testing.assert_array_equal(depths(path, topic="b", axes=FRAMES_FIRST), samples(seed=4))
-    with pytest.raises(BadInputError, match=r"--topic from: a \(6, 4, 5\), b \(6, 4, 5\)"):
+    with pytest.raises(BadInputError, match=r"--dataset from: a \(6, 4, 5\), b \(6, 4, 5\)"):
         read_source(path, axes=FRAMES_FIRST)
     with pytest.raises(BadInputError, match=r"no array 'c'; it holds: a"):
         read_source(path, topic="c", axes=FRAMES_FIRST)
@@ -135,8 +135,14 @@ def test_what_is_no_sequence_of_images_is_refused(tmp_path: Path, array: NDArray
             read_source(tmp_path / name, **({"topic": "a"} if name == "a.npz" else {}))
 
 
-@pytest.mark.parametrize("kind", ["npy", "npz", "npz compressed", "5", "7.3"])
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.5, 0.98])
+@pytest.mark.parametrize(
+    ("share", "kind"),
+    [
+        pytest.param(share, kind, marks=[pytest.mark.slow] if kind == "5" and share != 0.5 else [])  # one process each
+        for share in (0.0, 0.02, 0.5, 0.98)
+        for kind in ("npy", "npz", "npz compressed", "5", "7.3")
+    ],
+)
 def test_cut_files_are_refused_in_one_line(tmp_path: Path, kind: str, share: float) -> None:
     array = np.random.default_rng(1).integers(0, 60000, (20, 30, 40)).astype("u2")
     path = tmp_path / f"a.{kind[:3] if kind[0] == 'n' else 'mat'}"

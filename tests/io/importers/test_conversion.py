@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tofmix.geometry import beam_directions, pinhole_directions, ray_over_depth
+from tofmix.geometry import beam_directions, ray_over_depth
 from tofmix.io.importers.conversion import Conversion
+from tofmix.pinhole import Pinhole
+from tofmix.projection import beam_directions_of
 
 
 @pytest.mark.parametrize("dtype", ["u1", "u2", ">u2"])
@@ -49,13 +51,13 @@ def test_what_is_not_finite_is_no_sample() -> None:
 
 def _walls() -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Range over depth by the geometry under test, and by the angle between the beam and the axis."""
-    focal, centre = (4.0, 5.0), (2.5, 1.0)
+    pinhole = Pinhole(fx=4.0, fy=5.0, cx=2.5, cy=1.0)
     row, col = np.mgrid[0:4, 0:6]
     beams = np.stack([(col - 2.5) / 4.0, (row - 1.0) / 5.0, np.ones((4, 6))], axis=-1)
     azimuth, elevation = np.deg2rad((col - 2.5) * 60 / 6), np.deg2rad((row - 1.5) * 40 / 4)
     return {
         "pinhole": (
-            ray_over_depth(pinhole_directions(4, 6, focal_px=focal, centre_px=centre)), np.linalg.norm(beams, axis=-1)
+            ray_over_depth(beam_directions_of(pinhole, (4, 6))), np.linalg.norm(beams, axis=-1)
         ),
         "grid": (
             ray_over_depth(beam_directions(4, 6, fov_horizontal_deg=60.0, fov_vertical_deg=40.0)),

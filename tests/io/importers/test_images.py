@@ -154,8 +154,8 @@ def test_unknown_kinds_and_options_that_do_not_go_with_one(tmp_path: Path) -> No
     with pytest.raises(BadInputError, match="No such file"):
         read_source(tmp_path / "none.tif")
     folder = folder_of(tmp_path / "f", images(), ".png")
-    for option in ("topic", "camera_info", "axes"):
-        with pytest.raises(UsageError, match=f"--{option.replace('_', '-')} does not go with"):
+    for option, name in (("topic", "dataset"), ("camera_info", "camera-info"), ("axes", "axes"), ("shape", "shape")):
+        with pytest.raises(UsageError, match=f"--{name} does not go with"):
             read_source(folder, **{option: "frame,row,col"})
 
 

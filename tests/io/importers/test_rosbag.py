@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from reading import depths, read_source
 
 from tofmix.errors import BadInputError, UsageError
+from tofmix.pinhole import Pinhole
 
 SECOND = 10**9
 FRAMES = 5
@@ -96,29 +97,61 @@ def test_intrinsics_come_from_the_topic_beside_the_depths(tmp_path: Path) -> Non
         bag.info("/camera/color/camera_info", (480, 640), (600.0, 600.0, 320.0, 240.0))
         bag.info(INFO, (4, 6), (5.0, 5.5, 2.5, 1.5))
         bag.image(DEPTH, images()[0], stamp_ns=SECOND)
-    pinhole = read_source(path)[0].pinhole
-    assert pinhole is not None
-    assert (pinhole.focal_px, pinhole.centre_px) == ((5.0, 5.5), (2.5, 1.5))
+    assert read_source(path)[0].pinhole == Pinhole(fx=5.0, fy=5.5, cx=2.5, cy=1.5)
     with pytest.raises(BadInputError, match="describes 480 x 640 pixels"):
         read_source(path, camera_info="/camera/color/camera_info")
     with pytest.raises(BadInputError, match="no topic /none"):
         read_source(path, camera_info="/none")
 
 
-@pytest.mark.parametrize(
-    ("intrinsics", "distortion", "note"),
-    [((5.0, 5.0, 2.5, 1.5), 0.1, "distortion is not undone"), ((0.0, 0.0, 0.0, 0.0), 0.0, "not calibrated")],
-)
-def test_doubtful_intrinsics_are_pointed_out(
-    tmp_path: Path, intrinsics: tuple[float, ...], distortion: float, note: str
-) -> None:
+def test_an_uncalibrated_camera_is_pointed_out(tmp_path: Path) -> None:
     with new_bag(tmp_path, "ros1") as (bag, path):
-        bag.info(INFO, (4, 6), intrinsics, distortion=[distortion, 0.0, 0.0, 0.0, 0.0])
+        bag.info(INFO, (4, 6), (0.0, 0.0, 0.0, 0.0))
         bag.image(DEPTH, images()[0], stamp_ns=SECOND)
     source, _ = read_source(path)
     (said,) = source.notes
-    assert note in said
-    assert (source.pinhole is None) == (note == "not calibrated")
+    assert "not calibrated" in said
+    assert source.pinhole is None
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap"])
+@pytest.mark.parametrize("topic", ["/camera/depth/image_raw", "/camera/depth/image_rect_raw"])
+def test_raw_images_take_the_lens_and_rectified_ones_the_projection(tmp_path: Path, kind: str, topic: str) -> None:
+    """Region of interest and binning by hand: rows 100 to 107 and columns 200 to 217, joined 2 down and 3 across."""
+    lens = (-0.1, 0.02, 0.001, -0.001, 0.003)
+    with new_bag(tmp_path, kind) as (bag, path):
+        bag.info(
+            INFO, (480, 640), (600.0, 610.0, 320.0, 240.0), distortion=lens, projection=(570.0, 580.0, 330.0, 250.0),
+            region=(100, 200, 8, 18), binning=(2, 3),
+        )  # fmt: skip
+        bag.image(topic, images()[0], stamp_ns=SECOND)
+    source, _ = read_source(path)
+    if "rect" in topic:
+        assert source.pinhole == Pinhole(fx=190.0, fy=290.0, cx=130 / 3, cy=75.0)
+    else:
+        assert source.pinhole == Pinhole(fx=200.0, fy=305.0, cx=40.0, cy=70.0, distortion=lens)
+    assert source.rectified == ("rect" in topic)
+    assert source.notes == ()
+
+
+def test_equidistant_lenses_are_refused_by_name_unless_rectified_or_said_otherwise(tmp_path: Path) -> None:
+    for name in ("image_raw", "image_rect"):
+        folder = tmp_path / name
+        folder.mkdir()
+        with new_bag(folder, "mcap") as (bag, path):
+            bag.info(
+                INFO, (4, 6), (5.0, 5.0, 2.5, 1.5), distortion=(0.1, 0.0, 0.0, 0.0), model="equidistant",
+                projection=(4.0, 4.0, 2.0, 1.0),
+            )  # fmt: skip
+            bag.image(f"/camera/depth/{name}", images()[0], stamp_ns=SECOND)
+        if name == "image_rect":
+            assert read_source(path)[0].pinhole == Pinhole(fx=4.0, fy=4.0, cx=2.0, cy=1.0)
+            continue
+        with pytest.raises(
+            BadInputError, match=r"camera_info: distortion model equidistant is not a pinhole's;.*--fov"
+        ):
+            read_source(path)
+        assert read_source(path, lens_given=True)[0].pinhole is None
 
 
 def test_the_topic_is_chosen_or_the_candidates_are_listed(tmp_path: Path) -> None:

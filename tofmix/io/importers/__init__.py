@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tofmix.errors import BadInputError, UsageError, os_error_text
-from tofmix.io.importers import arrays, folder, matlab, rosbag, tiff
+from tofmix.io.importers import arrays, csv_source, folder, hdf5_source, matlab, rosbag, tiff
 from tofmix.io.importers.base import FrameSource, Request, with_amplitude
 from tofmix.io.storage import check_input
 
@@ -29,13 +29,18 @@ class Importer:
     names: frozenset[str] = frozenset()
 
 
+_OF_ARRAYS = frozenset({"topic", "amplitude", "axes", "shape"})
+
 IMPORTERS: tuple[Importer, ...] = (
     Importer(suffixes=rosbag.SUFFIXES, open=rosbag.open_bag, names=frozenset({"topic", "amplitude", "camera_info"})),
     Importer(suffixes=(".tif", ".tiff"), open=tiff.open_pages),
-    Importer(suffixes=(".npy",), open=arrays.open_npy, names=frozenset({"axes"})),
-    Importer(suffixes=(".npz",), open=arrays.open_npz, names=frozenset({"topic", "amplitude", "axes"})),
-    Importer(suffixes=(".mat",), open=matlab.open_mat, names=frozenset({"topic", "amplitude", "axes"})),
+    Importer(suffixes=(".npy",), open=arrays.open_npy, names=frozenset({"axes", "shape"})),
+    Importer(suffixes=(".npz",), open=arrays.open_npz, names=_OF_ARRAYS),
+    Importer(suffixes=(".mat",), open=matlab.open_mat, names=_OF_ARRAYS),
+    Importer(suffixes=(".h5", ".hdf5", ".hdf", ".he5", ".nxs", ".nc"), open=hdf5_source.open_hdf5, names=_OF_ARRAYS),
+    Importer(suffixes=csv_source.SUFFIXES, open=csv_source.open_csv, names=frozenset({"shape"})),
 )
+_OPTIONS = {"topic": "dataset", "camera_info": "camera-info"}
 _FOLDER = Importer(suffixes=(), open=folder.open_folder)
 
 
@@ -63,6 +68,11 @@ def importer_for(path: Path) -> Importer:
     raise UsageError(f"{path}: not a known source; choose a folder of images, a ROS 2 bag, or a file of {known}")
 
 
+def is_importable(path: Path) -> bool:
+    """Whether a file's name says that it is a source."""
+    return any(path.suffix.lower() in importer.suffixes for importer in IMPORTERS)
+
+
 @contextmanager
 def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
     """Open a source of frames.
@@ -75,9 +85,9 @@ def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
         If it is of no known kind, an option does not go with its kind, or a library is missing.
     """
     importer = importer_for(path)
-    for name in ("topic", "camera_info", "axes"):
+    for name in ("topic", "camera_info", "axes", "shape"):
         if getattr(request, name) is not None and name not in importer.names:
-            raise UsageError(f"--{name.replace('_', '-')} does not go with {path}")
+            raise UsageError(f"--{_OPTIONS.get(name, name)} does not go with {path}")
     if request.amplitude is None or "amplitude" in importer.names:
         with importer.open(path, request) as source:
             yield source.check(path)
@@ -85,4 +95,4 @@ def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
     other = Path(request.amplitude)
     alone = replace(request, amplitude=None)
     with importer.open(path, alone) as source, importer_for(other).open(other, alone) as amplitude:
-        yield with_amplitude(source.check(path), amplitude, other)
+        yield with_amplitude(source.check(path), amplitude.check(other), other)

@@ -6,7 +6,7 @@ Both are read frame by frame. Where frames are not the first axis in memory, an
 
 import math
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import IO, Any
@@ -16,9 +16,9 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
+from tofmix.io.importers.axes import FRAMES_FIRST, as_stack, axes_of
 from tofmix.io.importers.base import (
     IMAGE_DIMENSIONS,
-    Axes,
     Frame,
     FrameSource,
     Request,
@@ -26,7 +26,6 @@ from tofmix.io.importers.base import (
     foreign,
 )
 
-FRAMES_FIRST: Axes = "frame,row,col"
 TIME = "time"
 """Name of an array of one number a frame, s."""
 
@@ -36,29 +35,31 @@ _PREFERRED = "range"
 
 @contextmanager
 def open_npy(path: Path, request: Request) -> Iterator[FrameSource]:
-    """Open an .npy, (frame, row, col) or (row, col).
+    """Open an .npy, (frame, row, col) or (row, col), or of the axes that are asked for.
 
     Raises
     ------
     BadInputError
         If it is damaged, holds objects, or is of another shape.
     """
-    axes = request.axes or FRAMES_FIRST
     with ExitStack() as stack:
         with foreign(path):
             file = stack.enter_context(path.open("rb"))
             shape, fortran, dtype = _header(file)
         check_numbers(dtype, path)
-        if fortran or axes != FRAMES_FIRST or len(shape) != _DIMENSIONS:
+        if _in_order(shape, request) and not fortran:
+            check_not_empty(shape, path)
+            found, targets = (shape[0], shape[1], shape[2]), 0
+            images = _unpacked(file, found, dtype, path)
+        else:
             with foreign(path):
                 array = np.load(path, mmap_mode="r", allow_pickle=False)
-            frames = frames_first(array, axes, path)
-            found, images = frames.shape, iter(frames)
-        else:
-            check_not_empty(shape, path)
-            found = shape[0], shape[1], shape[2]
-            images = _unpacked(file, found, dtype, path)
-        yield FrameSource(kind="NumPy array", shape=found, dtype=dtype, frames=joined(images, None, None))
+            frames = stack_of(array, request, path)
+            found, targets = sizes_of(frames)
+            images = iter(frames)
+        yield FrameSource(
+            kind="NumPy array", shape=found, targets=targets, dtype=dtype, frames=joined(images, None, None)
+        )
 
 
 @contextmanager
@@ -78,14 +79,13 @@ def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
         for name, member in members.items():
             with foreign(f"{path}: {name}"), archive.open(member) as file:
                 shapes[name] = _header(file)[0]
-        name = choose(shapes, request.topic, path)
-        axes = request.axes or FRAMES_FIRST
-        depth = _Member(archive, members[name], axes, f"{path}: {name}", stack)
+        name = choose(shapes, request.topic, path, request.axes)
+        depth = _Member(archive, members[name], request, f"{path}: {name}", stack)
         amplitude = None
         if request.amplitude is not None:
-            other = choose(shapes, request.amplitude, path)
-            amplitude = _Member(archive, members[other], axes, f"{path}: {other}", stack)
-            check_shapes(depth.shape, amplitude.shape, f"{path}: {other}")
+            other = choose(shapes, request.amplitude, path, request.axes)
+            amplitude = _Member(archive, members[other], request, f"{path}: {other}", stack)
+            check_shapes(depth.sizes, amplitude.sizes, f"{path}: {other}")
         time_s = None
         if TIME in members:
             with foreign(f"{path}: {TIME}"), archive.open(members[TIME]) as file:
@@ -94,6 +94,7 @@ def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
         yield FrameSource(
             kind=f"array {name} of an .npz",
             shape=depth.shape,
+            targets=depth.targets,
             dtype=depth.dtype,
             frames=joined(depth, amplitude, time_s),
             has_amplitude=amplitude is not None,
@@ -102,24 +103,30 @@ def open_npz(path: Path, request: Request) -> Iterator[FrameSource]:
 
 
 class _Member:
-    """One array of an archive, frame by frame; an iterator of (row, col)."""
+    """One array of an archive, frame by frame; an iterator of (row, col) or (target, row, col)."""
 
-    def __init__(self, archive: zipfile.ZipFile, member: str, axes: Axes, what: str, stack: ExitStack) -> None:
+    def __init__(self, archive: zipfile.ZipFile, member: str, request: Request, what: str, stack: ExitStack) -> None:
         with foreign(what):
             file = stack.enter_context(archive.open(member))
             shape, fortran, dtype = _header(file)
         check_numbers(dtype, what)
-        if fortran or axes != FRAMES_FIRST or len(shape) != _DIMENSIONS:
+        if _in_order(shape, request) and not fortran:
+            check_not_empty(shape, what)
+            self.shape: tuple[int, int, int] = shape[0], shape[1], shape[2]
+            self.targets = 0
+            self._frames: Iterator[NDArray[Any]] = _unpacked(file, self.shape, dtype, what)
+        else:
             with foreign(what), archive.open(member) as again:
                 whole = npy_format.read_array(again, allow_pickle=False)
-            frames = frames_first(whole, axes, what)
-            self.shape: tuple[int, int, int] = frames.shape
-            self._frames: Iterator[NDArray[Any]] = iter(frames)
-        else:
-            check_not_empty(shape, what)
-            self.shape = shape[0], shape[1], shape[2]
-            self._frames = _unpacked(file, self.shape, dtype, what)
+            frames = stack_of(whole, request, what)
+            self.shape, self.targets = sizes_of(frames)
+            self._frames = iter(frames)
         self.dtype = dtype
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Sizes of all axes."""
+        return (*self.shape, *(self.targets,) * (self.targets > 0))
 
     def __iter__(self) -> Iterator[NDArray[Any]]:
         return self._frames
@@ -144,15 +151,18 @@ def _header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     return shape, fortran, dtype
 
 
-def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path) -> str:
+def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, axes: str | None = None) -> str:
     """Name of the array to read: the wanted one, else the only one of frames, else ``range``.
+
+    Frames are arrays with as many axes as `axes` names, three without it.
 
     Raises
     ------
     BadInputError
         If there is none, or it cannot be told; the text lists the candidates.
     """
-    images = [name for name, shape in shapes.items() if len(shape) == _DIMENSIONS]
+    dimensions = len((axes or FRAMES_FIRST).split(","))
+    images = [name for name, shape in shapes.items() if len(shape) == dimensions]
     images = images or [name for name, shape in shapes.items() if len(shape) == IMAGE_DIMENSIONS and min(shape) > 1]
     listed = ", ".join(f"{name} {shape}" for name, shape in sorted(shapes.items())) or "none"
     if wanted is not None:
@@ -162,12 +172,17 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path) -
     if _PREFERRED in images:
         return _PREFERRED
     if len(images) != 1:
-        raise BadInputError(f"{path}: cannot tell which array holds the depths; choose with --topic from: {listed}")
+        raise BadInputError(f"{path}: cannot tell which array holds the depths; choose with --dataset from: {listed}")
     return images[0]
 
 
-def frames_first(array: NDArray[Any], axes: Axes, what: object) -> NDArray[Any]:
-    """View an array as (frame, row, col); a single image is one frame.
+def _in_order(shape: tuple[int, ...], request: Request) -> bool:
+    """Whether an array is (frame, row, col) as it is."""
+    return len(shape) == _DIMENSIONS and request.axes in (None, FRAMES_FIRST)
+
+
+def stack_of(array: NDArray[Any], request: Request, what: object) -> NDArray[Any]:
+    """View an array as (frame, row, col) or (frame, target, row, col); a single image is one frame.
 
     Raises
     ------
@@ -175,12 +190,13 @@ def frames_first(array: NDArray[Any], axes: Axes, what: object) -> NDArray[Any]:
         If it is of another shape, empty, or holds no numbers.
     """
     check_numbers(array.dtype, what)
-    if array.ndim == IMAGE_DIMENSIONS:
-        array = array[np.newaxis]
-    elif array.ndim == _DIMENSIONS and axes != FRAMES_FIRST:
-        array = np.moveaxis(array, -1, 0)
-    check_not_empty(array.shape, what)
-    return array
+    return as_stack(array, axes_of(array.shape, request.axes, request.shape, what), request.shape, what)
+
+
+def sizes_of(stack: NDArray[Any]) -> tuple[tuple[int, int, int], int]:
+    """(frames, rows, columns) of a stack, and its targets."""
+    targets = stack.shape[1] if stack.ndim > _DIMENSIONS else 0
+    return (stack.shape[0], stack.shape[-2], stack.shape[-1]), targets
 
 
 def check_not_empty(shape: tuple[int, ...], what: object) -> None:
@@ -202,8 +218,8 @@ def check_time(time_s: NDArray[Any], frames: int, path: Path) -> None:
 
 
 def joined(
-    depth: "Iterator[NDArray[Any]] | _Member | NDArray[Any]",
-    amplitude: "_Member | NDArray[Any] | None",
+    depth: Iterable[NDArray[Any]],
+    amplitude: Iterable[NDArray[Any]] | None,
     time_s: NDArray[Any] | None,
 ) -> Iterator[Frame]:
     """Frames of arrays that have been checked to go together."""

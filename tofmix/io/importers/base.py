@@ -14,19 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError, TofmixError, os_error_text
+from tofmix.pinhole import Pinhole
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
+from tofmix.sensor import Sensor
 
 IMAGE_DIMENSIONS = 2
 DepthAxis = Literal["z", "ray"]
-Axes = Literal["frame,row,col", "row,col,frame"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Pinhole:
-    """Intrinsics of a pinhole camera, in pixels: fx, fy and cx, cy."""
-
-    focal_px: tuple[float, float]
-    centre_px: tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,21 +35,33 @@ class Request:
     camera_info : str, optional
         Topic with the intrinsics; the depth topic's sibling without it.
     axes : str, optional
-        Order of the axes of an array.
-    image : (int, int)
+        Order of the axes of an array, as `tofmix.io.importers.axes.check_axes` has it.
+    shape : (int, int), optional
+        Rows and columns of an image whose pixels a source holds in one line or axis.
+    image : (int, int), optional
         Rows and columns of the sensor, to tell the order of axes by.
+    unit_given : bool
+        Whether the unit of the depths was said, whatever the source says.
+    lens_given : bool
+        Whether it was said where the pixels look, whatever the source says.
     """
 
     topic: str | None = None
     amplitude: str | None = None
     camera_info: str | None = None
-    axes: Axes | None = None
-    image: tuple[int, int] = (0, 0)
+    axes: str | None = None
+    shape: tuple[int, int] | None = None
+    image: tuple[int, int] | None = None
+    unit_given: bool = False
+    lens_given: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Frame:
-    """One frame: depths (row, col) in the source's own numbers, amplitude (row, col), time in s from any origin."""
+    """One frame: depths in the source's own numbers, amplitude, time in s from any origin.
+
+    Depths and amplitudes are (row, col), or (target, row, col) where a pixel returns several targets.
+    """
 
     depth: NDArray[Any]
     amplitude: NDArray[Any] | None = None
@@ -77,14 +82,22 @@ class FrameSource:
         Type of the depths.
     frames : iterator of Frame
         The frames in order; read once.
-    unit_mm : float
-        mm of one unit, where the source's kind says.
+    targets : int
+        Length of the frames' axis of targets; 0 where they have none.
+    unit_mm : float, optional
+        mm of one unit, where the source says.
+    invalid : tuple of float
+        Values that the source says are no samples.
     depth_axis : {"z", "ray"}
         What its depths are along, where its kind says.
     has_amplitude, has_time : bool
         Whether frames carry them.
     pinhole : Pinhole, optional
-        Intrinsics, if the source has them.
+        Where its pixels look, if the source says.
+    rectified : bool
+        Whether the source says that the lens distortion is undone.
+    sensor : Sensor, optional
+        What the source knows of its camera.
     notes : tuple of str
         What the user should know.
     """
@@ -93,11 +106,15 @@ class FrameSource:
     shape: tuple[int, int, int]
     dtype: np.dtype[Any]
     frames: Iterator[Frame]
-    unit_mm: float = 1.0
+    targets: int = 0
+    unit_mm: float | None = None
+    invalid: tuple[float, ...] = ()
     depth_axis: DepthAxis = "ray"
     has_amplitude: bool = False
     has_time: bool = False
     pinhole: Pinhole | None = None
+    rectified: bool = False
+    sensor: Sensor | None = None
     notes: tuple[str, ...] = ()
 
     def check(self, what: object) -> "FrameSource":
@@ -189,7 +206,8 @@ def with_amplitude(source: FrameSource, amplitude: FrameSource, what: Path) -> F
     BadInputError
         If they differ in shape.
     """
-    if source.shape != amplitude.shape:
-        raise BadInputError(f"{what}: amplitudes {_size(amplitude.shape)}, depths {_size(source.shape)}")
+    sizes = [(*one.shape, *(one.targets,) * (one.targets > 0)) for one in (amplitude, source)]
+    if sizes[0] != sizes[1]:
+        raise BadInputError(f"{what}: amplitudes {_size(sizes[0])}, depths {_size(sizes[1])}")
     pairs = zip(source.frames, amplitude.frames, strict=True)
     return replace(source, frames=(replace(a, amplitude=b.depth) for a, b in pairs), has_amplitude=True)

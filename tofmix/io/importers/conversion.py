@@ -28,12 +28,20 @@ class Conversion:
         Further values that stand for no sample, in the source's units.
     ray_over_depth : (row, col) float64, optional
         Range over depth, where depths are along z.
+    unit_known : bool
+        Whether somebody said the unit; if not, real numbers are looked at.
     """
 
     dtype: np.dtype[Any]
     unit_mm: float = 1.0
     invalid: tuple[float, ...] = ()
     ray_over_depth: FloatArray | None = None
+    unit_known: bool = True
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the unit is a guess: whole numbers are hardly metres, real ones may be."""
+        return not self.unit_known and self.dtype.kind == "f"
 
     @property
     def stored_dtype(self) -> str:
@@ -42,7 +50,7 @@ class Conversion:
         return "u2" if whole and self.unit_mm == 1.0 and self.ray_over_depth is None else "f4"
 
     def __call__(self, depth: NDArray[Any]) -> NDArray[np.uint16] | NDArray[np.float32]:
-        """Ranges (row, col) in mm of `stored_dtype`; in `f4` rounded once, from float64."""
+        """Ranges in mm of `stored_dtype`, of the shape of `depth`; in `f4` rounded once, from float64."""
         bad = self._bad(depth)
         if self.stored_dtype == "u2":
             return np.where(bad, 0, depth).astype(np.uint16)

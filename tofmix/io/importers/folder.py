@@ -40,6 +40,7 @@ def open_folder(path: Path, _: Request) -> Iterator[FrameSource]:
         kind=f"folder of {'PNG' if True in kinds else 'TIFF'} images",
         shape=(len(files), *first.shape),
         dtype=first.dtype,
+        depth_axis="z",
         frames=_frames(files, first),
     )
 

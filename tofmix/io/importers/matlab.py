@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Any
@@ -20,21 +21,13 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError, ExitCode, StorageError, TofmixError
 from tofmix.io import guard
-from tofmix.io.importers.arrays import (
-    FRAMES_FIRST,
-    TIME,
-    check_not_empty,
-    check_shapes,
-    check_time,
-    choose,
-    frames_first,
-    joined,
-)
-from tofmix.io.importers.base import IMAGE_DIMENSIONS, Axes, Frame, FrameSource, Request, check_numbers, foreign
+from tofmix.io.importers.arrays import TIME, check_shapes, check_time, choose, joined, sizes_of, stack_of
+from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, axes_of
+from tofmix.io.importers.base import FrameSource, Request, foreign
+from tofmix.io.importers.datasets import DatasetFrames
 from tofmix.io.scratch_folder import scratch_folder
 from tofmix.io.watchdog import watched
 
-_FRAMES_LAST: Axes = "row,col,frame"
 _DIMENSIONS = 3
 _UNPACKING_TIMES = 6.0
 """A whole file is unpacked at once, which takes longer than a read."""
@@ -57,18 +50,19 @@ def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
             yield _of_scipy(path, request, folder)
 
 
-def _axes(shape: tuple[int, ...], request: Request, what: str) -> Axes:
+def _with_axes(shape: tuple[int, ...], request: Request, what: str) -> Request:
     """Tell the order of the axes, given in MATLAB's view, by the sensor's image where nobody says."""
+    image = request.image or request.shape
     if request.axes is not None or len(shape) != _DIMENSIONS:
-        return request.axes or FRAMES_FIRST
-    first, last = shape[1:] == request.image, shape[:2] == request.image
+        return request
+    first, last = shape[1:] == image, shape[:2] == image
     if first == last:
-        rows, cols = request.image
+        known = "" if image is None else f" and a sensor of {image[0]} x {image[1]}"
         raise BadInputError(
-            f"{what}: size {shape} and a sensor of {rows} x {cols} do not tell the order of its axes;"
-            f" choose --axes {_FRAMES_LAST} or --axes {FRAMES_FIRST}"
+            f"{what}: size {shape}{known} {'does' if image is None else 'do'} not tell the order of its axes;"
+            f" choose --axes {FRAMES_LAST} or --axes {FRAMES_FIRST}"
         )
-    return FRAMES_FIRST if first else _FRAMES_LAST
+    return replace(request, axes=FRAMES_FIRST if first else FRAMES_LAST)
 
 
 def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
@@ -83,16 +77,16 @@ def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
         if not listed:
             raise _refusal(child, child.communicate()[1], path)
         shapes = {name: tuple(shape) for name, shape in json.loads(listed).items()}
-        name = choose(shapes, request.topic, path)
-        names = [name] if request.amplitude is None else [name, choose(shapes, request.amplitude, path)]
-        axes = _axes(shapes[name], request, f"{path}: {name}")
+        name = choose(shapes, request.topic, path, request.axes)
+        names = [name] if request.amplitude is None else [name, choose(shapes, request.amplitude, path, request.axes)]
+        request = _with_axes(shapes[name], request, f"{path}: {name}")
         wanted = [*names, TIME] if TIME in shapes else names
         complaint = child.communicate(json.dumps(wanted) + "\n")[1]
     if child.returncode:
         raise _refusal(child, complaint, path)
     with foreign(path):
         held = [np.load(folder / f"{k}.npy", mmap_mode="r", allow_pickle=False) for k in range(len(wanted))]
-    arrays = [frames_first(held[k], axes, f"{path}: {one}") for k, one in enumerate(names)]
+    arrays = [stack_of(held[k], request, f"{path}: {one}") for k, one in enumerate(names)]
     time_s = held[-1] if TIME in shapes else None
     return _source(path, name, arrays, time_s, f"array {name} of a .mat")
 
@@ -115,7 +109,8 @@ def _source(path: Path, name: str, arrays: list[NDArray[Any]], time_s: Any, kind
         check_time(np.asarray(time_s), depth.shape[0], path)
     return FrameSource(
         kind=kind,
-        shape=depth.shape,
+        shape=sizes_of(depth)[0],
+        targets=sizes_of(depth)[1],
         dtype=depth.dtype,
         frames=joined(depth, amplitude, None if time_s is None else np.asarray(time_s)),
         has_amplitude=amplitude is not None,
@@ -127,13 +122,14 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
     with guard.reading(path, "variables"):
         # HDF5 sees MATLAB's axes in reverse.
         shapes = {n: tuple(reversed(item.shape)) for n, item in root.items() if isinstance(item, h5py.Dataset)}
-    name = choose(shapes, request.topic, path)
-    axes = _axes(shapes[name], request, f"{path}: {name}")
-    depth = _Variable(root, name, axes, path)
+    name = choose(shapes, request.topic, path, request.axes)
+    request = _with_axes(shapes[name], request, f"{path}: {name}")
+    depth = _variable(root, name, shapes[name], request, path)
     amplitude = None
     if request.amplitude is not None:
-        amplitude = _Variable(root, choose(shapes, request.amplitude, path), axes, path)
-        check_shapes(depth.shape, amplitude.shape, f"{path}: {amplitude.name}")
+        other = choose(shapes, request.amplitude, path, request.axes)
+        check_shapes(shapes[name], shapes[other], f"{path}: {other}")
+        amplitude = _variable(root, other, shapes[other], request, path)
     time_s = None
     if TIME in shapes:
         with guard.reading(path, TIME):
@@ -142,45 +138,15 @@ def _of_hdf5(root: h5py.File, path: Path, request: Request) -> FrameSource:
     return FrameSource(
         kind=f"array {name} of a .mat of version 7.3",
         shape=depth.shape,
+        targets=depth.targets,
         dtype=depth.dtype,
-        frames=_hdf5_frames(depth, amplitude, time_s),
+        frames=joined(depth, amplitude, time_s),
         has_amplitude=amplitude is not None,
         has_time=time_s is not None,
     )
 
 
-class _Variable:
-    """A variable of a version 7.3 file, frame by frame."""
-
-    def __init__(self, root: h5py.File, name: str, axes: Axes, path: Path) -> None:
-        self.name, self._path = name, path
-        self._dataset = guard.checked_dataset(root, name, path)
-        self._frames_first = axes == FRAMES_FIRST
-        self.dtype: np.dtype[Any] = self._dataset.dtype
-        check_numbers(self.dtype, f"{path}: {name}")
-        stored = self._dataset.shape  # (col, row, frame) of MATLAB's (frame, row, col); (frame, col, row) of its own
-        if len(stored) == IMAGE_DIMENSIONS:
-            stored = (1, *stored)
-            self._single = True
-        else:
-            self._single = False
-        check_not_empty(stored, f"{path}: {name}")
-        frames_last = self._frames_first and not self._single
-        self.shape: tuple[int, int, int] = stored[::-1] if frames_last else (stored[0], stored[2], stored[1])
-
-    def __getitem__(self, frame: int) -> NDArray[Any]:
-        with guard.reading(self._path, self.name):
-            if self._single:
-                image = self._dataset[...]
-            else:
-                image = self._dataset[..., frame] if self._frames_first else self._dataset[frame]
-        return np.asarray(image).T
-
-
-def _hdf5_frames(depth: _Variable, amplitude: _Variable | None, time_s: NDArray[Any] | None) -> Iterator[Frame]:
-    for number in range(depth.shape[0]):
-        yield Frame(
-            depth=depth[number],
-            amplitude=None if amplitude is None else amplitude[number],
-            time_s=None if time_s is None else float(time_s.reshape(-1)[number]),
-        )
+def _variable(root: h5py.File, name: str, shape: tuple[int, ...], request: Request, path: Path) -> DatasetFrames:
+    """A variable of a version 7.3 file, whose axes are stored in reverse."""
+    axes = axes_of(shape, request.axes, None, f"{path}: {name}")
+    return DatasetFrames(guard.checked_dataset(root, name, path), axes[::-1], None, path, name)

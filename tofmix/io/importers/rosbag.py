@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io.extras import need
-from tofmix.io.importers.base import Frame, FrameSource, Pinhole, Request, check_frame, foreign
+from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign
+from tofmix.io.importers.intrinsics import from_camera_info
+from tofmix.pinhole import Pinhole
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 
@@ -30,7 +32,6 @@ _WAITING = 64
 """Frames that wait for an amplitude image of their stamp before they go without."""
 
 _NS = 1.0e-9
-_INTRINSICS = 9
 
 
 def is_bag_folder(path: Path) -> bool:
@@ -54,7 +55,7 @@ def open_bag(path: Path, request: Request) -> Iterator[FrameSource]:
         depth = _decoded(first, f"{path}: {topic}", tuple(DEPTH_UNITS_MM))
         if request.amplitude is not None:
             bag.check(request.amplitude, _IMAGE)
-        pinhole, notes = _intrinsics(bag, topic, request.camera_info, depth.shape)
+        pinhole, notes = _intrinsics(bag, topic, request, (depth.shape[0], depth.shape[1]))
         yield FrameSource(
             kind=f"{first.encoding} images of {topic}",
             shape=(bag.count(topic), depth.shape[0], depth.shape[1]),
@@ -65,6 +66,7 @@ def open_bag(path: Path, request: Request) -> Iterator[FrameSource]:
             has_amplitude=request.amplitude is not None,
             has_time=True,
             pinhole=pinhole,
+            rectified=_is_rectified(topic),
             notes=notes,
         )
 
@@ -191,27 +193,24 @@ def _joined(stamp: int, depth: NDArray[Any], amplitudes: dict[int, NDArray[Any]]
     return Frame(depth=depth, amplitude=amplitudes.pop(stamp, None), time_s=time_s)
 
 
+def _is_rectified(topic: str) -> bool:
+    """Whether images are rectified: ROS names their topics so, such as ``image_rect_raw``."""
+    return "rect" in topic.rpartition("/")[2]
+
+
 def _intrinsics(
-    bag: _Bag, topic: str, wanted: str | None, shape: tuple[int, ...]
+    bag: _Bag, topic: str, request: Request, shape: tuple[int, int]
 ) -> tuple[Pinhole | None, tuple[str, ...]]:
-    """Intrinsics from the camera_info beside the depth topic, and what is to be said of them."""
-    name = wanted or f"{topic.rpartition('/')[0]}/camera_info"
-    if wanted is not None:
+    """Where the pixels look by the camera_info beside the depth topic, and what is to be said of it."""
+    name = request.camera_info or f"{topic.rpartition('/')[0]}/camera_info"
+    if request.camera_info is not None:
         bag.check(name, _INFO)
-    elif name not in bag.topics(_INFO):
+    elif request.lens_given or name not in bag.topics(_INFO):
         return None, ()
     message, _ = bag.first(name)
     what = f"{bag.path}: {name}"
-    matrix = np.asarray(getattr(message, "k", getattr(message, "K", ())), dtype=np.float64).ravel()
-    size = int(message.height), int(message.width)
-    if size != tuple(shape) or matrix.size != _INTRINSICS:
-        raise BadInputError(f"{what}: describes {size[0]} x {size[1]} pixels, the depths have {shape[0]} x {shape[1]}")
-    if not min(matrix[0], matrix[4]) > 0:
+    with foreign(what):
+        calibration = from_camera_info(message, what)
+    if not calibration.calibrated:
         return None, (f"{what}: not calibrated (a focal length is not above 0); not used",)
-    distortion = np.asarray(getattr(message, "d", getattr(message, "D", ())), dtype=np.float64)
-    notes = []
-    if distortion.any() and "rect" not in topic.rpartition("/")[2]:
-        notes.append(
-            f"{what}: its lens distortion is not undone; depths along z of a raw image are off near the corners"
-        )
-    return Pinhole(focal_px=(matrix[0], matrix[4]), centre_px=(matrix[2], matrix[5])), tuple(notes)
+    return calibration.pinhole(shape, rectified=_is_rectified(topic)), ()

@@ -42,6 +42,7 @@ def open_pages(path: Path, _: Request) -> Iterator[FrameSource]:
             kind="multi-page TIFF",
             shape=(count, first.shape[0], first.shape[1]),
             dtype=first.dtype,
+            depth_axis="z",
             frames=_frames(pages, count, first, path),
         )
 

@@ -12,6 +12,7 @@ import numpy as np
 from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource
 from tofmix.io.importers.conversion import Conversion
+from tofmix.io.importers.units import refuse_metres
 from tofmix.io.recording_writer import CHUNK_FRAMES, RecordingWriter
 from tofmix.sensor import Sensor
 
@@ -86,25 +87,29 @@ def write_recording(
     Raises
     ------
     BadInputError
-        If the source is damaged, or has fewer or more frames than it announces.
+        If the source is damaged, has fewer or more frames than it announces, or holds metres without saying so.
     UsageError, StorageError
         As for `AtomicFile`.
     """
     frames, rows, cols = source.shape
-    block_frames = max(1, min(CHUNK_FRAMES, BLOCK_BYTES // (rows * cols * _BYTES_A_SAMPLE)))
+    layers = max(1, source.targets)
+    block_frames = max(1, min(CHUNK_FRAMES, BLOCK_BYTES // (rows * cols * layers * _BYTES_A_SAMPLE)))
     kind: Literal["u2", "f4"] = "u2" if conversion.stored_dtype == "u2" else "f4"
     writer = RecordingWriter(
-        output, shape=source.shape, sensor=sensor, title=f"recording imported from {what.name}",
+        output, shape=source.shape, targets=source.targets, sensor=sensor, title=f"recording imported from {what.name}",
         has_amplitude=source.has_amplitude, has_time=source.has_time or frame_rate_hz is not None, dtype=kind,
         chunk_frames=block_frames, attributes=attributes, overwrite=overwrite, inputs=inputs,
     )  # fmt: skip
-    tally = _Tally(sensor)
+    tally, doubtful = _Tally(sensor), conversion.is_doubtful
     with writer:
         start = 0
         for block in _blocks(source.frames, block_frames):
             if start + len(block) > frames:
                 raise BadInputError(f"{what}: more frames than the {frames} that it announces")
             ranges: Any = np.stack([conversion(frame.depth) for frame in block])
+            if doubtful and np.isfinite(ranges).any():
+                refuse_metres(ranges, sensor, what)
+                doubtful = False
             tally.add(ranges, block if source.has_amplitude else [])
             writer.write(
                 start, ranges, time_s=_time(block, start, frame_rate_hz, has_time=source.has_time),

@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
+from tofmix.equiangular import Equiangular
+from tofmix.projection import beam_directions_of
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.effects.parameter import Parameter, declared_parameters
 from tofmix.toml_table import nearest
@@ -92,12 +94,19 @@ class Context:
         return self.surfaces.index(surface)
 
     def cosine(self) -> FloatArray:
-        """``cos az cos el`` (pixel,) of each pixel's centre."""
-        s = self.sensor
-        azimuth = np.radians((np.arange(s.cols) - (s.cols - 1) / 2) * s.fov_horizontal_deg / s.cols)
-        elevation = np.radians((np.arange(s.rows) - (s.rows - 1) / 2) * s.fov_vertical_deg / s.rows)
+        """Cosine (pixel,) of each pixel's angle off the axis, its direction's z: ``cos az cos el``."""
+        s, optics = self.sensor, self.sensor.optics
+        if not isinstance(optics, Equiangular):
+            return beam_directions_of(optics, s.shape)[..., 2].ravel()
+        azimuth = np.radians((np.arange(s.cols) - (s.cols - 1) / 2) * optics.fov_horizontal_deg / s.cols)
+        elevation = np.radians((np.arange(s.rows) - (s.rows - 1) / 2) * optics.fov_vertical_deg / s.rows)
         cosine: FloatArray = np.outer(np.cos(elevation), np.cos(azimuth)).ravel()
         return cosine
+
+    def corner_cosine(self) -> float:
+        """Cosine of the angle off the axis of the pixel in the image's farthest corner."""
+        image = self.cosine().reshape(self.sensor.shape)
+        return float(image[[0, 0, -1, -1], [0, -1, 0, -1]].min())
 
     def recording_rng(self, effect: "Effect") -> np.random.Generator:
         """The effect's own random stream of a recording, for what does not change from frame to frame."""

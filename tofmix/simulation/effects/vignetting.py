@@ -15,7 +15,7 @@ from tofmix.simulation.effects.parameter import number
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vignetting(Effect):
-    """Amplitude times (cos az cos el)^n, sigma divided by it.
+    """Amplitude times (cos az cos el)^n, sigma divided by it: the angle off the axis is that of a pixel's direction.
 
     A lens images with cos^4 of the angle off its axis, and the emitter's lobe adds its own fall: for cos^4 alone, the
     corner of 47 x 39 degrees has 1.78 times the sigma of the centre. n is such that the pixel in the
@@ -49,7 +49,7 @@ class Vignetting(Effect):
     def prepare(self, context: Context, n_frames: int) -> FloatArray:  # noqa: ARG002
         """The illumination (pixel,) over that on the axis."""
         cosine = context.cosine()
-        power = -math.log(self.corner_factor) / math.log(cosine[0])
+        power = -math.log(self.corner_factor) / math.log(context.corner_cosine())
         illumination: FloatArray = np.maximum(cosine, 0.0) ** power
         return illumination
 

@@ -1,0 +1,57 @@
+"""Errors name the command that takes the file."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from commandline import Tofmix
+from files import boards, write_recording
+
+from tofmix.errors import ExitCode
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "target"),
+    [("x.npy", "an array", "x.h5"), ("run 1.bag", "a bag", "'run 1.h5'"), ("depth.tiff", "an image", "depth.h5")],
+)
+def test_a_foreign_file_names_its_import(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, kind: str, target: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save(tmp_path / "x.npy", boards())
+    (tmp_path / "x.npy").rename(tmp_path / name)
+    done = tofmix("estimate", name)
+    quoted = f"'{name}'" if " " in name else name
+    assert done.code == ExitCode.BAD_INPUT
+    assert done.err == f"tofmix: {name} is {kind}, not HDF5: tofmix import {quoted} -o {target}\n"
+
+
+def test_an_array_that_is_missing_is_said_to_be_missing(tofmix: Tofmix, tmp_path: Path) -> None:
+    done = tofmix("estimate", tmp_path / "x.npy")
+    assert (done.code, "No such file" in done.err) == (ExitCode.BAD_INPUT, True)
+
+
+def test_a_recording_is_for_estimate_and_layers_for_report(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording, layers = write_recording(tmp_path / "a.h5", boards()), tmp_path / "a.layers.h5"
+    assert tofmix("estimate", recording).code == 0
+    for command in (("report",), ("inspect", "--pixel", "1,1"), ("export", "-o", tmp_path / "a.csv")):
+        done = tofmix(command[0], recording, *command[1:])
+        assert done.code == ExitCode.BAD_INPUT
+        assert done.err == f"tofmix: {recording}: no layers file; if it is a recording: tofmix estimate {recording}\n"
+    with h5py.File(recording, "a") as root:
+        root.attrs["format"], root.attrs["format_version"] = "tofmix-recording", "1.0"
+    done = tofmix("report", recording)
+    assert done.code == ExitCode.BAD_INPUT
+    assert done.err == f"tofmix: {recording} is a recording, not a layers file: tofmix estimate {recording}\n"
+    done = tofmix("estimate", layers)
+    assert done.code == ExitCode.BAD_INPUT
+    assert done.err == f"tofmix: {layers} is a layers file, not a recording: tofmix report {layers}\n"
+
+
+def test_hdf5_of_another_layout_names_import(tofmix: Tofmix, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "depth.mat", "w") as root:
+        root["depth"] = boards()
+    done = tofmix("estimate", tmp_path / "depth.mat")
+    assert done.code == ExitCode.BAD_INPUT
+    assert f"tofmix import {tmp_path / 'depth.mat'} -o {tmp_path / 'depth.h5'}" in done.err

@@ -1,0 +1,113 @@
+"""The bar on a terminal, --quiet, and --json of the commands that make something."""
+
+import fcntl
+import json
+import os
+import pty
+import struct
+import subprocess
+import sys
+import termios
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from commandline import Tofmix
+from files import boards, write_recording
+
+from tofmix.errors import ExitCode
+
+MODEL = """\
+[sensor]
+profile = "sr4000"
+rows = 4
+cols = 6
+[recording]
+frames = 20
+[[surface]]
+name = "wall"
+center_mm = [0.0, 0.0, 3000.0]
+size_mm = [9000.0, 9000.0]
+"""
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, int]]:
+    """A terminal of no size, as serial lines and some containers have: its two ends."""
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 0, 0, 0, 0))
+    yield ours, theirs
+    for end in (ours, theirs):
+        os.close(end)
+
+
+def _shown(terminal: tuple[int, int], *arguments: object) -> str:
+    """What a command writes on the terminal that is its stderr."""
+    command = [sys.executable, "-m", "tofmix", *map(str, arguments)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=terminal[1], check=False, timeout=120)
+    assert done.returncode == 0
+    os.set_blocking(terminal[0], False)
+    try:
+        return os.read(terminal[0], 1 << 16).decode()
+    except BlockingIOError:  # nothing was written
+        return ""
+
+
+def test_a_terminal_without_a_width_has_a_bar_that_goes(terminal: tuple[int, int], tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(MODEL)
+    shown = _shown(terminal, "simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5")
+    assert "simulate:   0%" in shown
+    assert shown.endswith("\r")  # wiped out
+    assert max(len(line) for line in shown.split("\r")) <= 80
+
+
+def test_quiet_shows_no_bar(terminal: tuple[int, int], tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(MODEL)
+    assert _shown(terminal, "simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5", "--quiet") == ""
+
+
+def test_quiet_keeps_results_and_warnings_and_drops_notes(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = write_recording(tmp_path / "a.h5", boards(45))
+    loud = tofmix("estimate", recording, "--window", 20)
+    quiet = tofmix("estimate", recording, "--window", 20, "-q", "--resume")
+    assert "were there already" in tofmix("estimate", recording, "--window", 20, "--resume").err
+    assert quiet.out == loud.out
+    assert "were there already" not in quiet.err
+    assert "5 frames after the last whole window left out" in quiet.err
+
+
+def test_each_command_that_makes_something_says_it_in_json(tofmix: Tofmix, tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(MODEL)
+    twice = tofmix("simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5", "--repeat", 2, "--json")
+    first, second = (json.loads(line) for line in twice.out.splitlines())
+    assert first == {
+        "output": str(tmp_path / "a_001.h5"), "frames": 20, "rows": 4, "cols": 6, "seed": 1, "averaged": False,
+    }  # fmt: skip
+    assert second["seed"] == 2
+    layers = tmp_path / "a_001.layers.h5"
+    assert tofmix("estimate", tmp_path / "a_001.h5").code == 0
+    points = json.loads(tofmix("export", layers, "-o", tmp_path / "a.csv", "--json").out)
+    assert points == {"output": str(tmp_path / "a.csv"), "points": 24, "windows": 1}
+    map_of = json.loads(tofmix("map", layers, "-o", tmp_path / "a.yaml", "--json").out)
+    assert map_of["map"]["path"] == str(tmp_path / "a.yaml")
+
+
+def test_json_of_what_is_not_written_is_refused(tofmix: Tofmix) -> None:
+    for option in ("--explain", "--print-model"):
+        assert tofmix("simulate", "corridor", option, "--json").code == ExitCode.USAGE
+
+
+def test_the_help_tells_of_completion_and_the_environment(tofmix: Tofmix) -> None:
+    said = tofmix("--help").out
+    assert "_TOFMIX_COMPLETE=bash_source" in said
+    assert "TOFMIX_ESTIMATE_WORKERS=1" in said
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_prints_its_script(shell: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tofmix"], env=os.environ | {"_TOFMIX_COMPLETE": f"{shell}_source"},
+        capture_output=True, text=True, check=False, timeout=60,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "_TOFMIX_COMPLETE" in done.stdout

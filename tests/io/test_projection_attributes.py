@@ -1,0 +1,79 @@
+"""`projection` of a file's group `sensor`: round trips, foreign files, and every refusal."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from files import boards, write_recording
+
+from tofmix.equiangular import Equiangular
+from tofmix.errors import BadInputError
+from tofmix.io import hdf5
+from tofmix.io.recording_file import open_recording
+from tofmix.pinhole import Pinhole
+from tofmix.sensor import Sensor
+
+PINHOLE: dict[str, Any] = {"projection": "pinhole", "fx": 5.0, "fy": 6.0, "cx": 2.5, "cy": 1.5}
+
+
+def read(path: Path) -> Sensor:
+    with open_recording(path) as file:
+        return file.sensor
+
+
+@pytest.mark.parametrize("distortion", [(), (-0.1, 0.01, 0.001, 0.002, 0.0), (0.1,) * 8])
+def test_a_pinhole_comes_back(distortion: tuple[float, ...]) -> None:
+    pinhole = Pinhole(fx=5.25, fy=6.125, cx=2.5, cy=1.5, distortion=distortion)
+    camera = Sensor(name="camera", projection=pinhole)
+    image = hdf5.image_of(lambda root: hdf5.write_sensor(root, camera))
+    with h5py.File(io.BytesIO(image), "r") as root:
+        assert hdf5.read_sensor(root, Path("x.h5")).optics == pinhole
+        assert root["sensor"].attrs["projection"] == "pinhole"
+        assert ("distortion" in root["sensor"].attrs) == bool(distortion)
+        assert np.isnan(root["sensor"].attrs["fov_horizontal_deg"])
+
+
+def test_a_foreign_pinhole_ignores_the_field_of_view(tmp_path: Path) -> None:
+    fov = {"fov_horizontal_deg": 47.0, "fov_vertical_deg": 39.0}
+    path = write_recording(tmp_path / "x.h5", boards(), attributes=PINHOLE | fov)
+    assert read(path).optics == Pinhole(fx=5.0, fy=6.0, cx=2.5, cy=1.5)
+
+
+@pytest.mark.parametrize("attributes", [{}, {"projection": "equiangular"}])
+def test_without_a_projection_the_field_of_view_says_where_pixels_look(
+    tmp_path: Path, attributes: dict[str, Any]
+) -> None:
+    fov = {"fov_horizontal_deg": 47.0, "fov_vertical_deg": 39.0}
+    path = write_recording(tmp_path / "x.h5", boards(), attributes=attributes | fov)
+    assert read(path).optics == Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)
+    path = write_recording(tmp_path / "y.h5", boards(), attributes=attributes)
+    assert read(path).optics is None
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"projection": "fisheye"}, "projection: 'fisheye' is not known; known: equiangular, pinhole"),
+        ({"projection": 3}, "projection: '' is not known"),
+        ({"fx": "wide"}, "fx: expected one number"),
+        ({"fx": 0.0}, "fx: 0 is not a finite number above 0"),
+        ({"cy": np.nan}, "cy: nan is not a finite number"),
+        ({"distortion": [0.1, 0.2]}, "distortion: 2 numbers; expected OpenCV's"),
+        ({"distortion": "none"}, "distortion: expected a few numbers"),
+        ({"distortion": np.zeros(65)}, "distortion: expected a few numbers"),
+    ],
+)
+def test_unfit_attributes_are_refused_by_name(tmp_path: Path, change: dict[str, Any], reason: str) -> None:
+    path = write_recording(tmp_path / "x.h5", boards(), attributes=PINHOLE | change)
+    with pytest.raises(BadInputError) as caught:
+        read(path)
+    assert str(caught.value).startswith(f"{path}: sensor: {reason}")
+
+
+def test_a_missing_number_is_named(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "x.h5", boards(), attributes={"projection": "pinhole", "fx": 1.0, "cx": 1.0})
+    with pytest.raises(BadInputError, match="sensor: projection: pinhole needs fy, cy"):
+        read(path)

@@ -1,0 +1,71 @@
+"""Cameras of one row, or of one column: line scanners. What needs two lines of an image has nothing to say there."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reconcile_errors import scene
+from recordings import MAKE
+
+from tofmix.reconciliation.compare import Compared
+from tofmix.reconciliation.evidence import Evidence, make_evidence
+from tofmix.reconciliation.name import KINDS
+from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.workflow import reconcile
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.model import Model
+from tofmix.simulation.render import render_blocks
+
+SHAPES = [(1, 24), (24, 1)]
+FRAMES = 80
+
+
+def _record(model: Model, *effects: Effect, frames: int = FRAMES) -> Evidence:
+    real = replace(model, effects=effects)
+    (block,) = render_blocks(real, cast_scene(real), n_frames=frames, seed=5, block_frames=frames)
+    range_mm = np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
+    return make_evidence(model, range_mm, time_s=block.time_s)
+
+
+def _axes(panel: Compared, statistic: str) -> set[str]:
+    return {curve.axis for curve in panel.curves if curve.statistic == statistic and curve.dof}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rows", "cols"), SHAPES)
+def test_an_offset_is_found_and_a_right_model_left_alone(rows: int, cols: int) -> None:
+    model = scene(rows=rows, cols=cols)
+    right = reconcile(model, _record(model), Settings(kinds=KINDS))
+    assert right.verified.verdict == "agree"
+    found = reconcile(model, _record(model, MAKE["range_offset"](offset_mm=30.0)), Settings(kinds=KINDS))
+    assert found.verified.verdict == "explained"
+    kinds = {named.effect.kind for named in found.named} | {c.kind for group in found.added.aliases for c in group}
+    assert "range_offset" in kinds
+    for result in (right, found):
+        assert np.isfinite([c.distance for c in result.verified.before.curves]).all()
+        json.dumps(result.as_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize(("rows", "cols"), SHAPES)
+def test_the_panel_has_no_statistic_of_lines_that_are_not_there(rows: int, cols: int) -> None:
+    model = scene(rows=rows, cols=cols)
+    evidence = _record(model, MAKE["range_offset"](offset_mm=30.0), frames=900)  # 200 held-out samples a pixel
+    result = reconcile(model, evidence, Settings(kinds=("range_offset",)))
+    missing, there = ("row", "col") if rows == 1 else ("col", "row")
+    panel = result.verified.before
+    assert all(np.isfinite(curve.value).all() for curve in panel.curves)
+    assert _axes(panel, "common_mode") == set()  # lines of one pixel are too short, the other is the frame itself
+    # Neighbours along the line: of one row, those of the next column.
+    assert _axes(panel, "neighbour_correlation") == {there}
+    assert missing not in _axes(panel, "bias")
+    assert there in _axes(panel, "bias")
+    assert result.verified.verdict == "explained"
+
+
+def test_an_image_of_both_keeps_its_statistics() -> None:
+    model = scene(rows=12, cols=16)
+    panel = reconcile(model, _record(model), Settings(kinds=("range_offset",))).verified.before
+    for statistic in ("common_mode", "neighbour_correlation", "bias"):
+        assert {"row", "col"} <= _axes(panel, statistic)

@@ -1,0 +1,285 @@
+"""What `tofmix import` knows of the camera: its profile, its field of view, and what depths along z need."""
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tofmix.errors import BadInputError, UsageError
+
+if TYPE_CHECKING:
+    from tofmix.arrays import FloatArray
+    from tofmix.io.importers.base import FrameSource
+    from tofmix.io.importers.intrinsics import Calibration
+    from tofmix.pinhole import Pinhole
+    from tofmix.projection import Projection
+    from tofmix.sensor import Sensor
+    from tofmix.sensors.sheet import CameraSheet
+
+_INTRINSICS = 4
+_PAIR = re.compile(r"\s*([0-9.eE+-]+)\s*[x,]\s*([0-9.eE+-]+)\s*")
+_MOST_DEG = 360.0, 180.0
+_FLAT_DEG = 180.0
+"""A pinhole images less than that."""
+
+
+def camera_of(name: str | None) -> "CameraSheet":
+    """What is known of the camera that ``--sensor`` names; nothing without it.
+
+    Raises
+    ------
+    BadInputError
+        If there is no such file or built-in sensor, or the file describes none.
+    """
+    from tofmix.io.storage import read_text
+    from tofmix.sensors import PROFILES, load_sheet
+    from tofmix.sensors.profile_toml import parse_profile
+    from tofmix.sensors.sensor_file import parse_sensor
+    from tofmix.sensors.sheet import UNKNOWN
+    from tofmix.toml_table import parse_toml
+
+    if name is None:
+        return UNKNOWN
+    if name in PROFILES and not Path(name).is_file():
+        return load_sheet(name)
+    if not Path(name).exists():
+        raise BadInputError(f"--sensor: {name}: no such file, and not a built-in sensor ({', '.join(PROFILES)})")
+    text = read_text(Path(name))
+    return (parse_profile if "about" in parse_toml(text, source=name) else parse_sensor)(text, source=name)
+
+
+def sensor_of(camera: "CameraSheet", shape: tuple[int, int]) -> "Sensor":
+    """The camera as a recording of an image (rows, cols) describes it.
+
+    A projection is of an image of one size alone: where pixels of another look stays unknown.
+    """
+    sensor = camera.sensor()
+    if sensor.projection is None or (camera.rows or shape[0], camera.cols or shape[1]) == tuple(shape):
+        return sensor
+    return replace(sensor, projection=None)
+
+
+def view_of(text: str | None) -> tuple[float, float] | None:
+    """Field of view (horizontal, vertical), degrees, from a text such as 70x55.
+
+    Raises
+    ------
+    UsageError
+        If it is none.
+    """
+    if text is None:
+        return None
+    try:
+        found = _PAIR.fullmatch(text)
+        view = (float(found[1]), float(found[2])) if found else (0.0, 0.0)
+    except ValueError:
+        view = (0.0, 0.0)
+    if not all(0.0 < angle <= most for angle, most in zip(view, _MOST_DEG, strict=True)):
+        raise UsageError(f"--fov: {text!r} is not HxV in degrees, up to 360x180, such as 70x55")
+    return view
+
+
+def shape_of(text: str | None) -> tuple[int, int] | None:
+    """Rows and columns, from a text such as 8x8.
+
+    Raises
+    ------
+    UsageError
+        If it is none.
+    """
+    if text is None:
+        return None
+    found = re.fullmatch(r"\s*([0-9]{1,5})\s*x\s*([0-9]{1,5})\s*", text)
+    shape = (int(found[1]), int(found[2])) if found else (0, 0)
+    if min(shape) < 1:
+        raise UsageError(f"--shape: {text!r} is not ROWSxCOLS, such as 8x8")
+    return shape
+
+
+def intrinsics_of(text: str | None) -> "Pinhole | Calibration | None":
+    """Intrinsics from a text such as 210,210,88,72, in pixels, or from a calibration file that it names.
+
+    Raises
+    ------
+    UsageError
+        If it is neither, or PyYAML is missing.
+    BadInputError
+        If the file is no calibration, or the numbers are no camera's.
+    """
+    from tofmix.io.importers.intrinsics import read_calibration
+    from tofmix.pinhole import Pinhole
+
+    if text is None:
+        return None
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) == _INTRINSICS:
+        try:
+            return Pinhole(fx=numbers[0], fy=numbers[1], cx=numbers[2], cy=numbers[3])
+        except ValueError as error:
+            raise BadInputError(f"--intrinsics: {error}") from error
+    if numbers or not Path(text).exists():
+        raise UsageError(
+            f"--intrinsics: {text!r} is not FX,FY,CX,CY in pixels, such as 210,210,88,72, nor a calibration file"
+        )
+    return read_calibration(Path(text))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lens:
+    """What is said of the lens: intrinsics, and a field of view (horizontal, vertical) in degrees."""
+
+    intrinsics: "Pinhole | Calibration | None" = None
+    view_deg: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Geometry:
+    """What becomes of depths.
+
+    Parameters
+    ----------
+    factor : (row, col) float64 or None
+        Range along the beam over depth along z; None where depths are ranges.
+    sensor : Sensor
+        The camera with where its pixels look, as far as that is known.
+    text : str
+        The same in words.
+    notes : tuple of str
+        What the user should know.
+    """
+
+    factor: "FloatArray | None"
+    sensor: "Sensor"
+    text: str
+    notes: tuple[str, ...] = ()
+
+
+def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str | None, source: Path) -> Geometry:
+    """Settle how depths become ranges, and where pixels look.
+
+    The first of these that is known is used: ``--intrinsics``, ``--fov``, the intrinsics of the source, the sensor.
+    ``--fov`` is that of an ideal pinhole where depths are along z, else of equal angles.
+
+    Parameters
+    ----------
+    frames : FrameSource
+        The source.
+    sensor : Sensor
+        The camera, from ``--sensor`` or the source.
+    lens : Lens
+        What was said of the lens.
+    axis : {"z", "ray"} or None
+        ``--depth-axis``; without it, as the source's kind has it.
+    source : Path
+        For messages.
+
+    Raises
+    ------
+    BadInputError
+        If depths along z cannot become ranges, as the lens is not known, or the lens cannot be.
+    """
+    along_z = (axis or frames.depth_axis) == "z"
+    sensor, where = _with_optics(frames, sensor, lens, source, along_z=along_z)
+    shape = frames.shape[1:]
+    try:
+        optics = sensor.optics
+        if optics is not None:
+            optics.check(shape)
+        if not along_z:
+            otherwise = "" if axis else " (--depth-axis z if they are along z)"
+            return Geometry(factor=None, sensor=sensor, text=f"depths along the beam, taken as ranges{otherwise}")
+        if optics is None:
+            raise BadInputError(
+                f"{source}: depths along z are no ranges along the beam without the lens: give --intrinsics FX,FY,CX,CY"
+                " or --fov HxV, or --depth-axis ray if they are along the beam"
+            )
+        factor = ray_factor(optics, shape)
+    except ValueError as error:
+        raise BadInputError(f"{where}: {error}") from error
+    otherwise = "" if axis else " (--depth-axis ray if they are along the beam)"
+    by_view = lens.intrinsics is None and lens.view_deg is not None
+    how = _in_words(optics, shape, lens.view_deg if by_view else None)
+    return Geometry(factor=factor, sensor=sensor, text=f"depths along z made ranges by {how}{otherwise}")
+
+
+def ray_factor(optics: "Projection", shape: tuple[int, int]) -> "FloatArray":
+    """Range along the beam over depth along z (row, col) of an image's pixels.
+
+    Raises
+    ------
+    ValueError
+        If a pixel looks nowhere, or 90 degrees or more off the axis.
+    """
+    from tofmix.geometry import ray_over_depth
+    from tofmix.projection import beam_directions_of
+
+    return ray_over_depth(beam_directions_of(optics, shape))
+
+
+def _with_optics(
+    frames: "FrameSource", sensor: "Sensor", lens: Lens, source: Path, *, along_z: bool
+) -> "tuple[Sensor, str]":
+    """The camera with where its pixels look, and who says so."""
+    from tofmix.pinhole import Pinhole
+
+    rows, cols = frames.shape[1:]
+    pinhole, where = frames.pinhole, str(source)
+    if isinstance(lens.intrinsics, Pinhole):
+        pinhole, where = lens.intrinsics, "--intrinsics"
+    elif lens.intrinsics is not None:
+        if not lens.intrinsics.calibrated:
+            raise BadInputError(f"{lens.intrinsics.what}: not calibrated: a focal length is not above 0")
+        pinhole = lens.intrinsics.pinhole((rows, cols), rectified=frames.rectified)
+        where = lens.intrinsics.what
+    elif lens.view_deg is not None:
+        where = "--fov"
+        pinhole = _ideal(rows, cols, lens.view_deg) if along_z else None
+        if pinhole is None:
+            horizontal, vertical = lens.view_deg
+            return replace(sensor, fov_horizontal_deg=horizontal, fov_vertical_deg=vertical, projection=None), where
+    if pinhole is None:
+        return sensor, where
+    return replace(sensor, projection=pinhole, fov_horizontal_deg=None, fov_vertical_deg=None), where
+
+
+def _in_words(optics: "Projection", shape: tuple[int, int], view_deg: tuple[float, float] | None) -> str:
+    from tofmix.pinhole import Pinhole
+
+    if not isinstance(optics, Pinhole):
+        return f"field of view {optics.words(shape)}, equal angles"
+    how = "pinhole" if view_deg is None else f"an ideal pinhole of {view_deg[0]:g} x {view_deg[1]:g} degrees,"
+    lens = "" if not optics.distortion else f" distortion {' '.join(f'{k:g}' for k in optics.distortion)}"
+    return f"{how} fx {optics.fx:g} fy {optics.fy:g} cx {optics.cx:g} cy {optics.cy:g}{lens}"
+
+
+def _ideal(rows: int, cols: int, view_deg: tuple[float, float]) -> "Pinhole":
+    """A pinhole without distortion whose image's outer edges are at the field of view.
+
+    Raises
+    ------
+    UsageError
+        If no pinhole sees that much.
+    """
+    import math
+
+    from tofmix.pinhole import Pinhole
+
+    if max(view_deg) >= _FLAT_DEG:
+        raise UsageError(f"--fov: {view_deg[0]:g} x {view_deg[1]:g} degrees; a pinhole sees less than 180")
+    fx, fy = (size / 2 / math.tan(math.radians(angle) / 2) for size, angle in zip((cols, rows), view_deg, strict=True))
+    return Pinhole(fx=fx, fy=fy, cx=(cols - 1) / 2, cy=(rows - 1) / 2)
+
+
+def not_known(sensor: "Sensor", *, has_optics: bool) -> list[str]:
+    """What a recording does not say of its camera, and what needs it."""
+    missing = []
+    if not has_optics:
+        missing.append("field of view (export, map: --fov)")
+    if sensor.range_max_mm is None:
+        missing.append("largest range (share without a return)")
+    if sensor.noise is None:
+        missing.append("noise curve (estimate measures it)")
+    return missing

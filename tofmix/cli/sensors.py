@@ -1,0 +1,87 @@
+"""``tofmix sensors``: the built-in cameras."""
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tofmix.cli.options import examples, json_option
+from tofmix.errors import UsageError
+
+if TYPE_CHECKING:
+    from tofmix.sensors import CameraSheet
+
+
+@examples(
+    """
+tofmix sensors
+tofmix sensors vl53l5cx
+tofmix sensors azure-kinect-nfov --toml > camera.toml
+tofmix sensors --json
+"""
+)
+@click.command(short_help="List the built-in cameras, or print one.")
+@click.argument("name", required=False)
+@click.option(
+    "--toml", "as_toml", is_flag=True, help="Print the camera's file, to start one of your own for --sensor.",
+    allow_from_autoenv=False,
+)  # fmt: skip
+@json_option
+def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
+    """List the built-in cameras, or print what is known of the camera NAME and where each number is from.
+
+    Their names go with tofmix import --sensor, and as profile in a model. What is not
+    known of a camera is left out; --noise NAME and profile alone in a model need one
+    with a noise curve.
+    """
+    from tofmix.sensors import PROFILES, load_sheet
+
+    if name is None:
+        if as_toml:
+            raise UsageError("--toml prints one camera; name it")
+        sheets = {key: load_sheet(key) for key in PROFILES}
+        click.echo("\n".join(json.dumps(_as_dict(*item)) for item in sheets.items()) if as_json else _table(sheets))
+        return
+    if as_toml and as_json:
+        raise UsageError("--toml and --json are two ways to print a camera; choose one")
+    sheet = load_sheet(name)
+    if as_toml:
+        from tofmix.sensors import profile_text
+
+        click.echo(profile_text(name), nl=False)
+    elif as_json:
+        click.echo(json.dumps(_as_dict(name, sheet)))
+    else:
+        from tofmix.report.descriptions import describe_sensor, format_description
+
+        click.echo(format_description(describe_sensor(sheet, name=name)))
+
+
+def _as_dict(name: str, sheet: "CameraSheet") -> dict[str, Any]:
+    """What is known of a camera, for JSON; None where it is not."""
+    noise = sheet.noise
+    return {
+        "profile": name, "name": sheet.name, "rows": sheet.rows, "cols": sheet.cols,
+        "fov_horizontal_deg": sheet.fov_horizontal_deg, "fov_vertical_deg": sheet.fov_vertical_deg,
+        "range_min_mm": sheet.range_min_mm, "range_max_mm": sheet.range_max_mm,
+        "modulation_frequency_hz": sheet.modulation_frequency_hz, "integration_time_ms": sheet.integration_time_ms,
+        "outlier_probability": sheet.outlier_probability,
+        "noise_range_mm": None if noise is None else noise.range_mm.tolist(),
+        "noise_sigma_mm": None if noise is None else noise.sigma_mm.tolist(),
+        "reference_integration_time_ms": sheet.reference_integration_time_ms, "exponent": sheet.exponent,
+        "confirmed": sheet.confirmed, "sources": list(sheet.sources),
+    }  # fmt: skip
+
+
+def _table(sheets: "dict[str, CameraSheet]") -> str:
+    lines = [f"{'profile':<26}{'rows x cols':<13}{'view, degrees':<15}{'range':<16}{'noise':<7}camera"]
+    for name, sheet in sheets.items():
+        size = "-" if sheet.rows is None else f"{sheet.rows} x {sheet.cols}"
+        view = "-"
+        if sheet.fov_horizontal_deg is not None:
+            view = f"{sheet.fov_horizontal_deg:g} x {sheet.fov_vertical_deg:g}"
+        ends = [None if end is None else f"{end / 1000:g}" for end in (sheet.range_min_mm, sheet.range_max_mm)]
+        reach = "-" if ends == [None, None] else f"{ends[0] or '?'} to {ends[1] or '?'} m"
+        noise = "-" if sheet.noise is None else "yes"
+        lines.append(f"{name:<26}{size:<13}{view:<15}{reach:<16}{noise:<7}{sheet.name}")
+    return "\n".join(lines)

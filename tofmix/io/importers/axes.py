@@ -1,0 +1,104 @@
+"""Orders of axes: what an array of a file is, and how it becomes a stack of images."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.errors import BadInputError, UsageError
+from tofmix.recording import MOST_TARGETS
+
+FRAMES_FIRST = "frame,row,col"
+FRAMES_LAST = "row,col,frame"
+WITH_TARGETS = "frame,target,row,col"
+IMAGE = ("row", "col")
+_KNOWN = ("frame", "target", *IMAGE)
+_IMAGE_DIMENSIONS, _STACK_DIMENSIONS = 2, 3
+
+
+def check_axes(text: str) -> str:
+    """The order of axes as it was asked for, without blanks.
+
+    Raises
+    ------
+    UsageError
+        If it is no order of frame, row and col, with or without target.
+    """
+    names = [name.strip() for name in text.split(",")]
+    if len(set(names)) < len(names) or not {"frame", *IMAGE} <= set(names) <= set(_KNOWN):
+        raise UsageError(f"--axes: {text!r} is no order of frame, row and col, with or without target")
+    return ",".join(names)
+
+
+def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | None, what: object) -> tuple[str, ...]:
+    """Names of the axes of an array.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        The array's.
+    asked : str, optional
+        What `check_axes` returned.
+    image : (int, int), optional
+        Rows and columns, where the zones of a frame lie in one axis; the axis is then ``zone``.
+    what : object
+        The array, for messages.
+
+    Raises
+    ------
+    BadInputError
+        If the array has another number of axes, or they cannot be told.
+    """
+    if len(shape) == _IMAGE_DIMENSIONS:
+        if image is not None and shape != image and asked is None:
+            if shape[1] != image[0] * image[1]:
+                raise BadInputError(f"{what}: frames of {shape[1]} values are no {image[0]} x {image[1]} pixels")
+            return ("frame", "zone")
+        return IMAGE
+    if asked is not None:
+        names = tuple(asked.split(","))
+        if len(names) != len(shape):
+            raise BadInputError(f"{what}: shape {shape} has {len(shape)} axes, --axes names {len(names)}")
+        return names
+    if len(shape) == len(_KNOWN):
+        raise BadInputError(f"{what}: shape {shape}: say which axis is which, such as --axes {WITH_TARGETS}")
+    if len(shape) != _STACK_DIMENSIONS:
+        raise BadInputError(f"{what}: expected (frame, row, col), got shape {shape}")
+    return tuple(FRAMES_FIRST.split(","))
+
+
+def stack_shape(
+    shape: tuple[int, ...], names: tuple[str, ...], image: tuple[int, int] | None, what: object
+) -> tuple[int, int, tuple[int, int]]:
+    """Frames, targets (0 without such an axis) and (rows, columns) of an array with these axes.
+
+    Raises
+    ------
+    BadInputError
+        If it holds no sample, or more targets than any sensor returns.
+    """
+    by_name = dict(zip(names, shape, strict=True))
+    if 0 in shape:
+        raise BadInputError(f"{what}: expected (frame, row, col), got shape {shape}")
+    if "zone" in by_name and image is not None:
+        by_name["row"], by_name["col"] = image
+    targets = by_name.get("target", 0)
+    if targets > MOST_TARGETS:
+        raise BadInputError(f"{what}: {targets} targets; no more than {MOST_TARGETS}")
+    return by_name.get("frame", 1), targets, (by_name["row"], by_name["col"])
+
+
+def as_stack(array: NDArray[Any], names: tuple[str, ...], image: tuple[int, int] | None, what: object) -> NDArray[Any]:
+    """View an array as (frame, row, col), or as (frame, target, row, col) where it has targets.
+
+    Raises
+    ------
+    BadInputError
+        As `stack_shape`.
+    """
+    frames, _, pixels = stack_shape(array.shape, names, image, what)
+    if "zone" in names:
+        return array.reshape(frames, *pixels)
+    order = [names.index(name) for name in _KNOWN if name in names]
+    ordered = np.transpose(array, order)
+    return ordered if "frame" in names else ordered[np.newaxis]

@@ -1,0 +1,235 @@
+"""Intrinsics of a camera as ROS has them: `sensor_msgs/CameraInfo` of bags, and calibration files in YAML.
+
+`Calibration.pinhole` makes of either what a recording has: the pinhole of the images that
+are imported. The rules are those of ROS's `image_geometry`: what holds at full resolution
+is moved by the region of interest, then divided by the binning.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tofmix.errors import BadInputError
+from tofmix.io.extras import need
+from tofmix.io.importers.base import foreign
+from tofmix.io.storage import read_text
+from tofmix.pinhole import DISTORTION_LENGTHS, Pinhole
+
+MODELS = ("plumb_bob", "rational_polynomial")
+"""Distortion models of ROS that are OpenCV's pinhole with k1 k2 p1 p2 k3 and with k4 k5 k6 too."""
+
+_MOST_CHARACTERS = 1_000_000
+_MATRIX, _PROJECTION = 9, 12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibration:
+    """A calibrated camera, and the window of its sensor that images show.
+
+    Parameters
+    ----------
+    what : str
+        Where it is from, for messages.
+    image : (int, int) or None
+        Rows and columns at full resolution; None if they are not said.
+    matrix : tuple of float
+        K, 3 x 3 in rows: of images as the lens makes them.
+    distortion : tuple of float
+        D of these images.
+    model : str
+        Name of the distortion model; empty if none is said.
+    projection : tuple of float
+        P, 3 x 4 in rows: of rectified images; empty if not known.
+    region : (int, int, int, int)
+        First row, first column, rows and columns of the region of interest at full resolution; no rows and columns
+        for the whole image.
+    binning : (int, int)
+        Pixels that are joined, down and across.
+    """
+
+    what: str
+    image: tuple[int, int] | None
+    matrix: tuple[float, ...]
+    distortion: tuple[float, ...] = ()
+    model: str = ""
+    projection: tuple[float, ...] = ()
+    region: tuple[int, int, int, int] = (0, 0, 0, 0)
+    binning: tuple[int, int] = (1, 1)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether a focal length is known: an uncalibrated camera has zeros."""
+        return min(self.matrix[0], self.matrix[4]) > 0 or self._rectified_focal() > 0
+
+    def _rectified_focal(self) -> float:
+        return min(self.projection[0], self.projection[5]) if self.projection else 0.0
+
+    def size(self) -> tuple[int, int] | None:
+        """Rows and columns of the images: the region, or all, divided by the binning; None if not known."""
+        rows, cols = self.region[2:] if self.region[2] and self.region[3] else (self.image or (0, 0))
+        return (rows // self.binning[0], cols // self.binning[1]) if rows and cols else None
+
+    def pinhole(self, shape: tuple[int, int], *, rectified: bool) -> Pinhole:
+        """The pinhole of images.
+
+        Parameters
+        ----------
+        shape : (int, int)
+            Their rows and columns.
+        rectified : bool
+            Whether they are rectified: then by P and without distortion, or by K where there is no P; else by K and D.
+
+        Raises
+        ------
+        BadInputError
+            If they are of another size, the model is no pinhole's, or a number is out of its bounds.
+        """
+        size = self.size()
+        if size is not None and size != tuple(shape):
+            raise BadInputError(
+                f"{self.what}: describes {size[0]} x {size[1]} pixels, the depths have {shape[0]} x {shape[1]}"
+            )
+        by_projection = rectified and self._rectified_focal() > 0
+        at = (0, 5, 2, 6) if by_projection else (0, 4, 2, 5)
+        fx, fy, cx, cy = (float((self.projection if by_projection else self.matrix)[k]) for k in at)
+        top, left, _, _ = self.region
+        down, across = self.binning
+        try:
+            return Pinhole(
+                fx=fx / across, fy=fy / down, cx=(cx - left) / across, cy=(cy - top) / down,
+                distortion=() if rectified else self._coefficients(),
+            )  # fmt: skip
+        except ValueError as error:
+            raise BadInputError(f"{self.what}: {error}") from error
+
+    def _coefficients(self) -> tuple[float, ...]:
+        """D as a pinhole takes it; none where it is all zeros."""
+        if not any(self.distortion):
+            return ()
+        if self.model and self.model not in MODELS:
+            raise BadInputError(
+                f"{self.what}: distortion model {' '.join(self.model.split())} is not a pinhole's;"
+                f" {' and '.join(MODELS)} are read: rectify the images, or say the lens by --intrinsics FX,FY,CX,CY or"
+                " --fov HxV"
+            )
+        longest = max(DISTORTION_LENGTHS)
+        if any(self.distortion[longest:]):
+            raise BadInputError(
+                f"{self.what}: distortion of {len(self.distortion)} numbers: thin prisms and tilted sensors are not"
+                " read"
+            )
+        fits = [n for n in DISTORTION_LENGTHS if n >= len(self.distortion[:longest])]
+        return (*self.distortion[:longest], *(0.0,) * (fits[0] - len(self.distortion[:longest])))
+
+
+def from_camera_info(message: Any, what: str) -> Calibration:  # noqa: ANN401  a ROS message
+    """Take a `sensor_msgs/CameraInfo` of ROS 1 or 2.
+
+    Raises
+    ------
+    BadInputError
+        If a matrix has another size, or a number is not finite.
+    """
+    roi = message.roi
+    return _calibration(
+        what, image=(int(message.height), int(message.width)), matrix=_either(message, "k"),
+        distortion=_either(message, "d"), model=str(message.distortion_model), projection=_either(message, "p"),
+        region=(int(roi.y_offset), int(roi.x_offset), int(roi.height), int(roi.width)),
+        binning=(int(message.binning_y), int(message.binning_x)),
+    )  # fmt: skip
+
+
+def _either(message: Any, key: str) -> Any:  # noqa: ANN401  a ROS message
+    """A matrix by its name in ROS 2 (small) or ROS 1 (capital)."""
+    return getattr(message, key, None) if hasattr(message, key) else getattr(message, key.upper(), ())
+
+
+def _calibration(
+    what: str, *, image: tuple[int, int] | None, matrix: object, distortion: object, model: str, projection: object,
+    region: tuple[int, int, int, int] = (0, 0, 0, 0), binning: tuple[int, int] = (0, 0),
+) -> Calibration:  # fmt: skip
+    k, d, p = (_numbers(values, what) for values in (matrix, distortion, projection))
+    if len(k) != _MATRIX or len(p) not in (0, _PROJECTION):
+        raise BadInputError(f"{what}: a camera matrix of {len(k)} and a projection of {len(p)} numbers, not 9 and 12")
+    if min(*region, *binning) < 0:
+        raise BadInputError(f"{what}: its region of interest or its binning is negative")
+    return Calibration(
+        what=what, image=image if image and min(image) > 0 else None, matrix=k, distortion=d, model=model,
+        projection=p, region=region, binning=(max(1, binning[0]), max(1, binning[1])),
+    )  # fmt: skip
+
+
+def _numbers(values: object, what: str) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(value) for value in np.asarray(values, dtype=np.float64).ravel())
+    except (TypeError, ValueError):
+        raise BadInputError(f"{what}: a matrix of the camera is not made of numbers") from None
+    if not all(math.isfinite(number) for number in numbers):
+        raise BadInputError(f"{what}: a matrix of the camera is not finite")
+    return numbers
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read a calibration file: of ROS's `camera_calibration`, a `CameraInfo` as text, or OpenCV's own YAML.
+
+    Raises
+    ------
+    UsageError
+        If PyYAML is not installed.
+    BadInputError
+        If it cannot be read, is no YAML, or has no camera matrix.
+    """
+    text = read_text(path)
+    if len(text) > _MOST_CHARACTERS:
+        raise BadInputError(f"{path}: {len(text):,} characters; a calibration has no more than {_MOST_CHARACTERS:,}")
+    with foreign(path):
+        found = _parse(text)
+    if not isinstance(found, Mapping):
+        raise BadInputError(f"{path}: not a calibration: no table of keys")
+    matrix = _first(found, "camera_matrix", "k", "K")
+    if matrix is None:
+        raise BadInputError(f"{path}: not a calibration: it has no camera_matrix (nor K)")
+    size = _first(found, "image_height", "height"), _first(found, "image_width", "width")
+    roi = found.get("roi")
+    roi = roi if isinstance(roi, Mapping) else {}
+    region = [_whole(roi.get(key), path) for key in ("y_offset", "x_offset", "height", "width")]
+    rows, cols = (_whole(value, path) for value in size)
+    return _calibration(
+        str(path), image=(rows, cols), matrix=_flat(matrix),
+        distortion=_flat(_first(found, "distortion_coefficients", "d", "D")),
+        model=str(found.get("distortion_model") or ""), projection=_flat(_first(found, "projection_matrix", "p", "P")),
+        region=(region[0], region[1], region[2], region[3]),
+        binning=(_whole(found.get("binning_y"), path), _whole(found.get("binning_x"), path)),
+    )  # fmt: skip
+
+
+def _parse(text: str) -> Any:  # noqa: ANN401  what YAML holds
+    """Plain values of YAML, without what OpenCV adds to it: its own first line and the tag of its matrices."""
+    yaml = need("yaml", extra="ros", what="a calibration in YAML")
+    first, _, rest = text.partition("\n")
+    return yaml.safe_load((rest if first.startswith("%YAML:") else text).replace("!!opencv-matrix", ""))
+
+
+def _first(found: Mapping[str, Any], *keys: str) -> Any:  # noqa: ANN401  what YAML holds
+    return next((found[key] for key in keys if found.get(key) is not None), None)
+
+
+def _flat(value: Any) -> Any:  # noqa: ANN401  what YAML holds
+    """Numbers of a matrix: a table with `data`, or a list, perhaps of rows."""
+    if isinstance(value, Mapping):
+        value = value.get("data")
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [number for row in value for number in (row if isinstance(row, list) else [row])]
+    return () if value is None else value
+
+
+def _whole(value: Any, path: Path) -> int:  # noqa: ANN401  what YAML holds
+    if value is None:
+        return 0
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise BadInputError(f"{path}: {' '.join(str(value).split())[:40]!r} is not a whole number of pixels")
+    return value

@@ -1,0 +1,55 @@
+"""Units of length as files and people write them, and numbers that look like metres."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.errors import BadInputError
+from tofmix.sensor import Sensor
+
+UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+"""mm of one unit."""
+
+_SPELT = {
+    "millimeter": "mm", "millimetre": "mm", "millimeters": "mm", "millimetres": "mm",
+    "centimeter": "cm", "centimetre": "cm", "centimeters": "cm", "centimetres": "cm",
+    "meter": "m", "metre": "m", "meters": "m", "metres": "m",
+}  # fmt: skip
+
+LEAST_MEDIAN_MM = 50.0
+"""Real numbers with a smaller median are hardly mm: no such camera works nearer than that; in metres it is 50 m."""
+
+_OF_RANGE_MIN = 0.1
+"""A median below this share of the shortest range is not in mm either."""
+
+
+def unit_mm_of(text: str) -> float | None:
+    """Length of the unit that a text names, mm; None if it is not known."""
+    name = text.strip()
+    return UNITS_MM.get(_SPELT.get(name.lower(), name))
+
+
+def refuse_metres(range_mm: NDArray[Any], sensor: Sensor, what: object) -> None:
+    """Refuse ranges that are hardly mm, where nobody says what their unit is.
+
+    Parameters
+    ----------
+    range_mm : array of float
+        Ranges, taken as mm; NaN where invalid, but not everywhere.
+    sensor : Sensor
+        For its shortest range.
+    what : object
+        The source, for messages.
+
+    Raises
+    ------
+    BadInputError
+        If their median is below 50, or below a tenth of `range_min_mm`.
+    """
+    median = float(np.nanmedian(range_mm))
+    if median < max(LEAST_MEDIAN_MM, _OF_RANGE_MIN * (sensor.range_min_mm or 0.0)):
+        raise BadInputError(
+            f"{what}: no unit is given, and half of the values are below {median:.3g}: hardly mm;"
+            " give --units m, or --units mm if they are"
+        )

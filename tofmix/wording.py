@@ -1,0 +1,44 @@
+"""Numbers in texts: a count with its noun, and numbers that are never ``-0``."""
+
+import math
+
+
+def counted(count: int, noun: str, form: str = "") -> str:
+    """A count and its noun, in the plural but for 1.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    noun : str
+        One of them; its plural ends in s.
+    form : str
+        Format of the count, such as ``,``.
+
+    Returns
+    -------
+    str
+        Such as ``1 frame`` or ``2 frames``.
+    """
+    return f"{count:{form}} {noun}{'' if count == 1 else 's'}"
+
+
+def number(value: float, form: str = "") -> str:
+    """Format a number; what is rounded to zero has no sign.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+    form : str
+        Format, such as ``.2f`` or ``+.3g``.
+
+    Returns
+    -------
+    str
+        Such as ``0.00`` for -0.001 and ``.2f``.
+    """
+    text = f"{value:{form}}"
+    if not math.isfinite(value) or any(digit in text for digit in "123456789"):
+        return text
+    return f"{0.0:{form.replace('+', '')}}" if form else text.replace("-", "")
