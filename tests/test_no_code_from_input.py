@@ -22,8 +22,8 @@ STARTS_PROGRAMS = {"io/guard.py", "io/importers/matlab.py"}
 CALLS_C = {"io/hdf5_memory.py"}
 """Modules that call C themselves: one function of the HDF5 library that h5py has loaded."""
 
-IMPORTS_BY_NAME = {"io/extras.py", "report/figures.py"}
-"""Optional libraries and backends, by names that stand in our own code."""
+IMPORTS_BY_NAME = {"__init__.py", "io/extras.py", "report/figures.py"}
+"""Optional libraries, backends and the public names of the package, by names that stand in our own code."""
 
 
 @cache

@@ -182,6 +182,9 @@ class Sensor:
         Where the pixels look, if not by the field of view.
     outlier_probability : float
         p(c_r) of equation (1), in [0, 1).
+    no_return_mm : float or None
+        The one value that the camera returns where there is no surface, mm; None: samples without a return scatter
+        around `range_max_mm` as those of a surface there do.
     noise : NoiseCurve or None
         sigma(r) at `integration_time_ms`.
 
@@ -200,6 +203,7 @@ class Sensor:
     fov_vertical_deg: float | None = None
     projection: Projection | None = None
     outlier_probability: float = DEFAULT_OUTLIER_PROBABILITY
+    no_return_mm: float | None = None
     noise: NoiseCurve | None = None
 
     def __post_init__(self) -> None:
@@ -214,6 +218,8 @@ class Sensor:
             raise ValueError(f"range_min_mm: {self.range_min_mm} is not finite")
         if self.range_max_mm is not None and (self.range_min_mm or 0.0) >= self.range_max_mm:
             raise ValueError(f"range_min_mm: {self.range_min_mm} is not below range_max_mm {self.range_max_mm}")
+        if self.no_return_mm is not None and not math.isfinite(self.no_return_mm):
+            raise ValueError(f"no_return_mm: {self.no_return_mm} is not finite")
         if not 0 <= self.outlier_probability < 1:
             raise ValueError(f"outlier_probability: {self.outlier_probability} is not in [0, 1)")
 

@@ -29,7 +29,7 @@ CAMERA = Sensor(name="unit", range_min_mm=0.0, noise=NoiseCurve(np.array([10000.
 @jit
 def _gains(samples: FloatArray, beam: Beam, out: FloatArray) -> None:
     work = new_workshop(8, samples.shape[1])
-    fit, rules = work.fit, Rules(LEAST_GAIN, 1.0, 8)
+    fit, rules = work.fit, Rules(LEAST_GAIN, 1.0, 8, 0.0)
     once = np.ones(samples.shape[1])
     for pixel in range(samples.shape[0]):
         data = Readings(samples[pixel], once, float(samples.shape[1]))

@@ -1,5 +1,7 @@
 """From samples to layers: invariants that hold for any samples, and what each status means."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from drawing import draw
@@ -103,11 +105,53 @@ def test_not_converged_says_so(rng: np.random.Generator) -> None:
     assert layers.n_iter.max() <= 2
 
 
-def test_a_surface_near_the_end_of_the_range_is_no_return(rng: np.random.Generator) -> None:
-    samples = draw(rng, CAMERA, ranges_mm=[5800], shares=[1.0], n=100, pixels=50)
+def test_wall_near_the_end_of_the_range_is_one_surface_where_its_mean_tells(rng: np.random.Generator) -> None:
+    """At 5800 mm, one sigma before r_max, 100 samples tell: ten standard errors."""
+    samples = draw(rng, CAMERA, ranges_mm=[5800], shares=[1.0], n=100, pixels=sized(200, 20))
     layers = layer_pixels(samples, CAMERA)
-    assert not layers.n_modes.any()
-    assert not layers.n_peaks.any()
+    assert np.mean(layers.n_modes == 1) > sized(0.98, 0.94)
+    found = layers.range[layers.n_modes == 1, 0]
+    assert abs(found.mean() - 5800) < 10
+    assert np.median(layers.weight_no_return) == 0.0
+    assert not layers.n_peaks.any()  # a peak there belongs to c_0
+
+
+def test_wall_near_the_end_of_the_range_is_no_return_by_the_papers_procedure(rng: np.random.Generator) -> None:
+    samples = draw(rng, CAMERA, ranges_mm=[5800], shares=[1.0], n=100, pixels=20)
+    assert not layer_pixels(samples, CAMERA, EstimateOptions(refine="none")).n_modes.any()
+
+
+def test_wall_within_two_standard_errors_of_the_end_of_the_range_is_no_return(rng: np.random.Generator) -> None:
+    samples = draw(rng, CAMERA, ranges_mm=[5970], shares=[1.0], n=100, pixels=sized(200, 20))
+    assert np.mean(layer_pixels(samples, CAMERA).n_modes == 0) > 0.9
+
+
+def test_wall_and_no_return_four_sigma_apart_are_both_found_with_their_shares(rng: np.random.Generator) -> None:
+    samples = draw(rng, CAMERA, ranges_mm=[5200], shares=[0.7], n=100, pixels=sized(200, 20))
+    layers = layer_pixels(samples, CAMERA)
+    both = (layers.n_modes == 1) & (layers.weight_no_return > 0)
+    assert both.mean() > 0.95
+    assert layers.weight_no_return[both].mean() == pytest.approx(0.3, abs=0.03)
+
+
+def test_probability_of_a_surface_near_the_end_of_the_range_is_low_where_c_0_explains_it_nearly_as_well(
+    rng: np.random.Generator,
+) -> None:
+    far = layer_pixels(draw(rng, CAMERA, ranges_mm=[5600], shares=[1.0], n=60, pixels=sized(100, 10)), CAMERA)
+    near = layer_pixels(draw(rng, CAMERA, ranges_mm=[5905], shares=[1.0], n=60, pixels=sized(400, 100)), CAMERA)
+    found = near.n_modes == 1
+    assert found.any()
+    assert np.median(far.probability[:, 0]) > 0.99999
+    assert np.median(near.probability[found, 0]) < 0.99999
+
+
+def test_camera_that_returns_a_constant_has_walls_right_beside_it(rng: np.random.Generator) -> None:
+    """c_0 is a needle at 6000 mm: a wall at 5900 mm and 40 % of no return are told apart."""
+    samples = draw(rng, CAMERA, ranges_mm=[5900], shares=[1.0], n=80, pixels=sized(100, 20))
+    samples[rng.random(samples.shape) < 0.4] = 6000.0
+    layers = layer_pixels(samples, replace(CAMERA, no_return_mm=6000.0))
+    assert np.mean(layers.n_modes == 1) > 0.95
+    assert layers.weight_no_return.mean() == pytest.approx(0.4, abs=0.04)
 
 
 def test_without_range_max_a_far_surface_is_a_surface(rng: np.random.Generator) -> None:

@@ -17,7 +17,7 @@ from tofmix.estimation.settings import MODE_TIED
 from tofmix.sensor import Sensor
 
 LEAST = 5.8
-ALL = Rules(0.0, 1.0, 8)
+ALL = Rules(0.0, 1.0, 8, 0.0)
 
 
 def _fitted(column: np.ndarray, start: list[float], sensor: Sensor) -> tuple[Readings, Beam, Workshop]:

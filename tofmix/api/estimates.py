@@ -206,6 +206,7 @@ def estimate(
     BadInputError
         If the file cannot be read, or its samples do not tell the noise.
     """
+    from tofmix.estimation.no_return import no_return_constant
     from tofmix.estimation.sequence import estimate_layers
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.windows import plan_windows
@@ -217,6 +218,10 @@ def estimate(
     sensor = _sensor(source, asked, outliers, options)
     source = source.with_sensor(sensor)
     of_samples = windows.of_samples(max(1, source.targets))
+    with source.opened() as samples:
+        if options.unambiguous_range_mm is None and not options.paper and sensor.no_return_mm is None:
+            sensor = replace(sensor, no_return_mm=no_return_constant(samples))
+    source = source.with_sensor(sensor)
     with source.opened() as samples:
         layers = estimate_layers(samples, options, windows=of_samples, workers=workers or os.cpu_count() or 1)
     said = {"noise": asked if isinstance(asked, str) else "given", "outliers": outliers}

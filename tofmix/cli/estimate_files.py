@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import is_quiet, progress_bar
+from tofmix.cli.options import is_quiet, note, progress_bar
 from tofmix.cli.recording_check import check_not_averaged, findings_of_samples, opened_recording
 from tofmix.cli.sensor_choice import circle_of, noise_choice, sensor_for
 from tofmix.errors import ExitCode, StorageError, TofmixError, UsageError, os_error_text
@@ -212,7 +212,21 @@ def _settled(source: "RecordingFile", request: Request, noise: str, bar: "tqdm[A
         source.sensor = sensor_for(
             source, noise=noise, outliers=request.outliers, circle_mm=options.unambiguous_range_mm
         )
+        if options.unambiguous_range_mm is None and not options.paper:
+            source.sensor = replace(source.sensor, no_return_mm=_no_return(source))
     return options
+
+
+def _no_return(source: "RecordingFile") -> float | None:
+    """The file's constant of samples without a return, or the one that its samples show."""
+    from tofmix.estimation.no_return import no_return_constant
+
+    if source.sensor.no_return_mm is not None:
+        return source.sensor.no_return_mm
+    found = no_return_constant(source)
+    if found is not None:
+        note(f"{source.path}: range: {found:g} mm stands for no return; it is taken as a constant without noise")
+    return found
 
 
 def _say(bar: "tqdm[Any]", text: str) -> None:

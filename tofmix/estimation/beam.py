@@ -13,6 +13,9 @@ from tofmix.sensor import Sensor
 NO_RETURN_REACH = 6.0
 """Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""
 
+CONSTANT_SIGMA_MM = 0.5
+"""Spread of c_0, mm, where the camera returns one value for it: half a step of whole mm."""
+
 _SMALLEST_OUTLIER_PROBABILITY = 1.0e-12
 
 
@@ -31,7 +34,9 @@ class Beam(NamedTuple):
     """The fixed part of equation (1), in mm, as the kernels read it.
 
     `range_max` is infinite where the sensor has no such limit; there is no c_0 then.
-    What lies past `no_return_from`, up to `no_return_to`, is c_0; the latter is infinite but on a circle.
+    c_0 stands at `range_max` with the spread `sigma_max`: sigma(r_max), or where the camera returns a constant, that
+    and its spread. A peak past `no_return_from`, up to `no_return_to`, belongs to c_0; the latter is infinite but on a
+    circle. No surface lies past `surface_end`, the sensor's r_max, up to there.
     `outlier_density` is p(c_r) / (range_max - range_min), 1/mm. `range_min` and `range_top`, always
     finite, are the ends of that interval: the working range, or what stands in for it. `own` are the curves of single
     pixels, for `pixel_noise.beam_of_pixel` to put in the place of the common one.
@@ -43,6 +48,7 @@ class Beam(NamedTuple):
     sigma_max: float
     no_return_from: float
     no_return_to: float
+    surface_end: float
     p_outlier: float
     outlier_density: float
     range_min: float
@@ -57,8 +63,14 @@ def no_own_curves() -> OwnCurves:
 
 @borrowing
 def is_no_return(range_mm: float, beam: Beam) -> bool:
-    """Whether a surface there would be c_0."""
+    """Whether a peak there belongs to c_0: where a count starts, and all that the paper's procedure has."""
     return beam.no_return_from < range_mm <= beam.no_return_to
+
+
+@borrowing
+def is_beyond(range_mm: float, beam: Beam) -> bool:
+    """Whether it is beyond the working range, where no surface is found."""
+    return beam.surface_end < range_mm <= beam.no_return_to
 
 
 @borrowing
@@ -103,14 +115,15 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fol
         raise ValueError(f"range_min_mm {low:g} is not below the last range {high:g} of the noise curve")
     range_max = np.inf if sensor.range_max_mm is None else sensor.range_max_mm
     sigma_max = float(sensor.noise.sigma(high))
-    p_outlier = sensor.outlier_probability
+    p_outlier, constant = sensor.outlier_probability, sensor.no_return_mm
     return Beam(
         curve_range=np.array(sensor.noise.range_mm),
         curve_sigma=np.array(sensor.noise.sigma_mm),
-        range_max=float(range_max),
-        sigma_max=sigma_max,
+        range_max=float(range_max) if constant is None else constant,
+        sigma_max=sigma_max if constant is None else CONSTANT_SIGMA_MM,
         no_return_from=float(range_max - NO_RETURN_SIGMAS * sigma_max),
         no_return_to=np.inf,
+        surface_end=float(range_max),
         p_outlier=p_outlier,
         # With p(c_r) = 0 a sample far from every surface would have no likelihood at all.
         outlier_density=max(p_outlier, _SMALLEST_OUTLIER_PROBABILITY) / (high - low),
@@ -137,6 +150,7 @@ def _circular_beam(sensor: Sensor, length: float, *, at_fold: bool) -> Beam:
         sigma_max=sigma_max,
         no_return_from=range_max - NO_RETURN_SIGMAS * sigma_max,
         no_return_to=range_max + NO_RETURN_SIGMAS * sigma_max if math.isfinite(range_max) else math.inf,
+        surface_end=range_max,
         p_outlier=sensor.outlier_probability,
         outlier_density=max(sensor.outlier_probability, _SMALLEST_OUTLIER_PROBABILITY) / spread,
         range_min=low,

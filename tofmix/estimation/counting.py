@@ -11,12 +11,13 @@ import math
 from typing import NamedTuple
 
 from tofmix.estimation.acceleration import maximise_likelihood
-from tofmix.estimation.beam import Beam, is_no_return
+from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, is_no_return
 from tofmix.estimation.components import (
     GAIN,
     MEAN,
     MOMENT_2,
     OTHER,
+    SHARE,
     SIGMA,
     SPARE,
     SUPPORT,
@@ -28,6 +29,7 @@ from tofmix.estimation.components import (
     copy_components,
     new_components,
     new_room,
+    no_return_row,
     remove_surface,
 )
 from tofmix.estimation.curve import sigma_at
@@ -59,12 +61,17 @@ ORPHAN_SIGMAS = 3.0
 SPLIT_SIGMAS = 0.8
 """Half the distance, in sigmas, at which a trial splits one surface in two equal ones."""
 
+MOVED_SHARE = 0.9
+"""Part of c_0 that a trial gives to a surface in its place: EM moves a share of 0 no more."""
+
 ALONE_SIGMAS = 4.0
 SCAN_SIGMAS = 4.0
 MOST_BY_CHANCE = 12.0
 """A surface this far from all others may be outliers that fell together, if it holds fewer samples than that;
 those of one surface lie within `SCAN_SIGMAS`."""
 
+
+_STEEPEST, _SPLIT, _MOVED = 0, 1, 2  # starts of one surface more
 
 BY_CHANCE = 0.1
 """Part of the wanted false alarms that heaps of outliers may add: `false_alarms` has used up the rest."""
@@ -74,11 +81,15 @@ PROMISE = 0.4
 
 
 class Rules(NamedTuple):
-    """When a surface stands: the least gain, nat, the wanted chance of a false alarm, and the most layers."""
+    """When a surface stands: the least gain, nat, the wanted chance of a false alarm, and the most layers.
+
+    `no_return_gain`, nat, is what c_0 must gain beside a surface.
+    """
 
     least_gain: float
     false_alarm: float
     max_layers: int
+    no_return_gain: float
 
 
 class Workshop(NamedTuple):
@@ -104,7 +115,7 @@ def _most_orphans(data: Readings, k: int, fit: Components, beam: Beam, room: Roo
     mix(data, k, fit, beam, room)
     orphans, counts, n = room[SPARE], room[OTHER], 0
     for j in range(len(data.value)):
-        if beam.outlier_density > 0.5 * room[TOTAL, j] and not is_no_return(data.value[j], beam):
+        if beam.outlier_density > 0.5 * room[TOTAL, j] and not is_beyond(data.value[j], beam):
             orphans[n], counts[n] = data.value[j], data.times[j]
             n += 1
     most, place, first, stop = 0.0, 0.0, 0, 0
@@ -181,9 +192,13 @@ def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules:
 
 @borrowing
 def drop_unsupported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> int:
-    """Take out what is no surface: those that belong to c_0, the weakest without support, outliers by chance."""
+    """Take out what is no surface: those beyond the working range, the weakest without support, outliers by chance.
+
+    Where peaks are surfaces, the rule for peaks tells those of c_0; else the likelihood does.
+    """
     for i in range(k - 1, -1, -1):
-        if is_no_return(fit[MEAN, i], beam):
+        by_likelihood = rules.false_alarm < 1.0
+        if is_beyond(fit[MEAN, i], beam) or (is_no_return(fit[MEAN, i], beam) and not by_likelihood):
             fit[WEIGHT, -1] += fit[WEIGHT, i]
             k = remove_surface(k, i, fit)
     weakest = 0
@@ -197,8 +212,48 @@ def drop_unsupported(n: float, k: int, fit: Components, beam: Beam, rules: Rules
 
 @borrowing
 def _certain(k: int, index: int, fit: Components, beam: Beam) -> bool:
-    """Whether a surface stands so clear of all others that its loss need not be computed."""
-    return fit[SUPPORT, index] >= CERTAIN_SUPPORT and _gap_sigmas(k, index, fit, beam) > CERTAIN_SIGMAS
+    """Whether a surface stands so clear of all others, and of c_0, that its loss need not be computed."""
+    if fit[SUPPORT, index] < CERTAIN_SUPPORT or _may_be_no_return(fit[MEAN, index], CERTAIN_SIGMAS, beam):
+        return False
+    return _gap_sigmas(k, index, fit, beam) > CERTAIN_SIGMAS
+
+
+@borrowing
+def _may_be_no_return(range_mm: float, sigmas: float, beam: Beam) -> bool:
+    """Whether c_0 stands within so many of its sigmas."""
+    return abs(beam.range_max - range_mm) < sigmas * beam.sigma_max
+
+
+@borrowing
+def _leave_out(k: int, index: int, fit: Components, trial: Components, beam: Beam) -> None:
+    """Fill `trial` with the fit without one surface, as a start; c_0 may take its place where it is near."""
+    copy_components(k, fit, trial)
+    if fit[WEIGHT, -1] == 0.0 and _may_be_no_return(fit[MEAN, index], NO_RETURN_REACH, beam):
+        trial[WEIGHT, -1] = fit[WEIGHT, index]
+    remove_surface(k, index, trial)
+
+
+@borrowing
+def weigh_no_return(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> bool:
+    """Take c_0 out of work.fit where a surface stands beside it and the samples do not need both; say whether it is."""
+    fit, trial, _, room = work
+    if k == 0 or fit[WEIGHT, -1] == 0.0:
+        return False
+    beside = False
+    for i in range(k):
+        beside = beside or _may_be_no_return(fit[MEAN, i], CERTAIN_SIGMAS, beam)
+    if not beside:
+        return False
+    copy_components(k, fit, trial)
+    scale = (1.0 - beam.p_outlier) / (1.0 - beam.p_outlier - fit[WEIGHT, -1])
+    trial[WEIGHT, -1] = 0.0
+    for i in range(k):
+        trial[WEIGHT, i] *= scale
+    _settle(data, k, trial, beam, room)
+    if log_likelihood(data, k, fit, beam, room) - log_likelihood(data, k, trial, beam, room) >= rules.no_return_gain:
+        return False
+    copy_components(k, trial, fit)
+    return True
 
 
 @borrowing
@@ -223,8 +278,7 @@ def prune(
                 continue
             if math.isnan(full):
                 full = log_likelihood(data, k, fit, beam, room)
-            copy_components(k, fit, trial)
-            remove_surface(k, i, trial)
+            _leave_out(k, i, fit, trial, beam)
             _settle(data, k - 1, trial, beam, room)
             gain = full - log_likelihood(data, k - 1, trial, beam, room)
             if gain < least:
@@ -252,9 +306,9 @@ def _most_spread(data: Readings, k: int, fit: Components, beam: Beam, room: Room
 
 @borrowing
 def _supported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> bool:
-    """Whether every surface is one: none belongs to c_0, lacks support or may be outliers."""
+    """Whether every surface is one: none lies beyond the working range, lacks support or may be outliers."""
     for i in range(k):
-        if is_no_return(fit[MEAN, i], beam) or fit[SUPPORT, i] < MIN_SUPPORT:
+        if is_beyond(fit[MEAN, i], beam) or fit[SUPPORT, i] < MIN_SUPPORT:
             return False
         if _by_chance(n, k, i, fit, beam, rules):
             return False
@@ -272,8 +326,9 @@ def promises_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rul
 def try_one_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> float:
     """Fit one more surface than work.fit has; return its gain, nat, with the fit in work.best.
 
-    Two starts: where the likelihood rises most, and the most spread surface split in two. The gain is 0 where it
-    cannot reach the least gain, or does not promise to, or the new fit has something that is no surface.
+    Three starts: where the likelihood rises most, the most spread surface split in two, and a surface that takes the
+    samples of c_0. The gain is 0 where it cannot reach the least gain, or does not promise to, or the new fit has
+    something that is no surface.
     """
     fit, trial, best, room = work
     wanted = PROMISE * rules.least_gain
@@ -284,10 +339,13 @@ def try_one_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rule
         return 0.0
     share = best_share(data, place, beam, room)
     before, gain = log_likelihood(data, k, fit, beam, room), 0.0
-    for start in range(2):
+    for start in (_STEEPEST, _SPLIT, _MOVED):
         copy_components(k, fit, trial)
-        if start == 0:
+        if start == _STEEPEST:
             _add_surface(k, place, share, trial, beam)
+        elif start == _MOVED:
+            if not _move_no_return(data, k, trial, beam, room):
+                continue
         elif k > 0:
             i = _most_spread(data, k, fit, beam, room)
             _add_surface(k, fit[MEAN, i] + SPLIT_SIGMAS * fit[SIGMA, i], 0.0, trial, beam)
@@ -302,6 +360,27 @@ def try_one_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rule
             gain = found
             copy_components(k + 1, trial, best)
     return gain
+
+
+@borrowing
+def _move_no_return(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> bool:
+    """Add a surface at the mean of c_0's samples, and give it most of them; return whether there is such a place."""
+    weight = fit[WEIGHT, -1]
+    if weight == 0.0:
+        return False
+    expect(data, k, fit, beam, room)
+    own, term = room[no_return_row(fit)], room[SPARE, : len(data.value)]
+    for j in range(len(data.value)):
+        term[j] = room[SHARE, j] * own[j]
+    support = total_of(term)
+    if weight * support < MIN_SUPPORT:
+        return False
+    place = product_of(term, data.value) / support
+    if is_beyond(place, beam):
+        return False
+    _add_surface(k, place, 0.0, fit, beam)
+    fit[WEIGHT, k], fit[WEIGHT, -1] = MOVED_SHARE * weight, (1.0 - MOVED_SHARE) * weight
+    return True
 
 
 @borrowing
@@ -321,7 +400,10 @@ def count_surfaces(data: Readings, k: int, work: Workshop, beam: Beam, rules: Ru
     _settle(data, k, work.fit, beam, work.room)
     k = _adopt_orphans(data, k, work.fit, beam, work.room)
     k = prune(data, k, work, beam, rules)
-    return grow(data, k, work, beam, rules)
+    k = grow(data, k, work, beam, rules)
+    if weigh_no_return(data, k, work, beam, rules):
+        k = prune(data, k, work, beam, rules)  # what stood beside c_0 may not be needed beside what took its place
+    return k
 
 
 @borrowing
@@ -340,7 +422,6 @@ def surface_gains(data: Readings, k: int, work: Workshop, beam: Beam) -> None:
             copy_components(k, fit, tied)
             _settle(data, k, tied, beam, room)
             full = log_likelihood(data, k, tied, beam, room)
-        copy_components(k, tied, trial)
-        remove_surface(k, i, trial)
+        _leave_out(k, i, tied, trial, beam)
         _settle(data, k - 1, trial, beam, room)
         fit[GAIN, i] = full - log_likelihood(data, k - 1, trial, beam, room)

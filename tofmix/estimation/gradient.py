@@ -18,7 +18,7 @@ Rao's score statistic with nuisance parameters: Cox and Hinkley, Theoretical Sta
 
 import math
 
-from tofmix.estimation.beam import Beam, is_no_return
+from tofmix.estimation.beam import Beam, is_beyond
 from tofmix.estimation.components import (
     DENSITY,
     MEAN,
@@ -71,7 +71,7 @@ def steepest_place(
     theta = values[0] - sigma_at(values[0], beam.curve_range, beam.curve_sigma)
     end = values[-1] + sigma_at(values[-1], beam.curve_range, beam.curve_sigma)
     if math.isinf(beam.no_return_to):
-        end = min(end, beam.no_return_from)
+        end = min(end, beam.surface_end)
     while theta <= end:
         sigma = sigma_at(theta, beam.curve_range, beam.curve_sigma)
         near, past = within_reach(values, near, past, theta - _REACH * sigma, theta + _REACH * sigma)
@@ -85,7 +85,7 @@ def steepest_place(
             z = (value[j] - theta) * scale
             new[j] = height * exp_minus(0.5 * z * z)  # p(r_j | surface at theta), but for c_r
         slope = product_of(new, room[SHARE, first:stop]) + outliers - n
-        is_place = not is_no_return(theta, beam)
+        is_place = not is_beyond(theta, beam)
         if is_place and slope > most:
             most, place = slope, theta
         if is_place and slope > 0.0 and promise < least:

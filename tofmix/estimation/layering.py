@@ -224,7 +224,7 @@ def _layer_block(
         data = gather(block.values[pixel], n, beam.curve_range, beam.curve_sigma, value, count)
         place, height, found = peaks.place[pixel], peaks.height[pixel], peaks.found[pixel]
         gain = least_gain(knobs.false_alarm, table[n]) if knobs.refine else 0.0
-        rules = Rules(gain, knobs.false_alarm if knobs.refine else math.inf, knobs.max_layers)
+        rules = Rules(gain, knobs.false_alarm if knobs.refine else math.inf, knobs.max_layers, knobs.no_return_gain)
         k, kept, iterations, fitted = _fit_pixel(data, place, height, found, work, beam, knobs, rules)
         surface_gains(data, k, work, beam)
         _sort_surfaces(k, fit)

@@ -179,7 +179,7 @@ def _with_sigma_0(beam: Beam, sigma_0: float) -> Beam:
     """The same beam with another spread of c_0, mm."""
     return Beam(
         beam.curve_range, beam.curve_sigma, beam.range_max, sigma_0, beam.no_return_from, beam.no_return_to,
-        beam.p_outlier, beam.outlier_density, beam.range_min, beam.range_top, beam.own,
+        beam.surface_end,        beam.p_outlier, beam.outlier_density, beam.range_min, beam.range_top, beam.own,
     )  # fmt: skip
 
 

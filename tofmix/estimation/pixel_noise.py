@@ -170,6 +170,7 @@ def beam_of_pixel(beam: Beam, pixel: int) -> Beam:
         beam.sigma_max,
         beam.no_return_from,
         beam.no_return_to,
+        beam.surface_end,
         beam.p_outlier,
         beam.outlier_density,
         beam.range_min,

@@ -48,7 +48,12 @@ def promise_of_clear(data: Readings, k: int, fit: Components, beam: Beam, room: 
                 return math.inf
         first = _first_from(values, beam.range_max - OWN_SIGMAS * beam.sigma_max)
         stop = _first_from(values, beam.range_max + OWN_SIGMAS * beam.sigma_max)
-        owned = total_of(data.times[first:stop])
+        own = Readings(values[first:stop], data.times[first:stop], total_of(data.times[first:stop]))
+        owned = own.total
+        if first < stop:
+            promise = _promise_near(own, beam.range_max, beam.sigma_max, room, least, 0.0)
+            if promise >= least:
+                return promise
     for i in range(k):
         for other in range(i):
             if abs(fit[MEAN, i] - fit[MEAN, other]) < 2.0 * OWN_SIGMAS * max(fit[SIGMA, i], fit[SIGMA, other]):
@@ -60,7 +65,7 @@ def promise_of_clear(data: Readings, k: int, fit: Components, beam: Beam, room: 
             return math.inf
         own = Readings(values[first:stop], data.times[first:stop], total_of(data.times[first:stop]))
         owned += own.total
-        promise = max(promise, _promise_near(own, fit[MEAN, i], sigma, room, least))
+        promise = max(promise, _promise_near(own, fit[MEAN, i], sigma, room, least, 1.0))
         if promise >= least:
             return promise
     return promise if owned > data.total - 0.5 else math.inf
@@ -80,8 +85,8 @@ def _first_from(values: FloatArray, low: float) -> int:
 
 
 @borrowing
-def _promise_near(own: Readings, mean: float, sigma: float, room: Room, least: float) -> float:
-    """Largest promise of the places around one surface, from its own samples."""
+def _promise_near(own: Readings, mean: float, sigma: float, room: Room, least: float, free_mean: float) -> float:
+    """Largest promise of the places around one surface, from its own samples; the mean of c_0 is not free."""
     value, count, m = own.value, own.times, len(own.value)
     z, base, power = room[SPARE, :m], room[OTHER, :m], room[SHARE, :m]
     for j in range(m):
@@ -105,7 +110,7 @@ def _promise_near(own: Readings, mean: float, sigma: float, room: Room, least: f
             if slope <= 0.0:
                 continue
             information = scale * scale * square - 2.0 * scale * new + own.total
-            if squares > 0.0:
+            if squares > 0.0 and free_mean > 0.0:
                 information -= scale * scale * by_mean * by_mean / squares
             information = max(information, _LEAST_INFORMATION * own.total)
             promise = max(promise, 0.5 * slope * slope / information)

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, fields
 from enum import StrEnum
+from statistics import NormalDist
 from typing import NamedTuple
 
 from tofmix.estimation.counters import COUNTERS, Counter, Kde
@@ -118,6 +119,7 @@ class Knobs(NamedTuple):
     mode: int
     refine: bool
     false_alarm: float
+    no_return_gain: float
     max_layers: int
     max_iter: int
     tol: float
@@ -127,6 +129,20 @@ class Knobs(NamedTuple):
 MODE_TIED, MODE_PRIOR, MODE_FREE = 0, 1, 2
 
 
+def no_return_gain(false_alarm: float) -> float:
+    """Gain, nat, of c_0 beside a surface that noise exceeds with the chance `false_alarm`.
+
+    c_0 has one free number, its share, which cannot fall below 0: without c_0 twice its gain is 0 in half of the
+    pixels, and chi-squared with one degree of freedom in the other half.
+
+    References
+    ----------
+    Self and Liang, Journal of the American Statistical Association 82, 1987, case 5,
+    doi:10.1080/01621459.1987.10478472.
+    """
+    return 0.5 * NormalDist().inv_cdf(1.0 - false_alarm) ** 2
+
+
 def knobs_of(options: EstimateOptions) -> Knobs:
     """Translate options for the kernels."""
     mode = {SigmaMode.TIED: MODE_TIED, SigmaMode.PRIOR: MODE_PRIOR, SigmaMode.FREE: MODE_FREE}[options.sigma]
@@ -134,6 +150,7 @@ def knobs_of(options: EstimateOptions) -> Knobs:
         mode=mode,
         refine=options.refine is Refine.LIKELIHOOD,
         false_alarm=float(options.false_alarm),
+        no_return_gain=no_return_gain(options.false_alarm),
         max_layers=options.max_layers,
         max_iter=options.max_iter,
         tol=float(options.tol),
