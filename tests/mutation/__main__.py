@@ -144,10 +144,8 @@ class Study:
         with_earlier = "earlier" in suites
         against = [result for result in results if result["earlier"]["killed_by"]] if with_earlier else results
         kinds = "found by the earlier suite" if with_earlier else "mutants"
-        print(
-            f"{len(results)} mutants\n\n| suite | finds of {len(against)} {kinds} | share | misses with tests left out |"
-        )
-        print("|---|---|---|---|")
+        print(f"{len(results)} mutants\n")
+        print(f"| suite | finds of {len(against)} {kinds} | share | misses with tests left out |\n|---|---|---|---|")
         for suite in suites:
             both = [result for result in against if result[suite]["killed_by"]]
             cut = sum(result[suite]["left_out"] > 0 for result in against if not result[suite]["killed_by"])
@@ -161,12 +159,9 @@ class Study:
             missed = [result for result in against if not result[suite]["killed_by"]]
             print(f"\n{len(missed)} of them not found by {suite}:")
             for result in missed:
-                print(f"\n{result['file']}:{result['line']} (mutant {result['number']}, {result['kind']})")
-                if "earlier" in result:
-                    print(f"    found by {result['earlier']['killed_by']} ({result['earlier']['how']})")
-                print("\n".join(f"    {line}" for line in result["diff"].splitlines()[2:]))
+                _print_missed(result)
         escaped = [result for result in results if not any(result[suite]["killed_by"] for suite in suites)]
-        print(f"\n{len(escaped)} found by no suite: " + ", ".join(f"{r['file']}:{r['line']}" for r in escaped))
+        print(f"\n{len(escaped)} found by none: " + ", ".join(f"{r['file']}:{r['line']}" for r in escaped))
 
     def _slot_path(self, number: int) -> Path:
         return self._folder / f"slot{number}" / "checkout"
@@ -262,6 +257,14 @@ class _Trial:
                 chosen.append(test)
                 seconds += test.seconds
         return Choice(tests=chosen, left_out=len(ordered) - len(chosen))
+
+
+def _print_missed(result: dict[str, Any]) -> None:
+    """Print a mutant with what somebody needs who adds a test."""
+    print(f"\n{result['file']}:{result['line']} (mutant {result['number']}, {result['kind']})")
+    if "earlier" in result:
+        print(f"    found by {result['earlier']['killed_by']} ({result['earlier']['how']})")
+    print("\n".join(f"    {line}" for line in result["diff"].splitlines()[2:]))
 
 
 def _entry(ended: Ended, choice: Choice) -> dict[str, Any]:
