@@ -11,10 +11,11 @@ Needs `pip install '.[test]' coverage`, and git. The checkout is never changed: 
 `map` runs this checkout's whole suite once and notes which test runs which lines; with `--earlier`, the suite of
 another checkout instead, on this checkout's package. Run it once for each.
 `run` puts each mutant into a copy of the package, and runs the tests that may notice it, the quick ones first, until
-one fails: the quick suite, then the rest of the whole one where the quick one finds nothing, and the earlier suite if
-there is one. What the earlier suite finds and the quick one does not is checked: the test must fail again, and must
-pass without the mutant. A test over 20 times its time ends as "hung", and counts as a failure. Where the tests of a
-suite take longer than `--budget` seconds, the longest are left out, and counted. It goes on where it was stopped.
+one fails: the quick suite, the earlier suite if there is one, and the rest of the whole suite for what the earlier one
+finds and the quick one does not (without an earlier one, for all that the quick one does not find). What the earlier
+suite finds beyond the quick one is checked: the test must fail again, and must pass without the mutant. A test over 20
+times its time ends as "hung", and counts as a failure. Where the tests of a suite take longer than `--budget` seconds,
+the longest are left out, and counted. It goes on where it was stopped.
 `table` prints the counts, and the mutants that the earlier suite finds and this one does not.
 
 Tests are chosen by what they run (`mutation.follow`), and for compiled kernels, constants and classes, whose lines
@@ -140,26 +141,27 @@ class Study:
         """Print what was found."""
         results = self._results()
         suites = [suite for suite in ("earlier", "quick", "whole") if any(suite in result for result in results)]
-        killed = {suite: [result for result in results if result[suite]["killed_by"]] for suite in suites}
-        against = killed.get("earlier", results)
-        kinds = "found by the earlier suite" if "earlier" in killed else "mutants"
-        print(f"{len(results)} mutants\n\n| suite | finds | of {len(against)} {kinds} | share | not all tests run |")
-        print("|---|---|---|---|---|")
+        with_earlier = "earlier" in suites
+        against = [result for result in results if result["earlier"]["killed_by"]] if with_earlier else results
+        kinds = "found by the earlier suite" if with_earlier else "mutants"
+        print(f"{len(results)} mutants\n")
+        print(f"| suite | finds of {len(against)} {kinds} | share | misses with tests left out |\n|---|---|---|---|")
         for suite in suites:
             both = [result for result in against if result[suite]["killed_by"]]
-            cut = sum(not result[suite]["killed_by"] and result[suite]["left_out"] > 0 for result in results)
-            share = 100 * len(both) / max(1, len(against))
-            print(f"| {suite} | {len(killed[suite])} | {len(both)} | {share:.1f} % | {cut} |")
+            cut = sum(result[suite]["left_out"] > 0 for result in against if not result[suite]["killed_by"])
+            print(f"| {suite} | {len(both)} | {100 * len(both) / max(1, len(against)):.1f} % | {cut} |")
+        if with_earlier:
+            beyond = [result for result in results if result not in against]
+            cut = sum(result["earlier"]["left_out"] > 0 for result in beyond)
+            quick = sum(result["quick"]["killed_by"] is not None for result in beyond)
+            print(f"\nThe earlier suite misses {len(beyond)}, {cut} of them with tests left out; quick finds {quick}.")
         for suite in [suite for suite in suites if suite != "earlier"]:
             missed = [result for result in against if not result[suite]["killed_by"]]
             print(f"\n{len(missed)} of them not found by {suite}:")
             for result in missed:
-                print(f"\n{result['file']}:{result['line']} (mutant {result['number']}, {result['kind']})")
-                if "earlier" in result:
-                    print(f"    found by {result['earlier']['killed_by']} ({result['earlier']['how']})")
-                print("\n".join(f"    {line}" for line in result["diff"].splitlines()[2:]))
+                _print_missed(result)
         escaped = [result for result in results if not any(result[suite]["killed_by"] for suite in suites)]
-        print(f"\n{len(escaped)} found by no suite: " + ", ".join(f"{r['file']}:{r['line']}" for r in escaped))
+        print(f"\n{len(escaped)} found by none: " + ", ".join(f"{r['file']}:{r['line']}" for r in escaped))
 
     def _slot_path(self, number: int) -> Path:
         return self._folder / f"slot{number}" / "checkout"
@@ -206,7 +208,7 @@ class _Trial:
         self._source = (slot.checkout / mutant.file).read_bytes()
 
     def result(self, kernels: tuple[Path, Path]) -> dict[str, Any]:
-        """Run the quick tests, the earlier ones, and the rest of ours where the quick ones find nothing."""
+        """Run the quick tests, the earlier ones, and the rest of ours where it is in question."""
         about = {"number": self._mutant.number, "kind": self._mutant.kind, "file": self._mutant.file}
         found: dict[str, Any] = {"line": self._mutant.line, "diff": self._mutant.diff(self._source)}
         with self._slot.changed(self._mutant, self._names, kernels) as compiling_s:
@@ -217,13 +219,13 @@ class _Trial:
             found["quick"] = found["whole"] = _entry(quick, choice)
             earlier: Ended | None = None
             if "earlier" in self._maps:
-                choice = self._choice(self._noticing("earlier"), first=[quick.killed_by])
+                choice = self._choice(self._noticing("earlier"), first=[quick.killed_by], last=quick.passed)
                 self._slot.dress("earlier")
                 earlier = self._slot.run(choice.tests, compiling_s=compiling_s)
                 found["earlier"] = _entry(earlier, choice)
                 if earlier.killed_by and quick.killed_by is None and not self._fails(earlier, compiling_s):
                     found["earlier"] |= {"killed_by": None, "how": "fails now and then"}
-            if quick.killed_by is None:
+            if quick.killed_by is None and (earlier is None or found["earlier"]["killed_by"]):
                 rest = [test for test in ours if test.id not in set(quick.passed)]
                 choice = self._choice(rest, first=[earlier.killed_by if earlier else None])
                 self._slot.dress("ours")
@@ -244,10 +246,10 @@ class _Trial:
     def _noticing(self, suite: str) -> list[KnownTest]:
         return self._maps[suite].noticing(self._mutant, self._names, self._source)
 
-    def _choice(self, tests: list[KnownTest], first: Iterable[str | None] = ()) -> Choice:
-        """As many of the tests as the time allows, `first` before all others."""
-        wanted = set(first)
-        ordered = sorted(tests, key=lambda test: test.id not in wanted)
+    def _choice(self, tests: list[KnownTest], first: Iterable[str | None] = (), last: Iterable[str] = ()) -> Choice:
+        """As many of the tests as the time allows, `first` before all others, and `last` after them."""
+        places = dict.fromkeys(last, 2) | dict.fromkeys(first, 0)
+        ordered = sorted(tests, key=lambda test: places.get(test.id, 1))
         chosen: list[KnownTest] = []
         seconds = 0.0
         for test in ordered:
@@ -255,6 +257,14 @@ class _Trial:
                 chosen.append(test)
                 seconds += test.seconds
         return Choice(tests=chosen, left_out=len(ordered) - len(chosen))
+
+
+def _print_missed(result: dict[str, Any]) -> None:
+    """Print a mutant with what somebody needs who adds a test."""
+    print(f"\n{result['file']}:{result['line']} (mutant {result['number']}, {result['kind']})")
+    if "earlier" in result:
+        print(f"    found by {result['earlier']['killed_by']} ({result['earlier']['how']})")
+    print("\n".join(f"    {line}" for line in result["diff"].splitlines()[2:]))
 
 
 def _entry(ended: Ended, choice: Choice) -> dict[str, Any]:

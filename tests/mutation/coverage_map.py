@@ -214,10 +214,13 @@ def gathered(folder: Path, checkout: Path, names: Names, failing: Iterable[str])
     for file in popens:
         for bits in lines.get(file, {}).values():
             talking |= bits
+    outliving = _Outliving(found, places, noted, talking)
     for path in sorted(folder.glob("process.*")):
         if path.suffix != ".ini":
-            shared = _Outliving(path, found, places, noted, talking)
-            _add(lines, path, {label: owned.get(label, 0) | shared.bits(label) for label in shared.labels}, checkout)
+            end = path.stat().st_mtime
+            labels_here = _data(path).measured_contexts()
+            shared = {label: owned.get(label, 0) | outliving.bits(label, end) for label in labels_here}
+            _add(lines, path, shared, checkout)
     tests = [_test(found[label]) for label in labels]
     files = sorted({test.file for test in tests})
     return CoverageMap(
@@ -269,33 +272,25 @@ def _add(lines: dict[str, dict[int, int]], path: Path, owned: dict[str, int], ch
 
 
 class _Outliving:
-    """A process that lives on after its test: every test of its time that talks to processes counts."""
+    """Processes that live on after their test: every test of their time that talks to processes counts."""
 
     def __init__(
-        self,
-        path: Path,
-        found: dict[str, dict[str, Any]],
-        places: dict[str, int],
-        noted: dict[str, Any],
-        talking: int,
+        self, found: dict[str, dict[str, Any]], places: dict[str, int], noted: dict[str, Any], talking: int
     ) -> None:
-        data = _data(path)
-        self.labels = data.measured_contexts()
-        self._end = path.stat().st_mtime
         self._found, self._places, self._talking = found, places, talking
         self._uses = {label: set(used) for one in noted.values() for label, used in one["uses"].items()}
-        self._owners = {label: name for one in noted.values() for label, name in one["owners"].items()}
+        self._no_test = {label for one in noted.values() for label, name in one["owners"].items() if not name}
 
-    def bits(self, owner: str) -> int:
-        """Return the tests that its lines count for, beside the owner's own."""
-        test = self._found.get(owner, {"start": 0.0, "end": 0.0} if not self._owners.get(owner) else None)
-        if test is None or self._end < test.get("end", self._end) + _OUTLIVES_S:
+    def bits(self, owner: str, end: float) -> int:
+        """Return the tests that the lines of a process count for, beside the owner's own; it ended at `end`."""
+        test = self._found.get(owner, {"start": 0.0, "end": 0.0} if owner in self._no_test else None)
+        if test is None or end < test.get("end", end) + _OUTLIVES_S:
             return 0
         bits = 0
         for label, place in self._places.items():
             other = self._found[label]
             same_worker = label.rpartition("-")[0] == owner.rpartition("-")[0]
-            if same_worker and other["end"] > test["start"] and other["start"] < self._end:
+            if same_worker and other["end"] > test["start"] and other["start"] < end:
                 shares = self._uses.get(label, set()) & self._uses.get(owner, set())
                 bits |= (1 << place) & (-1 if shares else self._talking)
         return bits
