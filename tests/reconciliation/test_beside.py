@@ -32,7 +32,7 @@ def named_within_errors(result: Reconciliation, hidden: tuple[Effect, ...]) -> b
     return True
 
 
-FEW = ("range_offset", "wiggling", "scattering", "fixed_pattern")
+FEW = ("range_offset", "wiggling", "fixed_pattern")
 WAVE = MAKE["wiggling"](amplitude_mm=20.0, phase_rad=0.7)
 
 
