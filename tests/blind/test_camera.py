@@ -25,6 +25,7 @@ def _ks_pvalues(u: Array) -> Array:
     return p
 
 
+@pytest.mark.slow
 def test_samples_of_each_pixel_follow_equation_1_without_effects() -> None:
     """Per-pixel KS tests over 2080 pixels, mixed ones and open space included: their p-values are uniform."""
     surfaces = draw_scene("open_hall", [3], DEVICE.view).surfaces

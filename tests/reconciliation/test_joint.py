@@ -19,8 +19,6 @@ from tofmix.reconciliation.workflow import Reconciliation, reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model, Surface
 
-KINDS = ("range_offset", "surface_pose", "wiggling", "temperature_drift", "fixed_pattern")
-
 
 @pytest.fixture(scope="module")
 def model() -> Model:
@@ -126,7 +124,7 @@ def test_shared_offset_and_pose_in_one_recording_are_both_named(model: Model, ot
     """The pose, taken first, has a part of the offset; a constant is no pattern of pixels."""
     offset_mm, shift_mm = -8.0, 20.0
     offset, moved = MAKE["range_offset"](offset_mm=offset_mm), MAKE["surface_pose"](surface="box", shift_mm=shift_mm)
-    kinds = (*KINDS, "multipath", "amplitude_walk", "scattering")
+    kinds = ("range_offset", "surface_pose", "fixed_pattern", "multipath", "amplitude_walk", "scattering")
     second = other, recorded(other, offset, moved, seed=6)
     result = reconcile(model, recorded(model, offset), Settings(kinds=kinds), also=[second])
     assert result.verified.verdict == "explained"

@@ -40,7 +40,8 @@ def test_surface_with_other_noise_has_no_second_path(small: Model, factor: float
 )
 def test_offset_that_is_given_wrong_is_neither_drift_nor_walk(small: Model, kinds: tuple[str, ...]) -> None:
     """Another offset is not tried where the model has one; a drift that is over at once would stand for it."""
-    wrong = replace(small, effects=(MAKE["range_offset"](offset_mm=10.0),))
-    result = reconcile(wrong, recorded(small, MAKE["range_offset"](offset_mm=18.0)), Settings(kinds=kinds))
+    two = replace(small, surfaces=small.surfaces[1:])
+    wrong = replace(two, effects=(MAKE["range_offset"](offset_mm=10.0),))
+    result = reconcile(wrong, recorded(two, MAKE["range_offset"](offset_mm=18.0)), Settings(kinds=kinds))
     assert not {"temperature_drift", "amplitude_walk"} & {n.effect.kind for n in result.named}
     assert result.verified.verdict == "unexplained"
