@@ -1,6 +1,7 @@
 """The bench's one command, on a small fixed part of its cases."""
 
 import json
+import shlex
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from simulate_here import simulate_here
 from blind import bench
 from blind.cases import Case, build
 from blind.generate import selected
-from blind.score import Plan, true_effects
+from blind.score import RECONCILE, Plan, true_effects
 
 TESTS = Path(__file__).parents[1]
 
@@ -47,7 +48,10 @@ def test_tofmix_reconcile_names_a_hidden_wave_on_the_bench(
 ) -> None:
     """All by commands, in a process of the bench's own, with a calibration that is whole."""
     monkeypatch.setenv("PYTHONPATH", f"{TESTS}:{TESTS.parent}")
+    rivals = "wiggling,range_offset,fixed_pattern,amplitude_walk"
+    command = shlex.join([*RECONCILE, "--effects", rivals])
     arguments = ["--output", str(tmp_path), "--select", NAME, "--small", "--processes", "2", "--no-ceiling"]
+    arguments += ["--reconcile", command]
     bench.main(arguments)
     (wiggling,) = bench.read_results(tmp_path / "results.jsonl")
     assert (wiggling["verdict"], wiggling["named"]) == ("explained", ["wiggling"])

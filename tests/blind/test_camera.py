@@ -25,12 +25,14 @@ def _ks_pvalues(u: Array) -> Array:
     return p
 
 
+@pytest.mark.slow
 def test_samples_of_each_pixel_follow_equation_1_without_effects() -> None:
     """Per-pixel KS tests over 2080 pixels, mixed ones and open space included: their p-values are uniform."""
     surfaces = draw_scene("open_hall", [3], DEVICE.view).surfaces
     beams = cast(surfaces, DEVICE.view)
     assert ((beams.share > 0).sum(axis=0) > 1).sum() > 50
-    samples = record(DEVICE, surfaces, seed=7).range_mm.reshape(DEVICE.frames, -1).astype(float)
+    short = replace(DEVICE, frames=80)
+    samples = record(short, surfaces, seed=7).range_mm.reshape(short.frames, -1).astype(float)
     u = uniforms(samples, beams, DEVICE, calibrated(DEVICE), np.random.default_rng(1))
     p = _ks_pvalues(u)
     assert p.size >= 2000

@@ -46,7 +46,9 @@ def _rivals(trial: Trial, place: Place, kind: str) -> dict[str, Array]:
     return {name: columns for name, columns in out.items() if not name.startswith(kind)}
 
 
-@pytest.mark.parametrize("kind", BIASES)
+@pytest.mark.parametrize(
+    "kind", ["wiggling", *(pytest.param(k, marks=pytest.mark.slow) for k in BIASES if k != "wiggling")]
+)
 def test_faint_bias_is_explained_by_no_rival(kind: str) -> None:
     """What the best rival leaves stands out by 6 standard errors and more, on every family."""
     for family in FAMILIES[kind]:

@@ -68,6 +68,7 @@ def test_package_and_bench_cast_a_scene_alike(family: str) -> None:
     assert np.median(np.abs(mean[1] - mean[0])[full]) < 0.1
 
 
+@pytest.mark.slow
 def test_scene_of_each_family_shows_its_target_and_follows_its_seed() -> None:
     assert len(FAMILIES) >= 8
     for family in FAMILIES:

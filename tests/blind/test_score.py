@@ -28,7 +28,7 @@ def _built(name: str, rows: int = 32, cols: int = 40, frames: int = 100) -> Buil
 
 def test_reconcile_that_copies_the_model_closes_nothing(fake: tuple[str, ...], tmp_path: Path) -> None:
     plan = Plan(reconcile=(*fake, "copy"), ceiling=False, simulate=simulate_here)
-    result = score(_built("wiggling-clear-0-0"), tmp_path, plan)
+    result = score(_built("wiggling-clear-0-0", 24, 32, 60), tmp_path, plan)
     assert "failed" not in result
     assert (result["right"], result["first"], result["named"]) == (False, False, [])
     assert result["closed"] == 0

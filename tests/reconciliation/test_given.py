@@ -58,8 +58,9 @@ def test_recording_agrees_with_a_model_that_has_its_effect(model: Model, small: 
 
 @pytest.mark.parametrize(
     "name",
-    ["temperature_drift", "interference", "stuck_pixels",
-     *(pytest.param(name, marks=pytest.mark.slow) for name in ("motion", "pixel_crosstalk", "temporal_correlation"))],
+    ["temperature_drift", "stuck_pixels",
+     *(pytest.param(name, marks=pytest.mark.slow)
+       for name in ("interference", "motion", "pixel_crosstalk", "temporal_correlation"))],
 )  # fmt: skip
 def test_missing_offset_is_found_beside_the_effect_that_a_model_has(small: Model, name: str) -> None:
     """Effects in time, in bursts, with a memory, among neighbours and in single pixels."""
@@ -84,6 +85,7 @@ def test_effect_that_the_recording_lacks_is_a_negative_place(small: Model, given
     assert any(place.statistic == statistic and place.size < -0.15 for place in result.where)
 
 
+@pytest.mark.slow
 def test_map_that_was_measured_agrees_with_the_next_recording(small: Model) -> None:
     """Its errors are those of so many frames; `--tolerance` covers them."""
     kinds = ("fixed_pattern", "range_offset", "surface_pose")

@@ -10,7 +10,9 @@ from tofmix.reconciliation.mixture import Scene
 from tofmix.simulation.model import Model
 
 
-@pytest.mark.parametrize("step", [1.83, 2.5, 7.3, 12.5, 29.2])
+@pytest.mark.parametrize(
+    "step", [1.83, 12.5, *(pytest.param(step, marks=pytest.mark.slow) for step in (2.5, 7.3, 29.2))]
+)
 def test_step_of_quantised_samples_is_found(model: Model, record: Record, step: float) -> None:
     evidence = record(MAKE["quantisation"](step_mm=step))
     state = Likelihood(evidence, Scene(model, evidence.time_s)).start()
@@ -19,7 +21,7 @@ def test_step_of_quantised_samples_is_found(model: Model, record: Record, step: 
     assert found.step_mm == pytest.approx(step, abs=0.5 * step**2 / 4000)  # the steps that round to the same values
 
 
-@pytest.mark.parametrize("step", [30.227108, 7.3291, 17.03])
+@pytest.mark.parametrize("step", [30.227108, *(pytest.param(step, marks=pytest.mark.slow) for step in (7.3291, 17.03))])
 def test_values_are_rounded_multiples_of_the_found_step(model: Model, record: Record, step: float) -> None:
     """Far multiples decide the last digits: one that rounds otherwise would leave its samples unexplained."""
     evidence = record(MAKE["quantisation"](step_mm=step), MAKE["outliers"](probability=0.01))

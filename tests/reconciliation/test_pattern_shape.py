@@ -46,7 +46,7 @@ def test_tilted_board_is_told_from_columns(seed: int) -> None:
 def test_columns_drawn_by_themselves_are_never_smooth(lines: int) -> None:
     rng = np.random.default_rng(lines)
     known = np.ones((16, lines), dtype=bool)
-    found = [smooth(rng.normal(0, 0.2, known.shape) + rng.normal(0, 1, lines), known) for _ in range(300)]
+    found = [smooth(rng.normal(0, 0.2, known.shape) + rng.normal(0, 1, lines), known) for _ in range(100)]
     assert not any(found)
 
 

@@ -122,12 +122,16 @@ def test_unit_of_amplitudes_is_taken_from_the_recording(model: Model) -> None:
     assert seen.factors == pytest.approx((1.0, 1.0, 1.0), abs=0.01)
 
 
-def test_temperature_halves_the_errors_of_a_drift(model: Model) -> None:
-    hidden = MAKE["temperature_drift"](amplitude_mm=9.0, time_constant_s=25.0)  # the recording lasts 10 s
-    evidence = recorded(model, hidden, warm=True)
-    witness = warm_up_witness(evidence)
+def test_temperature_of_a_warm_up_tells_its_time_constant(model: Model) -> None:
+    witness = warm_up_witness(recorded(model, warm=True))
     assert witness is not None
     assert witness.time_constant_s == pytest.approx(25.0, rel=0.01)
+
+
+@pytest.mark.slow
+def test_temperature_halves_the_errors_of_a_drift(model: Model) -> None:
+    hidden = MAKE["temperature_drift"](amplitude_mm=9.0, time_constant_s=25.0)  # the recording lasts 8 s
+    evidence = recorded(model, hidden, warm=True)
     settings = Settings(kinds=("temperature_drift",))
     with_, without = (reconcile(model, e, settings) for e in (evidence, _ranges_alone(evidence)))
     found, errors = _only(with_, "temperature_drift")
