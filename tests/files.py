@@ -17,6 +17,7 @@ def write_recording(
     attributes: dict[str, Any] | None = None,
     noise: dict[str, Any] | None = NOISE,
     fill: float | None = None,
+    units: str | None = None,
     **settings: Any,  # noqa: ANN401  what h5py takes
 ) -> Path:
     """Write a minimal recording: a dataset `range` and a group `sensor`."""
@@ -24,6 +25,8 @@ def write_recording(
         dataset = root.create_dataset("range", data=samples, **settings)
         if fill is not None:
             dataset.attrs["_FillValue"] = np.array([fill], dtype=samples.dtype)
+        if units is not None:
+            dataset.attrs["units"] = units
         sensor = root.create_group("sensor")
         sensor.attrs.update({"range_min_mm": 300.0, "range_max_mm": 7500.0} | (attributes or {}))
         for name, values in (noise or {}).items():

@@ -60,10 +60,10 @@ class Storage:
         none = 0.0 if self.fill is None else self.fill
         values = np.where(np.isnan(samples), none if whole or self.fill is not None else np.nan, samples)
         if self.chunks is None:
-            return write_recording(path, values.astype(self.dtype), fill=self.fill)
+            return write_recording(path, values.astype(self.dtype), fill=self.fill, units="mm")
         chunks = tuple(min(a, b) for a, b in zip(self.chunks, samples.shape, strict=True))
         return write_recording(
-            path, values.astype(self.dtype), fill=self.fill, chunks=chunks, compression=self.compression,
+            path, values.astype(self.dtype), fill=self.fill, units="mm", chunks=chunks, compression=self.compression,
             fletcher32=self.fletcher32, shuffle=self.shuffle,
         )  # fmt: skip
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 from files import boards, write_recording
@@ -14,11 +13,7 @@ from tofmix.io.recording_file import RecordingFile, open_recording
 
 
 def _floats(path: Path, samples: Any, *, units: str | None = None, **settings: Any) -> Path:  # noqa: ANN401  as h5py
-    write_recording(path, samples.astype("f4"), **settings)
-    if units is not None:
-        with h5py.File(path, "a") as root:
-            root["range"].attrs["units"] = units
-    return path
+    return write_recording(path, samples.astype("f4"), units=units, **settings)
 
 
 @pytest.mark.parametrize(
