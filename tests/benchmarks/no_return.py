@@ -63,13 +63,14 @@ def brute_force(samples: NDArray[np.float32], sensor: Sensor) -> tuple[FloatArra
     at, at_both, share_both = np.full(pixels, top), np.full(pixels, top), np.zeros(pixels)
     step_mm, step_share = 60.0, 0.1
     places = np.arange(float(sensor.range_min_mm or 0.0), top, step_mm)
-    grids = [(np.full(pixels, mm), np.full(pixels, mm), None) for mm in places]
+    every = [np.full(pixels, part) for part in np.linspace(0.0, 1.0, 11)]
+    grids = [(np.full(pixels, mm), np.full(pixels, mm), every) for mm in places]
     for _ in range(3):
-        for mm, mm_both, share in grids:
+        for mm, mm_both, shares in grids:
             found = _log_likelihood(_density(values, mm, sensor), sensor)
             at, alone = np.where(found > alone, mm, at), np.maximum(found, alone)
             surface = _density(values, mm_both, sensor)
-            for part in np.linspace(0.0, 1.0, 11) if share is None else share:
+            for part in shares:
                 w = np.clip(part, 0.0, 1.0)
                 found = _log_likelihood(w * surface + (1.0 - w) * none, sensor)
                 better = found > both

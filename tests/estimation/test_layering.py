@@ -118,7 +118,7 @@ def test_wall_near_the_end_of_the_range_is_one_surface_where_its_mean_tells(rng:
 
 def test_wall_near_the_end_of_the_range_is_no_return_by_the_papers_procedure(rng: np.random.Generator) -> None:
     samples = draw(rng, CAMERA, ranges_mm=[5800], shares=[1.0], n=100, pixels=20)
-    assert not layer_pixels(samples, CAMERA, EstimateOptions(refine="none")).n_modes.any()
+    assert not layer_pixels(samples, CAMERA, EstimateOptions(refine=Refine.NONE)).n_modes.any()
 
 
 def test_wall_within_two_standard_errors_of_the_end_of_the_range_is_no_return(rng: np.random.Generator) -> None:
