@@ -123,7 +123,6 @@ class Slot:
             target = self.checkout / path.relative_to(top)
             if target.read_bytes() != path.read_bytes():
                 target.write_bytes(path.read_bytes())
-        shutil.rmtree(self.folder / "kernels", ignore_errors=True)
 
     @contextmanager
     def changed(self, mutant: Mutant, names: Names, kernels: tuple[Path, Path] | None) -> Iterator[float]:
@@ -133,6 +132,7 @@ class Slot:
         """
         path = self.checkout / mutant.file
         source = path.read_bytes()
+        shutil.rmtree(self.folder / "kernels", ignore_errors=True)
         try:
             path.write_bytes(mutant.applied(source))
             changed = [(found.module, found.name) for found in names.at(mutant.file, mutant.line)]
