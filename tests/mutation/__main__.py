@@ -112,8 +112,9 @@ class Study:
         failing = [test.id for test in failed_once(followed) if slot.run([test]).killed_by]
         found = gathered(followed, slot.checkout, Names(slot.checkout), failing)
         found.write(self._map_path(suite))
-        shutil.rmtree(self._kernels, ignore_errors=True)
-        compiled.rename(self._kernels)
+        if compiled.exists():
+            shutil.rmtree(self._kernels, ignore_errors=True)
+            compiled.rename(self._kernels)
         print(f"{suite}: {len(found.tests)} tests of {sum(test.seconds for test in found.tests):.0f} s")
         for test in not_followed(followed):
             print(f"left out, for its process did not end as it should: {test}")
@@ -126,6 +127,8 @@ class Study:
         names = Names(TOP)
         done = {result["number"] for result in self._results()}
         mutants = [mutant for mutant in self._mutants()[:first] if mutant.number not in done]
+        if not self._kernels.exists():
+            self._slot(0).compile_kernels().rename(self._kernels)
         slots: queue.Queue[Slot] = queue.Queue()
         for number in range(jobs):
             slots.put(self._slot(number))

@@ -101,6 +101,12 @@ class Slot:
         ]  # fmt: skip
         return subprocess.run(command, cwd=self.checkout, env=environment, check=False).returncode
 
+    def compile_kernels(self) -> Path:
+        """Compile the kernels of the unchanged package; return their folder."""
+        command = [sys.executable, "-m", "tofmix", "warmup"]
+        subprocess.run(command, cwd=self.checkout, env=self.environment(), capture_output=True, check=True)
+        return self.folder / "kernels"
+
     def collected(self) -> set[str]:
         """Return the tests that pytest can collect, of the suite that runs now."""
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--collect-only"]
