@@ -58,13 +58,14 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--first", type=int, help="only so many of the mutants drawn")
     parser.add_argument("--budget", type=float, default=60.0, help="seconds of tests, for a mutant and suite")
+    parser.add_argument("--again", action="store_true", help="map: only read again what the last run of tests noted")
     parser.add_argument("--tests", nargs="+", default=[], metavar="FILE", help="map: only these, to try things out")
     options = parser.parse_args()
     study = Study(options.output.resolve(), None if options.earlier is None else options.earlier.resolve())
     if options.what == "draw":
         study.draw(seed=options.seed, count=options.count)
     elif options.what == "map":
-        study.map(jobs=options.jobs, tests=options.tests)
+        study.map(jobs=options.jobs, tests=options.tests, again=options.again)
     elif options.what == "run":
         study.run(jobs=options.jobs, first=options.first, budget_s=options.budget)
     else:
@@ -95,21 +96,25 @@ class Study:
         (self._folder / "mutants.json").write_text(json.dumps(mutants, indent=1))
         print(f"{len(mutants)} mutants in {self._folder / 'mutants.json'}")
 
-    def map(self, *, jobs: int, tests: Sequence[str]) -> None:
-        """Run one suite, followed, and write its map."""
+    def map(self, *, jobs: int, tests: Sequence[str], again: bool) -> None:
+        """Run one suite, followed, unless that is done; and write its map."""
         suite = list(self._suites)[-1]
         slot = self._slot(0)
         slot.dress(suite)
         compiled = slot.folder / "kernels"
-        if self._kernels.exists():
-            shutil.copytree(self._kernels, compiled)
         followed = self._folder / f"followed-{suite}"
-        slot.map(followed, jobs, tests)
+        if not again:
+            shutil.rmtree(compiled, ignore_errors=True)
+        if self._kernels.exists() and not compiled.exists():
+            shutil.copytree(self._kernels, compiled)
+        if not again:
+            slot.map(followed, jobs, tests)
         failing = [test.id for test in failed_once(followed) if slot.run([test]).killed_by]
         found = gathered(followed, slot.checkout, Names(slot.checkout), failing)
         found.write(self._map_path(suite))
-        shutil.rmtree(self._kernels, ignore_errors=True)
-        compiled.rename(self._kernels)
+        if compiled.exists():
+            shutil.rmtree(self._kernels, ignore_errors=True)
+            compiled.rename(self._kernels)
         print(f"{suite}: {len(found.tests)} tests of {sum(test.seconds for test in found.tests):.0f} s")
         for test in not_followed(followed):
             print(f"left out, for its process did not end as it should: {test}")
@@ -122,6 +127,8 @@ class Study:
         names = Names(TOP)
         done = {result["number"] for result in self._results()}
         mutants = [mutant for mutant in self._mutants()[:first] if mutant.number not in done]
+        if not self._kernels.exists():
+            self._slot(0).compile_kernels().rename(self._kernels)
         slots: queue.Queue[Slot] = queue.Queue()
         for number in range(jobs):
             slots.put(self._slot(number))

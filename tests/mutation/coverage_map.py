@@ -9,13 +9,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from mutation.draw import Mutant
 from mutation.names import Name, Names, statement_lines
-
-if TYPE_CHECKING:
-    from coverage import CoverageData
 
 _OUTLIVES_S = 1.0
 """A process that ends later than this after its test serves other tests too."""
@@ -182,6 +179,10 @@ def _is_of_module(test_file: str, file: str) -> bool:
     return re.fullmatch(rf"test_{re.escape(module.stem.strip('_'))}(_.*)?", test.stem) is not None
 
 
+_Run = tuple[str, int, set[str]]
+"""A file, a line, and whom it belongs to."""
+
+
 def failed_once(folder: Path) -> list[KnownTest]:
     """Return the tests that failed while they were followed: perhaps because they were."""
     found = (test for path in sorted(folder.glob("*.json")) for test in json.loads(path.read_text())["tests"].values())
@@ -208,7 +209,7 @@ def gathered(folder: Path, checkout: Path, names: Names, failing: Iterable[str])
     owned = _tests_of_owners(noted, places)
     lines: dict[str, dict[int, int]] = defaultdict(lambda: defaultdict(int))
     for path in sorted(folder.glob("tests.*")):
-        _add(lines, path, owned, checkout)
+        _add(lines, _runs(path), owned, checkout)
     popens = {path.relative_to(checkout).as_posix() for path in _starting_processes(checkout)}
     talking = 0  # tests that run a line of a module which starts processes
     for file in popens:
@@ -217,10 +218,9 @@ def gathered(folder: Path, checkout: Path, names: Names, failing: Iterable[str])
     outliving = _Outliving(found, places, noted, talking)
     for path in sorted(folder.glob("process.*")):
         if path.suffix != ".ini":
-            end = path.stat().st_mtime
-            labels_here = _data(path).measured_contexts()
-            shared = {label: owned.get(label, 0) | outliving.bits(label, end) for label in labels_here}
-            _add(lines, path, shared, checkout)
+            runs, end = _runs(path), path.stat().st_mtime
+            owners = {owner for _, _, found_there in runs for owner in found_there}
+            _add(lines, runs, {owner: owned.get(owner, 0) | outliving.bits(owner, end) for owner in owners}, checkout)
     tests = [_test(found[label]) for label in labels]
     files = sorted({test.file for test in tests})
     return CoverageMap(
@@ -254,21 +254,24 @@ def _tests_of_owners(noted: dict[str, Any], places: dict[str, int]) -> dict[str,
     return owned
 
 
-def _data(path: Path) -> "CoverageData":
-    from coverage import CoverageData  # needed for mapping alone
+def _runs(path: Path) -> list[_Run]:
+    """Read a file of coverage: none if its process was killed while it wrote it."""
+    from coverage import CoverageData, exceptions  # needed for mapping alone
 
     data = CoverageData(str(path))
-    data.read()
-    return data
+    try:
+        data.read()
+        by_file = {file: data.contexts_by_lineno(file) for file in data.measured_files()}
+    except exceptions.DataError:
+        return []
+    return [(file, line, set(owners)) for file, found in by_file.items() for line, owners in found.items()]
 
 
-def _add(lines: dict[str, dict[int, int]], path: Path, owned: dict[str, int], checkout: Path) -> None:
-    data = _data(path)
-    for file in data.measured_files():
+def _add(lines: dict[str, dict[int, int]], runs: list[_Run], owned: dict[str, int], checkout: Path) -> None:
+    for file, line, owners in runs:
         inner = lines[Path(file).relative_to(checkout).as_posix()]
-        for line, labels in data.contexts_by_lineno(file).items():
-            for label in labels:
-                inner[line] |= owned.get(label, 0)
+        for owner in owners:
+            inner[line] |= owned.get(owner, 0)
 
 
 class _Outliving:

@@ -101,6 +101,12 @@ class Slot:
         ]  # fmt: skip
         return subprocess.run(command, cwd=self.checkout, env=environment, check=False).returncode
 
+    def compile_kernels(self) -> Path:
+        """Compile the kernels of the unchanged package; return their folder."""
+        command = [sys.executable, "-m", "tofmix", "warmup"]
+        subprocess.run(command, cwd=self.checkout, env=self.environment(), capture_output=True, check=True)
+        return self.folder / "kernels"
+
     def collected(self) -> set[str]:
         """Return the tests that pytest can collect, of the suite that runs now."""
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--collect-only"]
@@ -123,7 +129,6 @@ class Slot:
             target = self.checkout / path.relative_to(top)
             if target.read_bytes() != path.read_bytes():
                 target.write_bytes(path.read_bytes())
-        shutil.rmtree(self.folder / "kernels", ignore_errors=True)
 
     @contextmanager
     def changed(self, mutant: Mutant, names: Names, kernels: tuple[Path, Path] | None) -> Iterator[float]:
@@ -133,6 +138,7 @@ class Slot:
         """
         path = self.checkout / mutant.file
         source = path.read_bytes()
+        shutil.rmtree(self.folder / "kernels", ignore_errors=True)
         try:
             path.write_bytes(mutant.applied(source))
             changed = [(found.module, found.name) for found in names.at(mutant.file, mutant.line)]
