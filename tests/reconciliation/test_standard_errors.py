@@ -160,3 +160,20 @@ def test_polish_leaves_a_saddle_for_the_top() -> None:
     end = cast("_Saddle", polish(cast("Numbers", start)))
     assert end.at(end.vector).total > start.at(start.vector).total + 30
     assert (end.vector > 0.7).all()
+
+
+class _Kink(_Saddle):
+    """A top at which the log-likelihood has an edge: it falls ten times as steeply on one side as on the other."""
+
+    def moved(self, x: FloatArray) -> "_Kink":
+        return _Kink(*x)
+
+    def at(self, x: FloatArray) -> Value:
+        nothing = np.zeros((1, 4))
+        fallen = sum(100.0 * v if v > 0 else -1000.0 * v for v in x)
+        return Value(total=-float(fallen), by_pixel=nothing, by_frame=nothing)
+
+
+def test_polish_stays_at_a_top_with_an_edge_where_no_step_climbs() -> None:
+    end = cast("_Kink", polish(cast("Numbers", _Kink(0.0, 0.0))))
+    np.testing.assert_array_equal(end.vector, [0.0, 0.0])
