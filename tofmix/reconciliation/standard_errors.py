@@ -27,9 +27,6 @@ _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # in units of a number's own curvature
 _SEEN, _NEAR, _FAR = 0.05, 0.03, 0.1  # share of the beam; parts of an amplitude: its noise, and a gap
 _OFF = 0.1  # from the part that was tried, of it, where another is worth a trial
 
-_NOTHING = 1e-6
-"""A number below this is at the bound 0, in its own unit: the search stops a little above 0."""
-
 
 def polish(numbers: Numbers) -> Numbers:
     """Newton's steps for all numbers at once, to the top of the log-likelihood; none of them lowers it.
@@ -128,8 +125,7 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
     over blocks of frames, between the curvature's inverses (the sandwich). Under a fixed pattern, the errors by
     curvature are averaged over what its spreads may be, and blocks of pixels, which share it, are left out. Without
     one, all are stretched where the profile likelihood is no parabola. Numbers at their bounds are taken as given and
-    have none. Nor have the others of the effect, unless the bound is 0: the amplitude of a warm-up depends on its time
-    constant, and an error with the time constant held at its bound would be too small.
+    have none.
 
     References
     ----------
@@ -156,15 +152,12 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
         own = slice(start, start + fitted.problem.parameters)
         start = own.stop
         out[number] = {}
-        values = numeric(fitted.effect)
-        parameters = {n: Parameter(name=n, fitted=fitted, own=own, steps=about.steps) for n in values}
-        errors = {n: max(parabola_error(p, covariance) for covariance in found) for n, p in parameters.items()}
-        if not any(errors[name] == 0 and value > _NOTHING for name, value in values.items()):
-            for name in (name for name, error in errors.items() if error > 0):
-                shape = (
-                    1.0 if pattern is not None else stretch(parameters[name], known, partial(_value, numbers, about))
-                )
-                out[number][name] = errors[name] * shape
+        for name in numeric(fitted.effect):
+            parameter = Parameter(name=name, fitted=fitted, own=own, steps=about.steps)
+            largest = max(parabola_error(parameter, covariance) for covariance in found)
+            known_shape = 1.0 if pattern is not None else stretch(parameter, known, partial(_value, numbers, about))
+            if largest > 0:  # none of a number at its bound, which is taken as given
+                out[number][name] = largest * known_shape
         if isinstance(fitted.effect, Saturation):
             least = _half_gap(numbers, fitted.effect.full_well_amplitude)
             out[number]["full_well_amplitude"] = max(out[number].get("full_well_amplitude", 0.0), least)
