@@ -39,7 +39,7 @@ def test_one_that_fails_does_not_keep_the_others(tofmix: Tofmix, recordings: lis
     assert "not an HDF5 file" in said[1]["error"]
     assert sum(said[0]["pixels_by_surfaces"]) == 4 * 3
     assert outcome.err.splitlines()[-1] == "tofmix: 2 of 4 recordings failed; the others are done"
-    assert outcome.err.count("\n") == 3
+    assert len([line for line in outcome.err.splitlines() if "compiling the kernels" not in line]) == 3
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.layers.h5", "c.layers.h5"]
     # What is done is left as it is.
     again = tofmix("estimate", *recordings, "--output-dir", tmp_path / "out", "--resume")

@@ -27,6 +27,7 @@ def compile_all() -> None:
     for sigma, refine, counter in product(SigmaMode, Refine, COUNTERS.values()):
         warm_up(EstimateOptions(sigma=sigma, refine=refine, counter=counter()))
     warm_up(EstimateOptions(unambiguous_range_mm=2.0 * _RANGE_MM))
+    warm_up(EstimateOptions(paper=True))
     compile_noise()
     range_mm, sensor, amplitude = _made_up()
     law = AmplitudeLaw(np.array([100.0]), np.array([50.0, 200.0]), np.array([2.0, 0.5]))
