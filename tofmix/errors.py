@@ -56,6 +56,10 @@ class BadInputError(TofmixError):
     exit_code = ExitCode.BAD_INPUT
 
 
+class DoubtWarning(UserWarning):
+    """What is doubtful about samples or their noise, from `tofmix.estimate`."""
+
+
 class StorageError(TofmixError):
     """A file could not be written: no space, no permission, no such folder."""
 

@@ -11,7 +11,7 @@ import xarray
 from files import boards, write_recording
 
 import tofmix as tm
-from tofmix.errors import BadInputError, UsageError
+from tofmix.errors import BadInputError, DoubtWarning, UsageError
 from tofmix.layers import LAYER_FIELDS
 from tofmix.sensor import NoiseCurve
 
@@ -174,3 +174,20 @@ def test_reconcile_of_a_model_with_its_own_simulation_agrees() -> None:
     assert tm.reconcile(small, measured, effects=("range_offset",)).verified.verdict == "agree"
     with pytest.raises(ValueError, match="effects: 'wobble' is not one of"):
         tm.reconcile(small, measured, effects=("wobble",))
+
+
+def test_estimate_warns_where_the_curve_is_not_that_of_the_samples(recording: Path) -> None:
+    wrong = NoiseCurve(np.array([1000.0]), np.array([150.0]))
+    wide = write_recording(recording.with_name("wide.h5"), boards(60, rows=12, cols=24))
+    with pytest.warns(DoubtWarning, match="Samples scatter 0.098 times as much .* noise='auto' measures it"):
+        tm.estimate(wide, noise=wrong)
+
+
+def test_recording_marked_as_averaged_is_refused_unless_forced(tmp_path: Path) -> None:
+    averaged = tm.simulate("near-far", frames=3, averaged=True)
+    with pytest.raises(BadInputError, match="marked as averaged"):
+        tm.estimate(averaged)
+    saved = tm.open(averaged.save(tmp_path / "averaged.h5"))
+    assert isinstance(saved, tm.Recording)
+    assert saved.averaged
+    assert tm.estimate(saved, force=True).n_modes.shape == (1, *saved.shape[1:])

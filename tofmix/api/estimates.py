@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import warnings
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from tofmix import __version__
 from tofmix.api.recordings import Recording
-from tofmix.errors import BadInputError
+from tofmix.errors import BadInputError, DoubtWarning
 from tofmix.layers import LAYER_FIELDS, Layers, Provenance
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from tofmix.estimation.counters import Counter
     from tofmix.estimation.noise import MeasuredNoise
     from tofmix.estimation.settings import EstimateOptions
+    from tofmix.recording import SampleSource
     from tofmix.windows import Windows
 
 FILE, AUTO = "file", "auto"
@@ -174,6 +176,7 @@ def estimate(
     window: int | None = None,
     stride: int | None = None,
     workers: int | None = None,
+    force: bool = False,
     **choices: Unpack[Choices],
 ) -> Estimate:
     """Recover the surfaces in each pixel of a recording, in memory.
@@ -191,6 +194,8 @@ def estimate(
         Frames that make one estimate, and frames from one window to the next; all frames, and the window.
     workers : int, optional
         Threads; all processors without it. It changes no value.
+    force : bool
+        Whether a recording that is marked as averaged is taken all the same.
     **choices
         Fields of `tofmix.estimation.settings.EstimateOptions`, for example ``sigma="tied"`` or ``paper=True``.
 
@@ -204,7 +209,12 @@ def estimate(
     ValueError
         If an option is out of its bounds.
     BadInputError
-        If the file cannot be read, or its samples do not tell the noise.
+        If the file cannot be read, is marked as averaged, or its samples do not tell the noise.
+
+    Warns
+    -----
+    DoubtWarning
+        If the samples scatter otherwise than the noise curve says, or drift within a window.
     """
     from tofmix.estimation.no_return import no_return_constant
     from tofmix.estimation.sequence import estimate_layers
@@ -213,6 +223,11 @@ def estimate(
 
     source = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
     options = EstimateOptions(**choices)  # type: ignore[arg-type]  # texts become members of their enumerations there
+    if source.averaged and not force:
+        raise BadInputError(
+            f"{source.name}: marked as averaged: its frames are means, in which surfaces cannot be told apart;"
+            " force=True takes the means for samples"
+        )
     windows = plan_windows(source.shape[0], window=window, stride=stride)
     asked = noise if noise is not None else AUTO if source.sensor.noise is None else FILE
     sensor = _sensor(source, asked, outliers, options)
@@ -221,6 +236,7 @@ def estimate(
     with source.opened() as samples:
         if options.unambiguous_range_mm is None and not options.paper and sensor.no_return_mm is None:
             sensor = replace(sensor, no_return_mm=no_return_constant(samples))
+        _say_doubts(samples, sensor, asked, windows.length, options.unambiguous_range_mm)
     source = source.with_sensor(sensor)
     with source.opened() as samples:
         layers = estimate_layers(samples, options, windows=of_samples, workers=workers or os.cpu_count() or 1)
@@ -300,6 +316,21 @@ def _sensor(source: Recording, noise: str | NoiseCurve, outliers: str | float, o
     if options.unambiguous_range_mm is not None and sensor.noise.law is not None:
         sensor = replace(sensor, noise=replace(sensor.noise, law=None))  # on a circle sigma goes by range alone
     return sensor
+
+
+def _say_doubts(
+    samples: "SampleSource", sensor: Sensor, noise: str | NoiseCurve, window_frames: int, circle_mm: float | None
+) -> None:
+    """Warn of what `tofmix estimate` says of the samples before it estimates them."""
+    from tofmix.estimation.consistency import check_consistency
+    from tofmix.report.findings import Remedy, sample_findings
+
+    seen = check_consistency(samples, sensor.noise, window_frames=window_frames, unambiguous_range_mm=circle_mm)
+    scatter = None if noise == AUTO else seen.scatter_over_curve  # a curve that the samples gave is theirs
+    remedy = Remedy(recording="recording", window_frames=window_frames)
+    for finding in sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy):
+        help_text = "noise='auto' measures it." if finding.code == "scatter_off_curve" else "Take a shorter window."
+        warnings.warn(f"{finding.text} {help_text}", DoubtWarning, stacklevel=3)
 
 
 def _measured(source: Recording, length: float | None) -> "MeasuredNoise":

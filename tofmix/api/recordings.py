@@ -43,6 +43,8 @@ class Recording:
         Of a simulated recording.
     model_text : str
         The model file of a simulated recording.
+    averaged : bool
+        Whether the samples are marked as means that the camera made.
     """
 
     def __init__(
@@ -55,8 +57,10 @@ class Recording:
         time_s: FloatArray | None = None,
         truth: "Truth | None" = None,
         model_text: str = "",
+        averaged: bool = False,
     ) -> None:
         self._source, self._sensor, self._shape, self._targets = source, sensor, shape, targets
+        self.averaged = averaged
         self._time_s, self._truth, self._model_text = time_s, truth, model_text
 
     def __repr__(self) -> str:
@@ -111,7 +115,7 @@ class Recording:
         changed = replace(sensor or self._sensor, **changes)
         return type(self)(
             self._source, changed, shape=self._shape, targets=self._targets, time_s=self._time_s, truth=self._truth,
-            model_text=self._model_text,
+            model_text=self._model_text, averaged=self.averaged,
         )  # fmt: skip
 
     @contextmanager
@@ -204,7 +208,7 @@ class Recording:
             model_text=self._model_text,
             has_amplitude=amplitude is not None, has_time=time_s is not None,
             has_temperature=temperature_c is not None, dtype="f4", overwrite=overwrite,
-            inputs=() if self.path is None else (self.path,),
+            inputs=() if self.path is None else (self.path,), attributes={"averaged": int(self.averaged)},
         )  # fmt: skip
         with writer:
             writer.write(
@@ -241,7 +245,9 @@ def open_file(path: str | Path) -> "Recording | Estimate":
     if format_of(file) == FORMAT:
         return read_estimate(file)
     with open_recording(file) as source:
-        return Recording(file, source.sensor, shape=(source.frames, *source.shape[1:]), targets=source.targets)
+        averaged = source.attributes().get("averaged", 0) not in (0, "0", "")
+        shape = source.frames, *source.shape[1:]
+        return Recording(file, source.sensor, shape=shape, targets=source.targets, averaged=averaged)
 
 
 def from_array(

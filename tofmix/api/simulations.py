@@ -62,7 +62,7 @@ def simulate(
     )  # fmt: skip
     return Recording(
         samples, sensor, shape=samples.shape, time_s=np.concatenate([block.time_s for block in blocks]), truth=truth,
-        model_text=scene.text,
+        model_text=scene.text, averaged=averaged,
     )  # fmt: skip
 
 
