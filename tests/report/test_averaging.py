@@ -9,7 +9,6 @@ from tofmix.errors import UsageError
 from tofmix.layers import Layers
 from tofmix.ranging import unambiguous_range_mm
 from tofmix.recording import ArrayRecording
-from tofmix.report import averaging
 from tofmix.report.averaging import Averaging, average_layers, average_samples
 from tofmix.sensor import Sensor
 
@@ -30,11 +29,10 @@ def naive_phasor_mean(samples: list[float], amplitudes: list[float]) -> float:
 
 @pytest.mark.parametrize(("row_step", "block"), [(1, 1 << 19), (4, 40), (9, 7), (1, 1)])
 def test_phasor_mean_is_the_naive_one_in_any_blocks(
-    row_step: int, block: int, make_recording: Callable[..., object], monkeypatch: pytest.MonkeyPatch
+    row_step: int, block: int, make_recording: Callable[..., object]
 ) -> None:
-    monkeypatch.setattr(averaging, "BLOCK_SAMPLES", block)
     recording = make_recording((30, 9, 5), row_step=row_step)
-    image = average_samples(recording, start=3, stop=28)  # type: ignore[arg-type]
+    image = average_samples(recording, start=3, stop=28, block_samples=block)  # type: ignore[arg-type]
     assert image.averaging is Averaging.PHASOR
     samples, amplitude = recording.range_mm[3:28], recording.amplitude[3:28]  # type: ignore[attr-defined]
     for row in range(9):
@@ -43,10 +41,9 @@ def test_phasor_mean_is_the_naive_one_in_any_blocks(
             assert image.range_mm[row, col] == pytest.approx(expected, nan_ok=True)
 
 
-def test_memory_is_bounded(make_recording: Callable[..., object], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(averaging, "BLOCK_SAMPLES", 100)
+def test_average_reads_no_more_samples_at_once_than_it_is_allowed(make_recording: Callable[..., object]) -> None:
     recording = make_recording((50, 9, 11), row_step=2)
-    average_samples(recording, start=0, stop=50)  # type: ignore[arg-type]
+    average_samples(recording, start=0, stop=50, block_samples=100)  # type: ignore[arg-type]
     assert max(recording.blocks) <= 100  # type: ignore[attr-defined]
 
 

@@ -3,21 +3,22 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import pytest
 from unpacking import samples_of, unpack
 
 from tofmix.layers import Layers
 from tofmix.recording import SampleSource
-from tofmix.report import explorer, sample_packing
 from tofmix.report.averaging import average_layers
 from tofmix.report.explorer import Explorer, make_explorer, windows_around
 from tofmix.report.sources import LayersSource
 
 
-def made(source: LayersSource, recording: SampleSource | None = None, window: int = 0) -> Explorer | None:
+def made(
+    source: LayersSource, recording: SampleSource | None = None, window: int = 0, **limits: int
+) -> Explorer | None:
     layers = source.read_window(window)
     return make_explorer(
-        source, recording=recording, window=window, layers=layers, averaged=average_layers(layers), scale=(700, 7000)
+        source, recording=recording, window=window, layers=layers, averaged=average_layers(layers), scale=(700, 7000),
+        **limits,
     )  # fmt: skip
 
 
@@ -65,37 +66,32 @@ def test_all_windows_are_in_a_small_page(
 
 
 def test_large_pages_hold_the_windows_around_the_chosen_one(
-    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource], monkeypatch: pytest.MonkeyPatch
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
 ) -> None:
     source = make_source(*(make_layers() for _ in range(9)))
-    monkeypatch.setattr(explorer, "MOST_PIXELS", 3 * 99 + 50)
-    chosen = [list(windows_around(source, k, with_samples=False)) for k in (0, 4, 8)]
+    three = 3 * 99 + 50
+    chosen = [list(windows_around(source, k, with_samples=False, most_pixels=three)) for k in (0, 4, 8)]
     assert chosen == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
-    found = made(source, window=4)
+    found = made(source, window=4, most_pixels=three)
     assert found is not None
     assert found.note.startswith("This page holds windows 3 to 5 of 0 to 8; --window chooses others.")
-    monkeypatch.setattr(explorer, "MOST_PIXELS", 1)
-    assert list(windows_around(source, 5, with_samples=False)) == [5]
-    monkeypatch.setattr(explorer, "MOST_PIXELS", 10_000)
-    assert list(windows_around(make_source(*[make_layers()] * 80), 5, with_samples=False)) == list(range(50))
-    monkeypatch.setattr(explorer, "MOST_SAMPLES", 2 * 50 * 99)
-    assert list(windows_around(source, 5, with_samples=True)) == [4, 5]
+    assert list(windows_around(source, 5, with_samples=False, most_pixels=1)) == [5]
+    many = make_source(*[make_layers()] * 80)
+    assert list(windows_around(many, 5, with_samples=False, most_pixels=10_000)) == list(range(50))
+    assert list(windows_around(source, 5, with_samples=True, most_samples=2 * 50 * 99)) == [4, 5]
 
 
 def test_what_is_left_out_is_told(
     make_layers: Callable[..., Layers],
     make_source: Callable[..., LayersSource],
     make_recording: Callable[..., SampleSource],
-    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     source, recording = make_source(make_layers()), make_recording()
     for most, expected in ((30 * 99, "Of the 50 frames of a window, 30 are shown."), (99, "too large for samples")):
-        monkeypatch.setattr(sample_packing, "MOST_SAMPLES", most)
-        found = made(source, recording)
+        found = made(source, recording, most_samples=most)
         assert found is not None
         assert expected in found.note
-    monkeypatch.setattr(explorer, "LARGEST_IMAGE", 98)
-    assert made(source, recording) is None
+    assert made(source, recording, largest_image=98) is None
 
 
 def test_names_cannot_end_the_script(

@@ -1,11 +1,9 @@
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 from unpacking import samples_of
 
 from tofmix.recording import ArrayRecording
-from tofmix.report import sample_packing
 from tofmix.report.packing import pack_numbers
 from tofmix.report.sample_packing import PackedSamples, pack_samples
 from tofmix.sensor import NoiseCurve, Sensor
@@ -66,20 +64,20 @@ def test_samples_take_no_more_room_than_they_may() -> None:
     np.testing.assert_allclose(unpacked(packed, 7, 30), expected, rtol=0, atol=packed.step_mm / 2)
 
 
-def test_frames_of_long_windows_are_thinned_evenly(
-    monkeypatch: pytest.MonkeyPatch, make_recording: Callable[..., ArrayRecording]
-) -> None:
-    monkeypatch.setattr(sample_packing, "MOST_SAMPLES", 20 * 6)
+def test_frames_of_long_windows_are_thinned_evenly(make_recording: Callable[..., ArrayRecording]) -> None:
     samples = np.arange(100.0)[:, None, None] + np.ones((100, 2, 3))
     for block in (1 << 21, 7):
-        monkeypatch.setattr(sample_packing, "_BLOCK_SAMPLES", block)
-        packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=100, noise=None, room=10**6)
+        packed = pack_samples(
+            ArrayRecording(samples, Sensor(name="x")), start=0, stop=100, noise=None, room=10**6, most_samples=20 * 6,
+            block_samples=block,
+        )  # fmt: skip
         assert packed is not None
         assert (packed.frames_kept, packed.frames) == (20, 100)
         found = unpacked(packed, 4, 6)
         assert (found[0], found[-1]) == (1.0, 100.0)
         assert set(np.diff(found)) == {5.0, 6.0}
-    assert pack_samples(make_recording((50, 9, 11)), start=0, stop=50, noise=None, room=10**6) is None
+    large = make_recording((50, 9, 11))
+    assert pack_samples(large, start=0, stop=50, noise=None, room=10**6, most_samples=20 * 6) is None
 
 
 def test_no_room_at_all_still_ends() -> None:

@@ -74,17 +74,17 @@ class SeriesStatistics(NamedTuple):
     memory: FloatArray
 
 
-def read_series(source: SampleSource) -> Series:
-    """Take series from a recording: all pixels up to `MAX_SERIES`, in as many runs of frames as that allows.
+def read_series(source: SampleSource, *, most: int = MAX_SERIES) -> Series:
+    """Take series from a recording: all pixels up to `most`, in as many runs of frames as that allows.
 
     Runs are spread evenly over the recording. Of larger images every k-th row is taken. What is taken depends on the
     recording's sizes alone. It is read band by band.
     """
     frames, rows, cols = source.shape
     length = min(frames, SERIES_FRAMES)
-    step = max(1, math.ceil(rows * cols / MAX_SERIES))
+    step = max(1, math.ceil(rows * cols / most))
     chosen = np.arange(0, rows, step)
-    runs = max(1, min(frames // length, MAX_SERIES // (len(chosen) * cols)))
+    runs = max(1, min(frames // length, most // (len(chosen) * cols)))
     starts = np.linspace(0, frames - length, runs).astype(int)
     return read_runs(source, starts.tolist(), length, chosen, amplitude_source(source))
 

@@ -5,10 +5,8 @@ import numpy as np
 from tofmix.arrays import IntArray
 from tofmix.recording import SampleSource, samples_a_frame
 
-_BLOCK_SAMPLES = 1 << 21
 
-
-def count_samples(recording: SampleSource, *, start: int, stop: int) -> IntArray:
+def count_samples(recording: SampleSource, *, start: int, stop: int, block_samples: int = 1 << 21) -> IntArray:
     """Valid samples of each pixel in frames [start, stop), read a block at a time.
 
     Parameters
@@ -17,6 +15,8 @@ def count_samples(recording: SampleSource, *, start: int, stop: int) -> IntArray
         The recording.
     start, stop : int
         Frames, 0 <= start < stop <= its frames.
+    block_samples : int
+        Samples read at once, at 4 bytes each. It changes no value.
 
     Returns
     -------
@@ -35,7 +35,7 @@ def count_samples(recording: SampleSource, *, start: int, stop: int) -> IntArray
     start, stop = start * each, stop * each
     out = np.zeros((rows, cols), dtype=np.int64)
     band = max(1, recording.row_step)
-    depth = max(1, _BLOCK_SAMPLES // (band * cols))
+    depth = max(1, block_samples // (band * cols))
     for row in range(0, rows, band):
         part = slice(row, min(row + band, rows))
         for first in range(start, stop, depth):

@@ -18,9 +18,6 @@ from tofmix.layers import Layers
 from tofmix.ranging import unambiguous_range_mm
 from tofmix.recording import AmplitudeSource, SampleSource, samples_a_frame
 
-BLOCK_SAMPLES = 1 << 19
-"""Samples read at once: about 40 MB with the phasors."""
-
 
 class Averaging(StrEnum):
     """How an averaged image was made."""
@@ -43,7 +40,12 @@ class AveragedImage:
 
 
 def average_samples(
-    recording: SampleSource, *, start: int, stop: int, unambiguous_range_mm: float | None = None
+    recording: SampleSource,
+    *,
+    start: int,
+    stop: int,
+    unambiguous_range_mm: float | None = None,
+    block_samples: int = 1 << 19,
 ) -> AveragedImage:
     """Average the samples of frames [start, stop), a block of frames and rows at a time.
 
@@ -61,6 +63,9 @@ def average_samples(
         Frames, 0 <= start < stop.
     unambiguous_range_mm : float, optional
         Length of the circle that the layers are on, mm.
+    block_samples : int
+        Samples read at once, which bounds the memory: by default about 40 MB with the phasors. It changes no value
+        beyond rounding.
 
     Returns
     -------
@@ -81,7 +86,7 @@ def average_samples(
         )
     start, stop = start * each, stop * each
     amplitudes = _amplitudes(recording)
-    band, depth = _block(recording, stop - start)
+    band, depth = _block(recording, stop - start, block_samples)
     range_mm = np.empty((rows, cols))
     for row in range(0, rows, band):
         rows_read = slice(row, min(row + band, rows))
@@ -126,12 +131,12 @@ def _amplitudes(recording: SampleSource) -> AmplitudeSource | None:
     return recording if recording.has_amplitude else None
 
 
-def _block(recording: SampleSource, n_frames: int) -> tuple[int, int]:
-    """Rows and frames of one read: whole chunks of rows, and no more than `BLOCK_SAMPLES` where they allow it."""
+def _block(recording: SampleSource, n_frames: int, block_samples: int) -> tuple[int, int]:
+    """Rows and frames of one read: whole chunks of rows, and no more than `block_samples` where they allow it."""
     _, rows, cols = recording.shape
     step = min(max(1, recording.row_step), rows)
-    band = step * max(1, BLOCK_SAMPLES // (step * cols * n_frames))
-    return min(band, rows), max(1, min(n_frames, BLOCK_SAMPLES // (min(band, rows) * cols)))
+    band = step * max(1, block_samples // (step * cols * n_frames))
+    return min(band, rows), max(1, min(n_frames, block_samples // (min(band, rows) * cols)))
 
 
 def _band_mean(

@@ -65,6 +65,9 @@ def make_explorer(
     layers: Layers,
     averaged: AveragedImage,
     scale: tuple[float, float],
+    most_pixels: int = MOST_PIXELS,
+    most_samples: int = MOST_SAMPLES,
+    largest_image: int = LARGEST_IMAGE,
 ) -> Explorer | None:
     """Pack windows for the page.
 
@@ -80,15 +83,23 @@ def make_explorer(
         Of that window.
     scale : (float, float)
         Limits of the colours, mm.
+    most_pixels : int
+        Pixels of all windows together; fewer windows are held where they have more.
+    most_samples : int
+        Samples of all windows together; of longer windows frames are left out.
+    largest_image : int
+        Pixels beyond which there is no explorer.
 
     Returns
     -------
     Explorer or None
-        None for an image of more than `LARGEST_IMAGE` pixels.
+        None for an image of more than `largest_image` pixels.
     """
-    if layers.n_modes.size > LARGEST_IMAGE:
+    if layers.n_modes.size > largest_image:
         return None
-    chosen = windows_around(layers_file, window, with_samples=recording is not None)
+    chosen = windows_around(
+        layers_file, window, with_samples=recording is not None, most_pixels=most_pixels, most_samples=most_samples
+    )
     windows = [
         _pack_window(layers_file, number, recording, (layers, averaged) if number == window else None)
         for number in chosen
@@ -99,7 +110,10 @@ def make_explorer(
         for held in windows:
             start, stop = held["frames"]
             noise = layers_file.provenance.sensor.noise
-            samples = pack_samples(recording, start=start, stop=stop, noise=noise, room=room, windows=len(windows))
+            samples = pack_samples(
+                recording, start=start, stop=stop, noise=noise, room=room, windows=len(windows),
+                most_samples=most_samples,
+            )  # fmt: skip
             held["samples"] = None if samples is None else _pack_samples(samples)
     most = max(held["most_layers"] for held in windows)
     content = _settings(layers_file, scale, most) | {"shown": window, "windows": windows}
@@ -108,13 +122,23 @@ def make_explorer(
     return Explorer(text=text, note=" ".join(note for note in notes if note))
 
 
-def windows_around(layers_file: LayersSource, window: int, *, with_samples: bool) -> range:
-    """Windows that a page has room for: `window`, and as many of its neighbours in time as fit."""
+def windows_around(
+    layers_file: LayersSource,
+    window: int,
+    *,
+    with_samples: bool,
+    most_pixels: int = MOST_PIXELS,
+    most_samples: int = MOST_SAMPLES,
+) -> range:
+    """Windows that a page has room for: `window`, and as many of its neighbours in time as fit.
+
+    Room for `most_pixels` pixels of all windows and, `with_samples`, for `most_samples` samples.
+    """
     windows, rows, cols = layers_file.shape
-    count = MOST_PIXELS // (rows * cols)
+    count = most_pixels // (rows * cols)
     if with_samples:
         frames = int(layers_file.window_stop[window] - layers_file.window_start[window])
-        count = min(count, MOST_SAMPLES // (rows * cols * max(1, frames)))
+        count = min(count, most_samples // (rows * cols * max(1, frames)))
     count = max(1, min(windows, count, MOST_WINDOWS))
     first = min(max(0, window - count // 2), windows - count)
     return range(first, first + count)

@@ -21,7 +21,6 @@ MOST_SAMPLES = 4_000_000
 LEAST_FRAMES = 16
 """Fewer samples a pixel than these show nothing."""
 
-_BLOCK_SAMPLES = 1 << 21
 _MOST_STEPS = 65_000
 _STEPS_A_SIGMA = 20.0
 
@@ -45,7 +44,15 @@ class PackedSamples:
 
 
 def pack_samples(
-    recording: SampleSource, *, start: int, stop: int, noise: NoiseCurve | None, room: int, windows: int = 1
+    recording: SampleSource,
+    *,
+    start: int,
+    stop: int,
+    noise: NoiseCurve | None,
+    room: int,
+    windows: int = 1,
+    most_samples: int = MOST_SAMPLES,
+    block_samples: int = 1 << 21,
 ) -> PackedSamples | None:
     """Read and pack the samples of frames [start, stop).
 
@@ -60,7 +67,11 @@ def pack_samples(
     room : int
         Characters that the text may take; where it takes more, samples are rounded more roughly.
     windows : int
-        Windows that share `MOST_SAMPLES`.
+        Windows that share `most_samples`.
+    most_samples : int
+        Samples that are packed at most.
+    block_samples : int
+        Samples read at once, at 4 bytes each. It changes no value.
 
     Returns
     -------
@@ -71,11 +82,11 @@ def pack_samples(
     start, stop = start * each, stop * each
     frames = stop - start
     _, rows, cols = recording.shape
-    kept = min(frames, MOST_SAMPLES // windows // (rows * cols))
+    kept = min(frames, most_samples // windows // (rows * cols))
     if kept < min(frames, LEAST_FRAMES):
         return None
     chosen = np.linspace(start, stop - 1, kept).round().astype(np.int64)
-    samples = np.sort(_read(recording, chosen), axis=0)  # NaN last
+    samples = np.sort(_read(recording, chosen, block_samples), axis=0)  # NaN last
     counts = np.isfinite(samples).sum(axis=0)
     lowest, highest = _ends(samples)
     offset = min(0.0, math.floor(lowest))
@@ -98,13 +109,13 @@ def pack_samples(
     )
 
 
-def _read(recording: SampleSource, chosen: NDArray[np.int64]) -> Float32Array:
+def _read(recording: SampleSource, chosen: NDArray[np.int64], block_samples: int) -> Float32Array:
     """Samples (frame, pixel) of the chosen frames, read a block of whole chunks at a time."""
     _, rows, cols = recording.shape
     first, frames = int(chosen[0]), int(chosen[-1] - chosen[0]) + 1
     step = max(1, recording.row_step)
-    band = step * max(1, _BLOCK_SAMPLES // (step * cols * frames))
-    depth = max(1, _BLOCK_SAMPLES // (min(band, rows) * cols))
+    band = step * max(1, block_samples // (step * cols * frames))
+    depth = max(1, block_samples // (min(band, rows) * cols))
     samples = np.empty((len(chosen), rows, cols), dtype=np.float32)
     for row in range(0, rows, band):
         rows_read = slice(row, min(row + band, rows))
