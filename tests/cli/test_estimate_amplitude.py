@@ -49,6 +49,7 @@ def test_a_law_of_amplitude_is_told_and_stored(tofmix: Tofmix, tmp_path: Path) -
     assert (n_modes == 1).mean() > 0.99
 
 
+@pytest.mark.slow
 def test_the_stored_law_is_read_again(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_reflective(tmp_path / "a.h5", 1.0)
     assert tofmix("estimate", path, "--noise", "auto").code == 0
@@ -63,6 +64,7 @@ def test_the_stored_law_is_read_again(tofmix: Tofmix, tmp_path: Path) -> None:
     assert tofmix("report", tmp_path / "b.layers.h5", "--html", tmp_path / "b.html").code == 0
 
 
+@pytest.mark.slow
 def test_amplitude_without_effect_is_told_and_changes_nothing(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_reflective(tmp_path / "a.h5", 0.0)
     outcome = tofmix("estimate", path, "--noise", "auto")

@@ -124,7 +124,7 @@ def test_ctrl_c_takes_the_work_back_and_leaves_what_is_done(
     )
     subprocess.run([sys.executable, "-c", count, cluster.file], check=True, timeout=60)
     resumed = run(recording, output, "--resume")
-    assert "blocks were there already" in resumed.stderr
+    assert "blocks that were there already" in resumed.stderr
     assert output.read_bytes() == expected
 
 

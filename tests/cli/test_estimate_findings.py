@@ -59,6 +59,7 @@ def test_drift_is_said_and_the_remedy_works(tofmix: Tofmix, tmp_path: Path) -> N
     assert _codes(again.out) == []
 
 
+@pytest.mark.slow
 def test_findings_are_those_of_report_whoever_computes(
     tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

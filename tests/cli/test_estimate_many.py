@@ -44,7 +44,7 @@ def test_one_that_fails_does_not_keep_the_others(tofmix: Tofmix, recordings: lis
     # What is done is left as it is.
     again = tofmix("estimate", *recordings, "--output-dir", tmp_path / "out", "--resume")
     assert again.code == ExitCode.SOME_FAILED
-    assert again.err.count("1 of 1 block was there already") == 2
+    assert again.err.count("blocks that were there already: 1 of 1") == 2
 
 
 def test_names_come_from_stdin(

@@ -58,7 +58,7 @@ def test_a_full_disk_leaves_work_to_go_on_from(
     assert "No space left on device; --resume goes on from what is done" in outcome.err
     assert names(tmp_path) == [".a.layers.h5.journal", "a.h5"]
     resumed = tofmix("estimate", recording, *WINDOWS, "--resume")
-    assert "4 of 4 blocks were there already" in resumed.err
+    assert "blocks that were there already: 4 of 4" in resumed.err
     assert (tmp_path / "a.layers.h5").read_bytes() == expected
     assert names(tmp_path) == ["a.h5", "a.layers.h5"]
 
@@ -90,11 +90,12 @@ def test_a_killed_run_is_gone_on_with(
         assert "--resume goes on from there" in done.stderr
     resumed = tofmix("estimate", recording, *WINDOWS, "--resume")
     assert resumed.code == 0, resumed.err
-    assert "2 of 4 blocks were there already" in resumed.err
+    assert "blocks that were there already: 2 of 4" in resumed.err
     assert (tmp_path / "a.layers.h5").read_bytes() == expected
     assert names(tmp_path) == ["a.h5", "a.layers.h5"]
 
 
+@pytest.mark.slow
 def test_an_old_journal_is_reported_and_never_used_unasked(
     tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes
 ) -> None:
@@ -110,6 +111,7 @@ def test_an_old_journal_is_reported_and_never_used_unasked(
     assert names(tmp_path) == ["a.h5", "a.layers.h5"]
 
 
+@pytest.mark.slow
 def test_another_recording_of_that_name_is_not_gone_on_with(tofmix: Tofmix, recording: Path) -> None:
     _killed_at(recording, 1, signal.SIGKILL)
     write_recording(recording, boards(200, ROWS, COLS)[::-1])
@@ -134,12 +136,13 @@ def test_resume_starts_what_was_not_begun_and_leaves_what_is_done(
     written = output.stat().st_mtime_ns
     again = tofmix("estimate", recording, *WINDOWS, "--resume")
     assert again.code == 0
-    assert "4 of 4 blocks were there already" in again.err
+    assert "blocks that were there already: 4 of 4" in again.err
     assert "pixels by surfaces" in again.out
     assert output.stat().st_mtime_ns == written
     assert tofmix("estimate", recording, "--window", 20, "--resume").code == ExitCode.USAGE  # another result is there
 
 
+@pytest.mark.slow
 def test_a_kill_between_the_naming_and_the_end_is_no_harm(
     tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes
 ) -> None:

@@ -115,6 +115,7 @@ def test_the_report_holds_sigma_against_the_circle(tofmix: Tofmix, tmp_path: Pat
     assert "mean direction of the samples on the circle" in page.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.compiled("25,344 pixels")
 def test_a_simulated_recording_of_the_built_in_camera(tofmix: Tofmix, tmp_path: Path) -> None:
     """At 1.2 ms its sigma at the fold is 430 mm: the boards are found as on a line."""

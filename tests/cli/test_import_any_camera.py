@@ -1,5 +1,6 @@
 """`tofmix import` without `--sensor`: HDF5, CSV, units, depths along z, and what stays unknown."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -282,3 +283,13 @@ def test_a_recording_of_an_unknown_camera_passes_verify(tofmix: Tofmix, tmp_path
     assert tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "r.h5").code == 0
     done = tofmix("verify", tmp_path / "r.h5")
     assert done.code == 0, done.out + done.err
+
+
+def test_json_says_what_was_made_and_what_is_not_known(tofmix: Tofmix, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.full((5, 3, 4), 1234.0))
+    done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--units", "mm", "--json")
+    assert done.code == 0, done.err
+    made = json.loads(done.out)
+    assert (made["frames"], made["rows"], made["cols"], made["targets"], made["unit_mm"]) == (5, 3, 4, 0, 1.0)
+    assert made["output"] == str(tmp_path / "a.h5")
+    assert [line.split(" (")[0] for line in made["not_known"]] == ["field of view", "largest range", "noise curve"]

@@ -111,6 +111,7 @@ def test_windows_are_counted_in_frames(tofmix: Tofmix, made: Path, tmp_path: Pat
     assert tofmix("estimate", made / "t.h5", "-o", out, "--window", 91, "--overwrite").code == ExitCode.USAGE
 
 
+@pytest.mark.slow
 def test_the_bytes_do_not_depend_on_memory_or_shards(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
     out = tmp_path / "a.layers.h5"
     window = ("--window", 40)

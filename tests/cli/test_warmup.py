@@ -38,6 +38,7 @@ def nothing_compiled() -> Iterator[None]:
     assert not [str(found.data) for _, found in record.buffer]
 
 
+@pytest.mark.slow
 @pytest.mark.compiled("there is nothing to compile")
 def test_after_it_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     assert tofmix("warmup").code == 0

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from drawing import draw
 from sizes import sized
 
@@ -28,6 +29,7 @@ def _fitted(column: np.ndarray, start: list[float], sensor: Sensor) -> tuple[Rea
     return data, beam, work
 
 
+@pytest.mark.slow
 def test_a_surface_that_gains_enough_is_promised(rng: np.random.Generator, sensor: Sensor) -> None:
     gaining, missed, quick = 0, 0, 0
     for shares, apart in (([0.5, 0.5], 45), ([0.9, 0.1], 80), ([0.97, 0.03], 120), ([1.0, 0.0], 0)):

@@ -43,6 +43,7 @@ def test_bins_keep_the_mean_and_lose_little_spread(rng: np.random.Generator) -> 
     assert 0.0 < values.var() - spread < BIN**2 / 12.0 * 20.0**2 * 1.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "samples", [1000, pytest.param(10_000, marks=pytest.mark.compiled("fits of 10,000 samples each"))]
 )

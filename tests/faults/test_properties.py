@@ -175,6 +175,7 @@ def _check(layers: Layers, taken: NDArray[Any], options: EstimateOptions) -> Non
         assert ((ranges >= 0) & (ranges <= options.unambiguous_range_mm)).all()
 
 
+@pytest.mark.slow
 @given(samples=samples(), storage=STORAGES, options=OPTIONS, workers=st.integers(2, 4), data=st.data())
 @examples(15)
 def test_storage_and_workers_change_nothing(
@@ -201,6 +202,7 @@ def test_the_order_of_frames_changes_nothing(samples: NDArray[np.float64], optio
     assert_same(one, other)
 
 
+@pytest.mark.slow
 @given(samples=samples(), options=OPTIONS, data=st.data())
 @examples(15)
 def test_the_union_of_two_sets_of_pixels_has_the_two_results(
@@ -217,6 +219,7 @@ def test_the_union_of_two_sets_of_pixels_has_the_two_results(
         np.testing.assert_array_equal(getattr(whole, spec.name), both, err_msg=spec.name)
 
 
+@pytest.mark.slow
 @given(samples=samples(), options=OPTIONS, data=st.data())
 @examples(10)
 def test_a_window_is_what_its_frames_alone_give(

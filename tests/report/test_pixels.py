@@ -74,6 +74,7 @@ def test_samples_are_the_valid_ones_in_order() -> None:
     assert nothing.modes_mm is None
 
 
+@pytest.mark.slow
 def test_the_grown_density_ends_where_all_samples_lead() -> None:
     samples = two_boards()
     growth = grow_density(samples, SENSOR)

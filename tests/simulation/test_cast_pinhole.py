@@ -64,6 +64,7 @@ def brute_force(model: Model, row: int, col: int, side: int = 250) -> tuple[Floa
     return np.array(met) / weight.sum(), np.array(mean)
 
 
+@pytest.mark.slow
 def test_shares_and_ranges_agree_with_brute_force_rays() -> None:
     model = Model(sensor=camera(), surfaces=BOARDS)
     truth = cast_scene(model)

@@ -195,8 +195,7 @@ def _estimate(
             progress=bar.update, say=say, settle=source.settle,
         )  # fmt: skip
     if outcome.continued and not is_quiet():
-        were = "was" if outcome.cells == 1 else "were"
-        say(f"{target}: {outcome.continued} of {counted(outcome.cells, 'block')} {were} there already")
+        say(f"{target}: blocks that were there already: {outcome.continued} of {outcome.cells}")
     if windows.frames_left_out:
         say(f"{recording}: {counted(windows.frames_left_out, 'frame')} after the last whole window left out")
     if request.shard is None:

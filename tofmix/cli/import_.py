@@ -1,12 +1,13 @@
 """``tofmix import``: recordings from other programs' files."""
 
+import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import PATH, examples, overwrite_option, progress_bar
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar
 from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 )  # fmt: skip
 @click.option("--shape", metavar="ROWSxCOLS", help="Image of a frame whose pixels lie in one line or axis, row by row.")
 @click.option("--frame-rate", type=click.FloatRange(0, min_open=True), help="Frames a second, where no time is stored.")
+@json_option
 @overwrite_option
 def import_(
     source: Path,
@@ -95,6 +97,7 @@ def import_(
     axes: str | None,
     shape: str | None,
     frame_rate: float | None,
+    as_json: bool,
     overwrite: bool,
 ) -> None:
     """Write SOURCE as a recording that tofmix estimate reads.
@@ -108,7 +111,16 @@ def import_(
     are taken along the beam. What neither SOURCE nor --sensor tells stays unknown, and
     is listed. Frames are read and written in blocks.
     """
-    from tofmix.cli.import_camera import Lens, camera_of, geometry_of, intrinsics_of, sensor_of, shape_of, view_of
+    from tofmix.cli.import_camera import (
+        Lens,
+        camera_of,
+        geometry_of,
+        intrinsics_of,
+        not_known,
+        sensor_of,
+        shape_of,
+        view_of,
+    )
     from tofmix.io.importers import open_source
     from tofmix.io.importers.axes import check_axes
     from tofmix.io.importers.base import Request
@@ -150,12 +162,22 @@ def import_(
             )  # fmt: skip
         _say([*frames.notes, *geometry.notes], frames, imported, camera, geometry.sensor, source)
     _, rows, cols = frames.shape
+    unknown = not_known(geometry.sensor, has_optics=geometry.sensor.optics is not None)
+    if as_json:
+        made = {
+            "source": str(source), "output": str(output), "frames": imported.frames, "rows": rows, "cols": cols,
+            "targets": frames.targets, "kind": frames.kind, "unit_mm": conversion.unit_mm, "geometry": geometry.text,
+            "not_known": unknown,
+        }  # fmt: skip
+        click.echo(json.dumps(made))
+        return
     targets = f" of {frames.targets} targets" if frames.targets else ""
     click.echo(
         f"{output}: {imported.frames:,} frame{'s' * (imported.frames != 1)} of {rows} x {cols} pixels{targets} from"
         f" {frames.kind}, {conversion.unit_mm:g} mm a unit; {geometry.text}"
     )
-    _say_what_is_not_known(geometry.sensor)
+    if unknown:
+        click.echo(f"not known: {', '.join(unknown)}")
 
 
 def _say(
@@ -182,10 +204,3 @@ def _say(
         notes.append(f"{source}: {imported.without_amplitude} {few} without an amplitude image of their stamp")
     for note in notes:
         click.echo(f"tofmix: {note}", err=True)
-
-
-def _say_what_is_not_known(sensor: "Sensor") -> None:
-    from tofmix.cli.import_camera import not_known
-
-    if missing := not_known(sensor, has_optics=sensor.optics is not None):
-        click.echo(f"not known: {', '.join(missing)}")
