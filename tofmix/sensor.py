@@ -1,6 +1,6 @@
 """What is known of a camera: its working range, its beam, and its noise curve sigma(r).
 
-Everything that reads samples or makes them shares these two types. A sensor
+Everything that reads samples or makes them shares these types. A sensor
 described in a file is read by `tofmix.io`; the built-in ones are in
 `tofmix.sensors`.
 """
@@ -14,12 +14,16 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.equiangular import Equiangular
+from tofmix.noise_shape import NoiseShape
 from tofmix.projection import Projection
 from tofmix.wording import counted
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4
 
 _LEAST_FREQUENCY_HZ, _MOST_FREQUENCY_HZ = 1.0, 1e12
+
+MOST_WIDTH_SPREAD = 2.0
+"""Standard deviation of log width: widths that differ by a factor of e^2 from pixel to pixel are no camera's."""
 
 _POSITIVE = (
     "modulation_frequency_hz",
@@ -99,17 +103,27 @@ class NoiseCurve:
         Standard deviation at each of them, mm, above 0.
     law : AmplitudeLaw, optional
         How noise depends on amplitude; `sigma_mm` is then that at the law's reference amplitudes.
+    shape : NoiseShape, optional
+        Density of the error in units of sigma; Gaussian without it. Sigma is then half the width of its central 68 %.
+    width_spread : float
+        Standard deviation of the logarithm of a pixel's own width, a factor on sigma, at least 0.
+    background : (row, col) float64, or (), optional
+        Share of the samples of each pixel, or of all alike, that are uniform over the working range, in [0, 1).
 
     Raises
     ------
     ValueError
         If the two differ in length or are empty, if a value is not finite, the
-        ranges do not ascend or a sigma is not above 0; if the law has another number of references.
+        ranges do not ascend or a sigma is not above 0; if the law has another number of references; if the spread of
+        widths or a share of background is out of its bounds.
     """
 
     range_mm: FloatArray
     sigma_mm: FloatArray
     law: AmplitudeLaw | None = None
+    shape: NoiseShape | None = None
+    width_spread: float = 0.0
+    background: FloatArray | None = None
 
     def __post_init__(self) -> None:
         range_mm = np.array(self.range_mm, dtype=np.float64, copy=True)
@@ -136,6 +150,14 @@ class NoiseCurve:
         if self.law is not None and self.law.reference.shape != range_mm.shape:
             references = counted(self.law.reference.size, "reference amplitude")
             raise ValueError(f"noise curve: {counted(range_mm.size, 'range')}, but {references}")
+        if not 0 <= self.width_spread <= MOST_WIDTH_SPREAD:
+            raise ValueError(f"noise curve: width_spread {self.width_spread:g} is not 0 to {MOST_WIDTH_SPREAD:g}")
+        if self.background is not None:
+            background = np.array(self.background, dtype=np.float64, copy=True)
+            if background.ndim not in (0, 2) or not ((background >= 0) & (background < 1)).all():
+                raise ValueError("noise curve: background must be one share, or a map (row, col) of them, in [0, 1)")
+            background.setflags(write=False)
+            object.__setattr__(self, "background", background)
 
     def sigma(self, range_mm: FloatArray | float, amplitude: ArrayLike | None = None) -> FloatArray:
         """sigma(r) in mm at ranges of any shape, mm.
@@ -158,6 +180,14 @@ class NoiseCurve:
     def same_as(self, other: "NoiseCurve") -> bool:
         """Whether all numbers of two curves are equal."""
         pairs = [(self.range_mm, other.range_mm), (self.sigma_mm, other.sigma_mm)]
+        if self.background is not None and other.background is not None:
+            pairs.append((self.background, other.background))
+        elif self.background is not other.background:
+            return False
+        if self.width_spread != other.width_spread or (self.shape is None) != (other.shape is None):
+            return False
+        if self.shape is not None and not self.shape.same_as(other.shape):
+            return False
         if self.law is None or other.law is None:
             return self.law is other.law and all(np.array_equal(*pair) for pair in pairs)
         pairs += [(getattr(self.law, key), getattr(other.law, key)) for key in ("reference", "amplitude", "factor")]

@@ -1,0 +1,134 @@
+"""The shape of the error of one sample: the density of z = (x - r) / sigma(r), where it is not Gaussian.
+
+One shape holds for all pixels of a camera. Its location and scale are fixed, so that a noise curve keeps its meaning:
+the median of z is 0, and its central 68.27 % are as wide as a standard Gaussian's.
+"""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tofmix.arrays import FloatArray
+
+CENTRAL = (0.158655253931457, 0.5, 0.841344746068543)
+"""Chances that a standard Gaussian number is below -1, 0 and 1."""
+
+LEAST_POINTS = 3
+
+_TOLERANCE = 0.05
+"""How far, in sigmas, a given shape's median and half width may be from 0 and 1: a table has a step."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseShape:
+    """Density of the standardised error, linear between its points and 0 past its ends.
+
+    Parameters
+    ----------
+    z : (n,) float64
+        Strictly ascending standardised errors, at least three.
+    density : (n,) float64
+        Density at each of them, at least 0. It is scaled so that the area under it is 1.
+
+    Raises
+    ------
+    ValueError
+        If the two differ in length or are too short, a value is not finite, z does not ascend, a density is negative or
+        all are 0, or the median is not 0 or the central 68 % are not as wide as a standard Gaussian's, to 0.05.
+    """
+
+    z: FloatArray
+    density: FloatArray
+
+    def __post_init__(self) -> None:
+        z = np.array(self.z, dtype=np.float64, copy=True)
+        density = np.array(self.density, dtype=np.float64, copy=True)
+        if z.ndim != 1 or z.shape != density.shape or z.size < LEAST_POINTS:
+            raise ValueError(
+                f"noise shape: z and density must be two lists of one length, at least {LEAST_POINTS}, got shapes"
+                f" {z.shape} and {density.shape}"
+            )
+        if not (np.isfinite(z).all() and np.isfinite(density).all()):
+            raise ValueError("noise shape: a value is not finite")
+        if not (np.diff(z) > 0).all():
+            raise ValueError("noise shape: its z do not ascend")
+        if (density < 0).any() or not (density > 0).any():
+            raise ValueError("noise shape: a density must be at least 0, and one above 0")
+        density /= _areas(z, density)[-1]
+        z.setflags(write=False)
+        density.setflags(write=False)
+        object.__setattr__(self, "z", z)
+        object.__setattr__(self, "density", density)
+        low, middle, high = self.quantile(CENTRAL)
+        if abs(middle) > _TOLERANCE or abs(0.5 * (high - low) - 1.0) > _TOLERANCE:
+            raise ValueError(
+                f"noise shape: its median is {middle:.3g} and its central 68 % are {0.5 * (high - low):.3g} wide to"
+                " either side; they must be 0 and 1, as a standard Gaussian's"
+            )
+
+    @classmethod
+    def standardised(cls, z: ArrayLike, density: ArrayLike) -> Self:
+        """The shape of any density, moved and scaled to the median 0 and the width of a standard Gaussian.
+
+        Raises
+        ------
+        ValueError
+            As the class, but for the median and the width.
+        """
+        places, heights = np.asarray(z, dtype=np.float64), np.asarray(density, dtype=np.float64)
+        area = _areas(places, heights)[-1]
+        if not area > 0:
+            raise ValueError("noise shape: a density must be at least 0, and one above 0")
+        low, middle, high = _quantile(np.array(CENTRAL), places, heights / area)
+        return cls((places - middle) / (0.5 * (high - low)), heights)
+
+    def pdf(self, z: ArrayLike) -> FloatArray:
+        """Density at z of any shape."""
+        return np.asarray(np.interp(z, self.z, self.density, left=0.0, right=0.0), dtype=np.float64)
+
+    def quantile(self, chance: ArrayLike) -> FloatArray:
+        """z below which a sample lies with each chance, 0 to 1, of any shape: draws are those of uniform numbers."""
+        return _quantile(np.asarray(chance, dtype=np.float64), self.z, self.density)
+
+    def cdf(self, z: ArrayLike) -> FloatArray:
+        """Chance that a sample lies below z, of any shape."""
+        places = np.clip(np.asarray(z, dtype=np.float64), self.z[0], self.z[-1])
+        below = _areas(self.z, self.density)
+        at = np.clip(np.searchsorted(self.z, places, side="right") - 1, 0, len(self.z) - 2)
+        past = places - self.z[at]
+        slope = np.diff(self.density) / np.diff(self.z)
+        return np.asarray(below[at] + past * (self.density[at] + 0.5 * slope[at] * past), dtype=np.float64)
+
+    def moments(self) -> tuple[float, float, float, float]:
+        """Mean, standard deviation, skewness and excess kurtosis of z."""
+        fine = np.linspace(self.z[0], self.z[-1], 8 * len(self.z) + 1)
+        weight = self.pdf(fine)
+        weight /= weight.sum()
+        mean = float(weight @ fine)
+        m2, m3, m4 = (float(weight @ (fine - mean) ** power) for power in (2, 3, 4))
+        return mean, m2**0.5, m3 / m2**1.5, m4 / m2**2 - 3.0
+
+    def same_as(self, other: "NoiseShape | None") -> bool:
+        """Whether all numbers are equal."""
+        return other is not None and np.array_equal(self.z, other.z) and np.array_equal(self.density, other.density)
+
+
+def _areas(z: FloatArray, density: FloatArray) -> FloatArray:
+    """Area below each point."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(z))])
+
+
+def _quantile(chance: FloatArray, z: FloatArray, density: FloatArray) -> FloatArray:
+    """Invert the piecewise quadratic distribution of a density that is linear between its points."""
+    below = _areas(z, density)
+    wanted = np.clip(chance, 0.0, 1.0) * below[-1]
+    at = np.clip(np.searchsorted(below, wanted, side="right") - 1, 0, len(z) - 2)
+    rest = wanted - below[at]
+    width = z[at + 1] - z[at]
+    slope = (density[at + 1] - density[at]) / width
+    # rest = d t + s t^2 / 2; this form of the root is exact for s = 0 and loses no digits.
+    root = np.sqrt(np.maximum(density[at] ** 2 + 2.0 * slope * rest, 0.0))
+    t = 2.0 * rest / np.maximum(density[at] + root, np.finfo(np.float64).tiny)
+    return np.asarray(z[at] + np.clip(t, 0.0, width), dtype=np.float64)
