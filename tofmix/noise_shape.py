@@ -89,7 +89,7 @@ class NoiseShape:
         return np.asarray(np.interp(z, self.z, self.density, left=0.0, right=0.0), dtype=np.float64)
 
     def quantile(self, chance: ArrayLike) -> FloatArray:
-        """z below which a sample lies with each chance, 0 to 1, of any shape: draws are those of uniform numbers."""
+        """Standardised errors below which a sample lies with each chance, 0 to 1, of any shape."""
         return _quantile(np.asarray(chance, dtype=np.float64), self.z, self.density)
 
     def cdf(self, z: ArrayLike) -> FloatArray:
