@@ -1,0 +1,133 @@
+"""Layers of a block of pixels under the learnt noise."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.estimation.beam import Beam
+from tofmix.estimation.false_alarms import FALSE_ALARMS, chance_of
+from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_work, read_gains, remove
+from tofmix.estimation.learnt.errors import standard_errors
+from tofmix.estimation.learnt.fitting import (
+    BACKGROUND,
+    GAIN,
+    LOG_WIDTH,
+    MEAN,
+    OWN,
+    SIGMA,
+    SUPPORT,
+    WEIGHT,
+    Samples,
+    fill_times,
+    maximise,
+    value_of,
+)
+from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.pixel_noise import beam_of_pixel
+from tofmix.estimation.samples import FARTHEST_MM
+from tofmix.estimation.settings import Knobs
+from tofmix.flags import Status
+from tofmix.jit import borrowing, jit
+
+_CHANCES = len(FALSE_ALARMS)
+_OK = int(Status.OK)
+_TOO_FEW_SAMPLES = int(Status.TOO_FEW_SAMPLES)
+_NOT_CONVERGED = int(Status.NOT_CONVERGED)
+_NO_SURFACE = int(Status.NO_SURFACE)
+_DEGENERATE = int(Status.DEGENERATE)
+
+
+@jit
+def take_samples(samples: Float32Array, value: FloatArray, time: FloatArray) -> int:
+    """Fill `value` with the valid samples (frame,) of a pixel, ascending, and `time` with that of each; return how many.
+
+    Time runs from -1 at the first frame to 1 at the last.
+    """
+    frames, n = len(samples), 0
+    half = 0.5 * (frames - 1) if frames > 1 else 1.0
+    order = np.argsort(samples, kind="mergesort")  # stable: equal samples stay in the order of frames; NaN last
+    for frame in order:
+        x = samples[frame]
+        if abs(x) <= FARTHEST_MM:  # false for NaN
+            value[n], time[n] = x, frame / half - 1.0
+            n += 1
+    return n
+
+
+@borrowing
+def _sort_surfaces(k: int, fit: FloatArray) -> None:
+    """Put the surfaces in order, near to far."""
+    for i in range(1, k):
+        for j in range(i, 0, -1):
+            if fit[MEAN, j - 1] <= fit[MEAN, j]:
+                break
+            for row in range(OWN):
+                fit[row, j - 1], fit[row, j] = fit[row, j], fit[row, j - 1]
+
+
+@jit
+def fill_layers(
+    block: Float32Array,
+    out: tuple[NDArray[Any], ...],
+    width: FloatArray,
+    common: Beam,
+    laws: tuple[Law, Law],
+    thresholds: Thresholds,
+    knobs: Knobs,
+) -> None:
+    """Fill `out`, the arrays of `Layers` in their order, and `width` (pixel,), for a block (pixel, frame) of samples."""
+    (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
+     n_samples, n_iter, status) = out  # fmt: skip
+    pixels, frames = block.shape
+    value, time = np.empty(frames), np.empty(frames)
+    capacity = knobs.max_layers + 1
+    range_errors, weight_errors = np.zeros(capacity), np.zeros(capacity)
+    work = new_work(capacity, frames, _CHANCES)
+    fit, room = work.fit, work.room
+    rules = Rules(knobs.false_alarm, knobs.no_return_gain, knobs.max_layers)
+    for pixel in range(pixels):
+        n = take_samples(block[pixel], value, time)
+        n_samples[pixel] = n
+        width[pixel] = 1.0
+        if n < knobs.min_samples:
+            status[pixel] = _TOO_FEW_SAMPLES
+            continue
+        beam = beam_of_pixel(common, pixel)
+        data = Samples(value[:n], time[:n])
+        fill_times(data, room)
+        k, law = count_surfaces(data, work, laws, beam, thresholds, rules)
+        found = k
+        iterations = maximise(data, k, fit, law, beam, knobs.max_iter, knobs.tol, room)
+        while k > 0:  # what the last iterations left without samples is no surface
+            weakest = 0
+            for i in range(1, k):
+                if fit[SUPPORT, i] < fit[SUPPORT, weakest]:
+                    weakest = i
+            if fit[SUPPORT, weakest] >= 1.0:
+                break
+            k = remove(k, weakest, fit)
+            iterations = maximise(data, k, fit, law, beam, knobs.max_iter, knobs.tol, room)
+        _sort_surfaces(k, fit)
+        known = standard_errors(data, k, fit, law, beam, room, range_errors, weight_errors)
+        width[pixel] = math.exp(fit[OWN, LOG_WIDTH])
+        n_modes[pixel], n_peaks[pixel] = k, found
+        n_iter[pixel] = abs(iterations)
+        read_gains(float(n), fit[OWN, BACKGROUND], k == 1, thresholds, work.gains)
+        for i in range(k):
+            mean[pixel, i], weight[pixel, i] = fit[MEAN, i], fit[WEIGHT, i]
+            sigma[pixel, i] = width[pixel] * fit[SIGMA, i]
+            range_stderr[pixel, i], weight_stderr[pixel, i] = range_errors[i], weight_errors[i]
+            gain = fit[GAIN, i]
+            probability[pixel, i] = 1.0 if math.isinf(gain) else 1.0 - chance_of(gain, work.gains)
+        no_return[pixel] = fit[WEIGHT, -1]
+        outlier[pixel] = fit[OWN, BACKGROUND]
+        likelihood[pixel] = value_of(data, k, fit, law, beam, room)
+        if k == 0:
+            status[pixel] = _NO_SURFACE
+        elif iterations < 0:
+            status[pixel] = _NOT_CONVERGED
+        else:
+            status[pixel] = _OK if known else _DEGENERATE

@@ -1,0 +1,191 @@
+"""Standard errors under the learnt noise: Louis' information of means, shares, width and drift together.
+
+The information of the samples is that of samples whose surface is known, less what not knowing it costs. That of known
+samples is Fisher's, so that the errors of a surface that stands alone are u sigma / sqrt(n I), whatever its samples are.
+
+References
+----------
+Louis, Journal of the Royal Statistical Society B 44(2), 1982, doi:10.1111/j.2517-6161.1982.tb01203.x.
+"""
+
+import math
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam
+from tofmix.estimation.learnt.fitting import (
+    BACKGROUND,
+    DENSITY,
+    DRIFT,
+    LOG_WIDTH,
+    MEAN,
+    OWN,
+    SIGMA,
+    SUPPORT,
+    TIME,
+    TOTAL,
+    WEIGHT,
+    Samples,
+    Y,
+    background_density,
+    mix,
+    no_return_row,
+    slope_row,
+)
+from tofmix.estimation.learnt.law import DRIFTS, Law, precision_of_t
+from tofmix.jit import jit
+
+_SINGULAR = 1.0e-10
+"""A pivot below this, of a matrix with a unit diagonal, is rounding."""
+
+
+@jit
+def standard_errors(
+    data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray, by_mean: FloatArray, by_share: FloatArray
+) -> bool:
+    """Fill the errors of `k` means, mm, and shares; return whether the information could be inverted.
+
+    Where it could not, they are those of surfaces that stand alone.
+    """
+    for i in range(k):
+        support = max(fit[SUPPORT, i], 1.0)
+        by_mean[i] = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, i] / math.sqrt(support * law.information)
+        by_share[i] = math.sqrt(max(fit[WEIGHT, i] * (1.0 - fit[WEIGHT, i]), 0.0) / len(data.value))
+    if k == 0:
+        return True
+    n, width, slopes = len(data.value), math.exp(fit[OWN, LOG_WIDTH]), slope_row(fit)
+    mix(data, k, fit, law, beam, room)
+    with_width, drifts = law.width_spread > 0.0, 0
+    for d in range(DRIFTS):
+        drifts += 1 if law.drift_mm[d] > 0.0 else 0
+    with_no_return = fit[WEIGHT, -1] > 0.0
+    shares = k + (1 if with_no_return else 0)
+    at_width = k
+    at_drift = at_width + (1 if with_width else 0)
+    at_share = at_drift + drifts
+    size = at_share + shares
+    # The share that the others leave is that of the largest surface: it is never 0.
+    largest = 0
+    for i in range(1, k):
+        if fit[WEIGHT, i] > fit[WEIGHT, largest]:
+            largest = i
+    information = np.zeros((size, size))
+    score, mean_score = np.zeros(size), np.zeros(size)
+    reference = np.zeros(shares)
+    for j in range(n):
+        total = room[TOTAL, j]
+        mean_score[:] = 0.0
+        place = 0
+        for i in range(k):
+            if i != largest:
+                mean_score[at_share + place] = (room[DENSITY + i, j] - room[DENSITY + largest, j]) / total
+                place += 1
+        if with_no_return:
+            mean_score[at_share + place] = (room[no_return_row(fit), j] - room[DENSITY + largest, j]) / total
+            place += 1
+        mean_score[at_share + place] = (background_density(beam) - room[DENSITY + largest, j]) / total
+        for i in range(k):
+            part = fit[WEIGHT, i] * room[DENSITY + i, j] / total
+            if part < 1.0e-12:
+                continue
+            scale = 1.0 / (width * fit[SIGMA, i])
+            psi = room[slopes + i, j] / room[DENSITY + i, j]
+            z = (room[Y, j] - fit[MEAN, i]) * scale
+            score[:at_share] = 0.0
+            score[i] = psi * scale
+            information[i, i] += part * law.information * scale * scale
+            if with_width:
+                score[at_width] = z * psi - 1.0
+                information[at_width, at_width] += part * law.width_information
+                cross = part * law.cross_information * scale
+                information[i, at_width] += cross
+                information[at_width, i] += cross
+            place = 0
+            for d in range(DRIFTS):
+                if law.drift_mm[d] <= 0.0:
+                    continue
+                basis = room[TIME + d, j]
+                score[at_drift + place] = basis * psi * scale
+                shared = part * law.information * scale * scale * basis
+                information[i, at_drift + place] += shared
+                information[at_drift + place, i] += shared
+                if with_width:
+                    cross = part * law.cross_information * scale * basis
+                    information[at_width, at_drift + place] += cross
+                    information[at_drift + place, at_width] += cross
+                other = 0
+                for e in range(DRIFTS):
+                    if law.drift_mm[e] > 0.0:
+                        information[at_drift + place, at_drift + other] += shared * room[TIME + e, j]
+                        other += 1
+                place += 1
+            for a in range(at_share):
+                mean_score[a] += part * score[a]
+                for b in range(at_share):
+                    information[a, b] -= part * score[a] * score[b]
+        for a in range(size):
+            for b in range(size):
+                information[a, b] += mean_score[a] * mean_score[b]
+    if with_width:
+        information[at_width, at_width] += precision_of_t(fit[OWN, LOG_WIDTH], law.width_spread)
+    place = 0
+    for d in range(DRIFTS):
+        if law.drift_mm[d] > 0.0:
+            information[at_drift + place, at_drift + place] += precision_of_t(fit[OWN, DRIFT + d], law.drift_mm[d])
+            place += 1
+    b = max(fit[OWN, BACKGROUND], 1.0e-6)
+    information[size - 1, size - 1] += law.background_near / (b * b) + law.background_far
+    return _invert(information, k, at_share, largest, reference, by_mean, by_share)
+
+
+@jit
+def _invert(
+    information: FloatArray, k: int, at_share: int, largest: int, reference: FloatArray, by_mean: FloatArray, by_share: FloatArray
+) -> bool:
+    """Errors from the inverse of a positive definite matrix; false, and nothing is set, where it is not."""
+    size = len(information)
+    unit = np.zeros(size)
+    for a in range(size):
+        if not information[a, a] > 0.0:
+            return False
+        unit[a] = 1.0 / math.sqrt(information[a, a])
+    lower = np.zeros((size, size))
+    for a in range(size):
+        for b in range(a + 1):
+            value = information[a, b] * unit[a] * unit[b]
+            for c in range(b):
+                value -= lower[a, c] * lower[b, c]
+            if a == b:
+                if value < _SINGULAR:
+                    return False
+                lower[a, a] = math.sqrt(value)
+            else:
+                lower[a, b] = value / lower[b, b]
+    for i in range(k):
+        by_mean[i] = _error_of(lower, unit, i, at_share, 0)
+    place = 0
+    for i in range(k):
+        if i != largest:
+            by_share[i] = _error_of(lower, unit, at_share + place, at_share, 0)
+            place += 1
+    # The largest surface's share is what all others leave: its variance is that of their sum.
+    by_share[largest] = _error_of(lower, unit, at_share, at_share, len(reference)) if len(reference) > 0 else 0.0
+    return True
+
+
+@jit
+def _error_of(lower: FloatArray, unit: FloatArray, first: int, at_share: int, together: int) -> float:
+    """Standard error of one number, or of the sum of `together` numbers from `at_share` on where that is above 0."""
+    size = len(lower)
+    half = np.zeros(size)
+    square = 0.0
+    for a in range(size):
+        value = 0.0
+        if (together == 0 and a == first) or (together > 0 and at_share <= a < at_share + together):
+            value = unit[a]
+        for c in range(a):
+            value -= lower[a, c] * half[c]
+        half[a] = value / lower[a, a]
+        square += half[a] * half[a]
+    return math.sqrt(square)

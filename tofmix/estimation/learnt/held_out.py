@@ -1,0 +1,75 @@
+"""How well a noise model predicts samples that no fit has seen, of pixels that it was not learnt from."""
+
+import numpy as np
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.estimation.beam import Beam
+from tofmix.estimation.false_alarms import FALSE_ALARMS
+from tofmix.estimation.learnt.blocks import take_samples
+from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_work
+from tofmix.estimation.learnt.fitting import Samples, fill_times, maximise, mix
+from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
+from tofmix.estimation.learnt.law import Law
+from tofmix.jit import jit
+
+LEAST_GAIN = 7.0
+"""Gain, nat, that a surface must have here, under whatever model: that of a Gaussian is 6 for one false alarm in 1000."""
+
+LEAST_FIRST_GAIN = 12.0
+"""Gain, nat, that the first surface must have beside background alone, which may crowd anywhere in the range."""
+
+_CHANCES = len(FALSE_ALARMS)
+_MAX_ITER, _TOL = 60, 1.0e-3
+
+
+def flat_thresholds() -> Thresholds:
+    """The same gains for all models: what noise reaches is known only when one is chosen."""
+    return Thresholds(
+        log_n=np.zeros(1),
+        background=np.zeros(1),
+        more=np.full((1, 1, _CHANCES), LEAST_GAIN) + 1e-9 * np.arange(_CHANCES),
+        first=np.full((1, _CHANCES), LEAST_FIRST_GAIN) + 1e-9 * np.arange(_CHANCES),
+    )
+
+
+@jit
+def held_out_scores(
+    samples: Float32Array, laws: tuple[Law, Law], beam: Beam, thresholds: Thresholds, max_layers: int
+) -> tuple[FloatArray, FloatArray]:
+    """Log likelihood, nat, of each half of a pixel's frames under a fit to the other half.
+
+    Returns the sum (pixel,) of both, NaN where there are too few samples, and the surfaces found (pixel,) on average.
+    """
+    pixels, frames = samples.shape
+    out, found = np.full(pixels, np.nan), np.zeros(pixels)
+    value, time = np.empty(frames), np.empty(frames)
+    part = np.empty(frames, dtype=np.float32)
+    work = new_work(max_layers + 1, frames, _CHANCES)
+    rules = Rules(1.0e-3, 4.0, max_layers)
+    for pixel in range(pixels):
+        total, count = 0.0, 0
+        for half in range(2):
+            for frame in range(frames):
+                part[frame] = samples[pixel, frame] if frame % 2 == half else np.nan
+            n = take_samples(part, value, time)
+            if n < 4:  # noqa: PLR2004  fewer fit nothing
+                continue
+            data = Samples(value[:n], time[:n])
+            fill_times(data, work.room)
+            k, law = count_surfaces(data, work, laws, beam, thresholds, rules)
+            maximise(data, k, work.fit, law, beam, _MAX_ITER, _TOL, work.room)
+            found[pixel] += 0.5 * k
+            for frame in range(frames):
+                part[frame] = samples[pixel, frame] if frame % 2 != half else np.nan
+            m = take_samples(part, value, time)
+            if m == 0:
+                continue
+            seen = Samples(value[:m], time[:m])
+            fill_times(seen, work.room)
+            mix(seen, k, work.fit, law, beam, work.room)
+            for j in range(m):
+                total += np.log(max(work.room[TOTAL_ROW, j], 1.0e-12))
+            count += m
+        if count > 0:
+            out[pixel] = total
+    return out, found

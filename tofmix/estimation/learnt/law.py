@@ -1,0 +1,124 @@
+"""The learnt noise as the kernels read it: tables of the shape, and the priors of what each pixel has of its own."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.jit import borrowing
+from tofmix.noise_shape import NoiseShape
+
+STEPS = 32
+"""Points of the tables in a sigma."""
+
+REACH = 24.0
+"""The tables end this many sigma from the surface; a density is 0 beyond."""
+
+NEGLIGIBLE = 1.0e-4
+"""Where the density is below this part of its peak, a surface lends a sample too little to be searched for."""
+
+TAIL_DEGREES = 4.0
+"""Degrees of freedom of the Student t priors of log width and drift: some pixels are far wider than most."""
+
+MOST_LOG_WIDTH = 1.5
+"""A pixel's width is between exp(-1.5) and exp(1.5) times the common one."""
+
+DRIFTS = 3
+"""Polynomials of time, of the degrees 1 to 3, that a pixel's ranges may follow within a window."""
+
+
+class Law(NamedTuple):
+    """The learnt noise of all pixels.
+
+    `density` and `slope` (point,) are f(z) and -f'(z) at z from -`REACH` on, `STEPS` a sigma. `information` is the mean
+    of (f' / f)^2, `width_information` that of (z f' / f + 1)^2: Fisher's information of location and log scale; `cross_information` is that of both. Between
+    `low` and `high` the density is worth a look. `width_spread` is the scale of log width, 0 if all are alike;
+    `drift_mm` (DRIFTS,) that of each polynomial, 0 if there is none. `background_near` and `background_far` are
+    pseudo-counts, in samples, of background and of the rest.
+    """
+
+    density: FloatArray
+    slope: FloatArray
+    information: float
+    width_information: float
+    cross_information: float
+    low: float
+    high: float
+    width_spread: float
+    drift_mm: FloatArray
+    background_near: float
+    background_far: float
+
+
+@borrowing
+def at_table(z: float, table: FloatArray) -> float:
+    """Linear interpolation in a table of `Law`; 0 beyond it."""
+    t = (z + REACH) * STEPS
+    if not 0.0 <= t < len(table) - 1:
+        return 0.0
+    j = int(t)
+    return float(table[j] + (t - j) * (table[j + 1] - table[j]))
+
+
+@borrowing
+def log_prior_t(value: float, scale: float) -> float:
+    """Logarithm of a Student t density over that at 0, at `value` of this scale; 0 where there is no scale."""
+    if scale <= 0.0:
+        return 0.0
+    ratio = value / scale
+    return float(-0.5 * (TAIL_DEGREES + 1.0) * math.log(1.0 + ratio * ratio / TAIL_DEGREES))
+
+
+@borrowing
+def precision_of_t(value: float, scale: float) -> float:
+    """Precision of the Gaussian that has the slope of the log prior there: the prior as EM sees it."""
+    return (TAIL_DEGREES + 1.0) / (TAIL_DEGREES * scale * scale + value * value)
+
+
+def law_of(
+    shape: NoiseShape | None,
+    *,
+    background: tuple[float, float],
+    width_spread: float = 0.0,
+    drift_mm: FloatArray | None = None,
+) -> Law:
+    """Tables of a shape, and the priors.
+
+    Parameters
+    ----------
+    shape : NoiseShape or None
+        None is the Gaussian.
+    background : (float, float)
+        Pseudo-counts of background and of the rest.
+    width_spread : float
+        Scale of log width; 0: all are alike.
+    drift_mm : (DRIFTS,) float64, optional
+        Scale of each polynomial of time, mm; none without it.
+    """
+    z = np.arange(-REACH * STEPS, REACH * STEPS + 1) / STEPS
+    if shape is None:
+        density = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+        slope = z * density
+    else:
+        density = shape.pdf(z)
+        slope = -np.gradient(density, z)
+    area = density.sum() / STEPS
+    density, slope = density / area, slope / area
+    safe = np.maximum(density, 1e-300)
+    information = float(np.sum(np.where(density > 0, slope * slope / safe, 0.0)) / STEPS)
+    scores = np.where(density > 0, z * slope / safe - 1.0, 0.0)
+    seen = np.flatnonzero(density > NEGLIGIBLE * density.max())
+    return Law(
+        density=np.ascontiguousarray(density),
+        slope=np.ascontiguousarray(slope),
+        information=information,
+        width_information=float(np.sum(density * scores * scores) / STEPS),
+        cross_information=float(np.sum(slope * scores) / STEPS),
+        low=float(z[seen[0]]),
+        high=float(z[seen[-1]]),
+        width_spread=float(width_spread),
+        drift_mm=np.zeros(DRIFTS) if drift_mm is None else np.array(drift_mm, dtype=np.float64),
+        background_near=float(background[0]),
+        background_far=float(background[1]),
+    )

@@ -1,0 +1,404 @@
+"""Learn a recording's noise: sigma by range, the shape of the error, widths, backgrounds and drifts of single pixels.
+
+1. sigma(r) comes from clusters (`tofmix.estimation.noise`) and from differences of samples (`pair_differences`).
+   Where the two differ, and where surfaces may lie too close for either, several scales are tried.
+2. Parts are added one by one, the most helpful first: background, drift, widths, shape. Each is learnt from clusters
+   (`clusters`) of two thirds of the pixels, and kept only if the others are predicted better with it (`held_out`).
+3. Parts that are no longer needed beside the others are dropped again.
+4. The memory of the errors, from frame to frame, is measured last: it moves no likelihood, but what noise gains.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.estimation.beam import Beam, beam_of
+from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
+from tofmix.estimation.learnt.held_out import LEAST_GAIN, flat_thresholds, held_out_scores
+from tofmix.estimation.learnt.law import DRIFTS
+from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.pair_differences import sigma_from_differences
+from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
+from tofmix.sensor import NoiseCurve, Sensor
+
+SURE = 3.0
+"""Standard errors by which a part must gain likelihood on pixels that no fit has seen."""
+
+WORTH = 0.1
+"""Nats a pixel that a part must gain at least: less moves no count."""
+
+MANY_PIXELS = 900
+"""From so many pixels on, a third of them is enough to judge by."""
+
+_FOLDS = 3
+
+LEAST_CLUSTERS = 12
+"""Fewer clusters teach no part but sigma."""
+
+SCALES = (1.0, 0.5, 0.25, 0.125)
+"""Factors on the scale of the differences that are tried: where surfaces lie close in every pixel, they widen it."""
+
+MAX_LAYERS = 4
+"""Most surfaces that a pixel is given while the noise is learnt."""
+
+_FREE_WIDTH = 0.5
+"""Spread of log width while widths are measured: wide enough to leave each to its own samples."""
+
+_FREE_DRIFT_SIGMAS = 3.0
+"""Scale of the drift, in sigmas, while drifts are measured."""
+
+_PARTS = ("background", "drift", "widths", "shape")
+_ROUNDS = 3
+_MEMORY_WORTH = 0.05
+_MAD = 1.4826
+_LEAST_BIN = 20
+_WIDE_BIN = 0.12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LearntNoise:
+    """What `learn_noise` found.
+
+    Parameters
+    ----------
+    noise : PixelNoise
+        The noise model.
+    pixels : int
+        Pixels that it was learnt from.
+    ranges_mm : (n,) float64
+        Ranges of the clusters, mm: where the recording has surfaces.
+    clusters : int
+        Clusters that stand clear, of one surface.
+    """
+
+    noise: PixelNoise
+    pixels: int
+    ranges_mm: FloatArray
+    clusters: int
+
+
+class _Learner:
+    """Pixels to learn from, pixels to judge by, and the camera."""
+
+    def __init__(self, learn: Float32Array, judge: Float32Array, sensor: Sensor) -> None:
+        self.learn, self.judge = np.ascontiguousarray(learn), np.ascontiguousarray(judge)
+        self._sensor = sensor
+
+    def beam(self, noise: PixelNoise) -> Beam:
+        plain = NoiseCurve(noise.curve.range_mm, noise.curve.sigma_mm)
+        return beam_of(replace(self._sensor, noise=plain))
+
+    def scores(self, noise: PixelNoise) -> FloatArray:
+        """Held-out log likelihood (pixel,) of the judging pixels, nat."""
+        found, _ = held_out_scores(self.judge, noise.laws(), self.beam(noise), flat_thresholds(), MAX_LAYERS)
+        return found
+
+    def clusters(self, noise: PixelNoise) -> Clusters:
+        return find_clusters(self.learn, np.array(noise.curve.range_mm), np.array(noise.curve.sigma_mm))
+
+    def fits(self, noise: PixelNoise, clusters: Clusters, *, second: bool = False) -> ClusterFits:
+        free = replace(noise, background=noise.background or (0.5, 5.0))
+        return fit_clusters(self.learn, clusters, free.laws()[0], self.beam(noise), second)
+
+
+def _folds(samples: Float32Array, sensor: Sensor) -> list[_Learner]:
+    """Every third pixel judges what the others teach; where pixels are few, each third in turn."""
+    part = np.arange(len(samples)) % _FOLDS
+    turns = range(_FOLDS) if len(samples) < MANY_PIXELS else [_FOLDS - 1]
+    return [_Learner(samples[part != turn], samples[part == turn], sensor) for turn in turns]
+
+
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """A model of each fold, learnt from its own pixels, and what they predict of the others."""
+
+    noises: tuple[PixelNoise, ...]
+    scores: FloatArray
+
+
+def _tried(folds: Sequence[_Learner], noises: Sequence[PixelNoise | None]) -> _Trial | None:
+    """Judge the models; None where a fold has none."""
+    known = tuple(noise for noise in noises if noise is not None)
+    if len(known) < len(folds):
+        return None
+    return _Trial(known, np.concatenate([fold.scores(noise) for fold, noise in zip(folds, known, strict=True)]))
+
+
+def _helps(one: _Trial, other: _Trial) -> float:
+    """Gain of the first over the second, nat a pixel; 0 where it may be chance, or moves no count."""
+    gain, error = better_by(one.scores, other.scores)
+    return gain if gain > max(SURE * error, WORTH) else 0.0
+
+
+def better_by(one: FloatArray, other: FloatArray) -> tuple[float, float]:
+    """Mean of one - other over pixels that have both, and its standard error."""
+    away = one - other
+    away = away[np.isfinite(away)]
+    if away.size < 3:  # noqa: PLR2004  no spread to speak of
+        return 0.0, math.inf
+    # A single odd pixel decides nothing: differences are held within ten median deviations.
+    middle = float(np.median(away))
+    reach = 10.0 * _MAD * float(np.median(np.abs(away - middle))) + 1e-9
+    away = np.clip(away, middle - reach, middle + reach)
+    return float(away.mean()), float(away.std() / math.sqrt(away.size)) + 1e-12
+
+
+def learn_pixel_noise(samples_mm: Float32Array, sensor: Sensor, start: NoiseCurve | None) -> LearntNoise:
+    """Learn the noise from pixels of one window.
+
+    Parameters
+    ----------
+    samples_mm : (pixel, frame) float32
+        Samples in the order of frames, mm, NaN where invalid; with the step of stored ranges smoothed over.
+    sensor : Sensor
+        For the working range and p(c_r).
+    start : NoiseCurve or None
+        A curve measured in another way, which is tried first.
+
+    Returns
+    -------
+    LearntNoise
+        It depends on the samples, the sensor and `start` alone.
+
+    Raises
+    ------
+    ValueError
+        If nothing of the noise can be told.
+    """
+    folds = _folds(samples_mm, sensor)
+    whole = _Learner(samples_mm, samples_mm[:0], sensor)
+    curves = _first_curves(samples_mm, start)
+    if not curves:
+        raise ValueError("noise: no two samples of a pixel differ, or none is valid")
+    best: _Trial | None = None
+    chosen, parts = curves[0], list[str]()
+    for curve in curves:
+        found, added = _with_parts(folds, PixelNoise.gaussian(curve, sensor.outlier_probability))
+        if best is None or _helps(found, best) > 0.0:
+            best, chosen, parts = found, curve, added
+    noise = _with_curve(whole, PixelNoise.gaussian(chosen, sensor.outlier_probability))
+    for part in parts:
+        noise = _learn(whole, noise, part) or noise
+    clusters = whole.clusters(noise)
+    fits = whole.fits(noise, clusters)
+    noise = replace(noise, memory=_memory(fits))
+    ranges = fits.place if len(fits.place) else np.array([float(np.nanmedian(samples_mm))])
+    return LearntNoise(
+        noise=noise, pixels=len(samples_mm), ranges_mm=np.asarray(ranges), clusters=len(fits.place)
+    )
+
+
+def _first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[NoiseCurve]:
+    """Curves to start from: the given one, that of the differences, and smaller ones."""
+    curves = [] if start is None else [NoiseCurve(start.range_mm, start.sigma_mm)]
+    found = sigma_from_differences(samples)
+    if found is not None:
+        ranges, sigmas = found
+    else:
+        middle = np.nanmedian(samples, axis=1)
+        spread = float(np.nanmedian(_MAD * np.nanmedian(np.abs(samples - middle[:, None]), axis=1)))
+        if not spread > 0:
+            return curves
+        ranges, sigmas = np.array([float(np.nanmedian(samples))]), np.array([spread])
+    for scale in SCALES:
+        curve = NoiseCurve(ranges, sigmas * scale)
+        if all(abs(math.log(_ratio(curve, other))) > math.log(1.1) for other in curves):  # noqa: PLR2004
+            curves.append(curve)
+    return curves
+
+
+def _ratio(one: NoiseCurve, other: NoiseCurve) -> float:
+    """Typical ratio of two curves, at the ranges of the first."""
+    return float(np.exp(np.median(np.log(one.sigma_mm / other.sigma(one.range_mm)))))
+
+
+def _with_parts(folds: Sequence[_Learner], noise: PixelNoise) -> tuple[_Trial, list[str]]:
+    """Add the parts that pixels which no fit has seen ask for, the most helpful first; then drop those not needed."""
+    best = _tried(folds, [_with_curve(fold, noise) for fold in folds])
+    assert best is not None  # noqa: S101  a curve is always there
+    have: list[str] = []
+    while len(have) < len(_PARTS):
+        most, chosen = 0.0, None
+        for part in _PARTS:
+            if part in have:
+                continue
+            trial = _tried(folds, [_learn(fold, one, part) for fold, one in zip(folds, best.noises, strict=True)])
+            gain = 0.0 if trial is None else _helps(trial, best)
+            if trial is not None and gain > most:
+                most, chosen = gain, (part, trial)
+        if chosen is None:
+            break
+        have.append(chosen[0])
+        best = chosen[1]
+    for part in tuple(have):
+        if len(have) > 1:
+            trial = _tried(folds, [_without(noise, part) for noise in best.noises])
+            if trial is not None and _helps(best, trial) == 0.0:
+                best = trial
+                have.remove(part)
+    return best, have
+
+
+def _without(noise: PixelNoise, part: str) -> PixelNoise:
+    if part == "background":
+        return replace(noise, background=None)
+    if part == "drift":
+        return replace(noise, drift_mm=np.zeros(DRIFTS))
+    if part == "widths":
+        return replace(noise, curve=replace(noise.curve, width_spread=0.0))
+    return replace(noise, curve=replace(noise.curve, shape=None))
+
+
+def _learn(learner: _Learner, noise: PixelNoise, part: str) -> PixelNoise | None:
+    """The model with one part more, and all parts that it has learnt again; None where too few clusters teach it."""
+    if part == "background":
+        return _with_background(learner, noise)
+    clusters = learner.clusters(noise)
+    if len(clusters.pixel) < LEAST_CLUSTERS:
+        return None
+    single = _single(learner, noise, clusters)
+    if len(single.pixel) < LEAST_CLUSTERS:
+        return None
+    if part == "drift":
+        trial = _with_drift(learner, noise, single)
+    elif part == "widths":
+        trial = _with_widths(learner, noise, single)
+    else:
+        trial = _with_shape(learner, noise, single)
+    return None if trial is None else _with_curve(learner, trial)
+
+
+def _chosen(clusters: Clusters, which: BoolArray) -> Clusters:
+    return Clusters(clusters.pixel[which], clusters.low[which], clusters.high[which])
+
+
+def _single(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> Clusters:
+    """Clusters in which no second surface is likely, as far as the model can tell; all where most have one."""
+    fits = learner.fits(noise, clusters, second=True)
+    single = fits.gain < LEAST_GAIN
+    # A wrong shape splits most pixels: then a split tells of the shape, and not of a second surface.
+    return _chosen(clusters, single) if 2 * single.sum() > len(single) else clusters
+
+
+def _with_curve(learner: _Learner, noise: PixelNoise) -> PixelNoise:
+    """Measure sigma by range anew: the median width of the clusters near each range."""
+    for _ in range(_ROUNDS):
+        clusters = learner.clusters(noise)
+        if len(clusters.pixel) < LEAST_CLUSTERS:
+            return noise
+        free = replace(noise, curve=replace(noise.curve, width_spread=_FREE_WIDTH))
+        fits = learner.fits(free, clusters)
+        log_width = fits.log_width + _bias(noise, fits)
+        curve = _curve_through(fits, log_width, noise.curve)
+        change = abs(math.log(_ratio(curve, noise.curve)))
+        noise = replace(noise, curve=curve)
+        if change < 0.01:  # noqa: PLR2004  1 % of sigma is below what samples tell of it
+            break
+    return noise
+
+
+def _bias(noise: PixelNoise, fits: ClusterFits) -> FloatArray:
+    """Log factor by which fitted widths fall short: the mean and the drift have taken their part of the spread."""
+    taken = 1.0 + np.count_nonzero(noise.drift_mm)
+    return np.asarray(-0.5 * np.log(np.maximum(1.0 - taken / np.maximum(fits.support, taken + 2.0), 0.1)))
+
+
+def _curve_through(fits: ClusterFits, log_width: FloatArray, curve: NoiseCurve) -> NoiseCurve:
+    """Curve through the median widths of bins of range."""
+    order = np.argsort(fits.place, kind="stable")
+    place, wide = fits.place[order], (log_width + np.log(fits.sigma))[order]
+    ranges, sigmas, first = [], [], 0
+    while first < len(place):
+        stop = max(first + _LEAST_BIN, int(np.searchsorted(place, place[first] * (1.0 + _WIDE_BIN) + 1e-9, side="right")))
+        if len(place) - stop < _LEAST_BIN // 2:
+            stop = len(place)
+        ranges.append(float(np.median(place[first:stop])))
+        sigmas.append(float(np.exp(np.median(wide[first:stop]))))
+        first = stop
+    at, where = np.unique(np.round(np.array(ranges), 3), return_index=True)
+    return replace(curve, range_mm=at, sigma_mm=np.array(sigmas)[where], law=None)
+
+
+def _with_drift(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise:
+    """Measure how far pixels drift, by each polynomial, beyond what chance lets their fits."""
+    sigma = float(np.median(noise.curve.sigma_mm))
+    free = replace(noise, drift_mm=np.full(DRIFTS, _FREE_DRIFT_SIGMAS * sigma))
+    fits = learner.fits(free, clusters)
+    width = np.exp(fits.log_width) * fits.sigma
+    information = noise.laws()[0].information
+    scales = np.zeros(DRIFTS)
+    for d in range(DRIFTS):
+        chance = (2.0 * d + 3.0) * width**2 / (information * np.maximum(fits.support, 1.0))
+        square = np.quantile(np.abs(fits.drift[:, d]), 0.75) ** 2 / 1.1503**2
+        scales[d] = math.sqrt(max(float(square - np.median(chance)), float(np.mean(np.clip(fits.drift[:, d] ** 2 - chance, 0.0, 9.0 * max(square, 1e-12)))) * 0.25, 0.0))
+    scales[scales < 0.02 * sigma] = 0.0  # a fiftieth of sigma moves no count
+    return replace(noise, drift_mm=scales)
+
+
+def _with_widths(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
+    """Measure how far the widths of pixels differ beyond chance."""
+    fits = learner.fits(replace(noise, curve=replace(noise.curve, width_spread=_FREE_WIDTH)), clusters)
+    away = fits.log_width - np.log(noise.curve.sigma(fits.place) / fits.sigma)
+    chance = float(np.median(1.0 / (noise.laws()[0].width_information * np.maximum(fits.support, 1.0))))
+    spread = _MAD * float(np.median(np.abs(away - np.median(away))))
+    square = spread**2 - chance
+    if square <= 0.0:
+        return None
+    return replace(noise, curve=replace(noise.curve, width_spread=min(math.sqrt(square), 1.0)))
+
+
+def _with_shape(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
+    """Learn the shape: errors of clusters in two folds of pixels, located anew with each shape found."""
+    for _ in range(_ROUNDS):
+        fits = learner.fits(noise, clusters)
+        taken = 1.0 + np.count_nonzero(noise.drift_mm)
+        stretch = 1.0 / np.sqrt(np.maximum(1.0 - taken / np.maximum(fits.support, taken + 2.0), 0.1))
+        error = fits.error * stretch[:, None]
+        even = clusters.pixel % 2 == 0
+        folds = (_errors(error[even]), _errors(error[~even]))
+        shape = fit_shape(folds)
+        if shape is None:
+            return None
+        noise = replace(noise, curve=replace(noise.curve, shape=shape))
+    return noise
+
+
+def _errors(error: FloatArray) -> FloatArray:
+    return histogram(error[np.isfinite(error)])
+
+
+def _with_background(learner: _Learner, noise: PixelNoise) -> PixelNoise:
+    """Learn the prior of each pixel's background: a Beta density with the moments of what pixels have."""
+    from tofmix.estimation.learnt.shares import background_shares
+
+    prior = noise.background or (0.5, 2.0)
+    for _ in range(_ROUNDS):
+        trial = replace(noise, background=prior)
+        share, n = background_shares(learner.learn, trial.laws(), learner.beam(trial), flat_thresholds(), MAX_LAYERS)
+        prior = _beta(share, n)
+    return replace(noise, background=prior)
+
+
+def _beta(share: FloatArray, n: FloatArray) -> tuple[float, float]:
+    """Pseudo-counts of a Beta density with the mean and the spread of the shares, chance taken off."""
+    share, n = share[n > 0], n[n > 0]
+    mean = min(max(float(share.mean()), 1e-4), 0.99)
+    chance = float(np.mean(mean * (1.0 - mean) / n))
+    square = max(float(share.var()) - chance, 1e-4 * mean * (1.0 - mean))
+    together = min(max(mean * (1.0 - mean) / square - 1.0, 0.5), 50.0)
+    return mean * together, (1.0 - mean) * together
+
+
+def _memory(fits: ClusterFits) -> float:
+    """Correlation of the errors from one frame to the next, over all clusters; 0 where it is within chance."""
+    a, b = fits.error[:, :-1], fits.error[:, 1:]
+    both = np.isfinite(a) & np.isfinite(b) & (np.abs(a) < 4.0) & (np.abs(b) < 4.0)  # noqa: PLR2004  background is not
+    if both.sum() < 100:  # noqa: PLR2004  nothing to tell
+        return 0.0
+    x, y = a[both], b[both]
+    n = float(np.median(fits.support)) if len(fits.support) else 2.0
+    found = float((x * y).mean() / math.sqrt((x * x).mean() * (y * y).mean())) + 1.0 / max(n, 2.0)  # the mean's part
+    return found if found > max(_MEMORY_WORTH, 3.0 / math.sqrt(both.sum())) else 0.0

@@ -1,0 +1,156 @@
+"""The density of standardised errors from their histogram: as smooth as held-out errors allow, a Gaussian in the limit.
+
+The logarithm of the density is fitted with a penalty on its third derivative. What it does not punish is a parabola:
+with few errors, or in the tails, the fit is the nearest Gaussian, and where errors are many it follows them. How far
+it is smoothed is chosen by errors of other pixels.
+
+References
+----------
+Silverman, Annals of Statistics 10(3), 1982, doi:10.1214/aos/1176345872.
+"""
+
+import math
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solveh_banded
+
+from tofmix.arrays import FloatArray
+from tofmix.noise_shape import NoiseShape
+
+STEP = 0.125
+"""Width of a bin in sigmas."""
+
+REACH = 16.0
+"""Errors past this many sigma are not binned: nothing is known of the shape there, and it ends."""
+
+RING = (9.0, 12.0)
+"""Distances, in sigmas, at which what is seen is background and not the surface."""
+
+_PENALTIES = np.logspace(-5, 5, 11)
+"""Weights of the mean square of the third derivative that are tried, per error."""
+
+_NEWTON_STEPS = 40
+_BACKGROUND_ROUNDS = 6
+_TOLERANCE = 1e-6
+_RIDGE = 1e-11
+"""Damps the steps where rounding makes the matrix singular: the penalty leaves parabolas free."""
+
+_LEAST_FALL = 0.5
+"""Past the last errors the logarithm of the density falls by at least this in a sigma."""
+
+_SEEN = 3.0
+"""Bins with less than so many errors from there outward tell nothing more."""
+
+CENTRES = np.arange(-round(REACH / STEP), round(REACH / STEP) + 1) * STEP
+
+
+def histogram(z: FloatArray, weight: FloatArray | None = None) -> FloatArray:
+    """Errors (bin,) in each bin of `CENTRES`."""
+    edges = np.concatenate([CENTRES - 0.5 * STEP, [CENTRES[-1] + 0.5 * STEP]])
+    return np.histogram(z, edges, weights=weight)[0].astype(np.float64)
+
+
+def fit_shape(folds: tuple[FloatArray, FloatArray]) -> NoiseShape | None:
+    """The shape of the errors in two histograms, of different pixels.
+
+    Parameters
+    ----------
+    folds : two (bin,) float64
+        Errors in the bins of `CENTRES`, background included.
+
+    Returns
+    -------
+    NoiseShape or None
+        None where there is no error.
+    """
+    surface = [_without_background(fold) for fold in folds]
+    if min(fold.sum() for fold in surface) <= 0:
+        return None
+    best, chosen = -math.inf, _PENALTIES[-1]
+    for penalty in _PENALTIES:
+        score = 0.0
+        for learnt, held in (surface, surface[::-1]):
+            score += float(held @ _log_density(learnt, float(penalty)))
+        if score > best:
+            best, chosen = score, penalty
+    both = surface[0] + surface[1]
+    log_density = _with_tails(_log_density(both, float(chosen)), both)
+    fine = np.linspace(CENTRES[0], CENTRES[-1], 2 * len(CENTRES) - 1)
+    return NoiseShape.standardised(fine, np.exp(CubicSpline(CENTRES, log_density)(fine)))
+
+
+def _without_background(counts: FloatArray) -> FloatArray:
+    """Errors of the surface: each bin's share over the level of the ring, by a few rounds of EM with a smooth fit."""
+    ring = (np.abs(CENTRES) >= RING[0]) & (np.abs(CENTRES) <= RING[1])
+    level = float(counts[ring].mean())
+    inside = np.abs(CENTRES) < RING[0]
+    if level <= 0.0:
+        return np.where(inside, counts, 0.0)
+    surface = np.where(inside, np.maximum(counts - level, 0.0), 0.0)
+    for _ in range(_BACKGROUND_ROUNDS):
+        expected = surface.sum() * STEP * np.exp(_log_density(surface, 1.0))
+        surface = np.where(inside, counts * expected / (expected + level), 0.0)
+    return surface
+
+
+def _log_density(counts: FloatArray, penalty: float) -> FloatArray:
+    """Penalised maximum likelihood of the logarithm of the density in each bin, by Newton's method."""
+    n = counts.sum()
+    mean = float(counts @ CENTRES / n)
+    spread = max(float(counts @ (CENTRES - mean) ** 2 / n), STEP**2)
+    g = -0.5 * (CENTRES - mean) ** 2 / spread - 0.5 * math.log(2.0 * math.pi * spread)
+    third = np.array([-1.0, 3.0, -3.0, 1.0]) / STEP**3
+    weight = penalty * n * STEP / len(CENTRES)
+    band = np.zeros((4, len(CENTRES)))  # lower form of D'D
+    for start in range(len(CENTRES) - 3):
+        for a in range(4):
+            for b in range(a + 1):
+                band[a - b, start + b] += weight * third[a] * third[b]
+
+    def value(log_density: FloatArray) -> float:
+        bend = np.convolve(log_density, third[::-1], mode="valid")
+        return float(counts @ log_density - n * STEP * np.exp(log_density).sum() - 0.5 * weight * bend @ bend)
+
+    now = value(g)
+    for _ in range(_NEWTON_STEPS):
+        expected = n * STEP * np.exp(g)
+        slope = counts - expected - _times(band, g)
+        bent = band.copy()
+        bent[0] += expected + _RIDGE * band[0].max() + 1e-9 * n
+        step = solveh_banded(bent, slope, lower=True)
+        size = 1.0
+        while size > 1e-4:  # noqa: PLR2004  shorter steps change nothing
+            after = g + size * step
+            if np.abs(size * step).max() < 20.0 and value(after) > now:  # noqa: PLR2004  e^20 would overflow the next
+                break
+            size *= 0.5
+        else:
+            break
+        gained = value(after) - now
+        g, now = after, now + gained
+        if gained < _TOLERANCE * n:
+            break
+    return np.asarray(g, dtype=np.float64)
+
+
+def _times(band: FloatArray, vector: FloatArray) -> FloatArray:
+    """Product of a symmetric matrix in lower band form with a vector."""
+    out = band[0] * vector
+    for k in range(1, len(band)):
+        out[k:] += band[k, :-k] * vector[:-k]
+        out[:-k] += band[k, :-k] * vector[k:]
+    return out
+
+
+def _with_tails(log_density: FloatArray, counts: FloatArray) -> FloatArray:
+    """Make the density fall on either side of its peak, and on past the last errors seen."""
+    out, peak = log_density.copy(), int(np.argmax(log_density))
+    outward = np.cumsum(counts[::-1])[::-1], np.cumsum(counts)
+    for j in range(peak + 1, len(out)):
+        fall = 0.0 if outward[0][j] > _SEEN else _LEAST_FALL * STEP
+        out[j] = min(out[j], out[j - 1] - fall)
+    for j in range(peak - 1, -1, -1):
+        fall = 0.0 if outward[1][j] > _SEEN else _LEAST_FALL * STEP
+        out[j] = min(out[j], out[j + 1] - fall)
+    return out

@@ -1,0 +1,213 @@
+"""Gains that the learnt noise reaches by chance: a parametric bootstrap, once a recording.
+
+Pixels are drawn from the learnt model with one surface, and with none, for a few numbers of samples and shares of
+background. The package's own search fits one surface more to each. The gains it finds have a tail that falls
+exponentially, as those of likelihood ratios do; it is fitted from the gains that a twentieth of the pixels exceed, so
+that chances down to 10^-6 follow from a few thousand draws. Seeds are fixed: the same model gives the same table.
+
+References
+----------
+McLachlan, Applied Statistics 36(3), 1987, doi:10.2307/2347790: the bootstrap of the likelihood ratio for mixtures.
+"""
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam
+from tofmix.estimation.false_alarms import FALSE_ALARMS
+from tofmix.estimation.learnt.blocks import take_samples
+from tofmix.estimation.learnt.counting import (
+    Thresholds,
+    first_surface,
+    new_work,
+    start_empty,
+    try_one_more,
+)
+from tofmix.estimation.learnt.fitting import Samples, copy_fit, fill_times
+from tofmix.estimation.learnt.law import DRIFTS, TAIL_DEGREES, Law
+from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.jit import jit
+
+DRAWS = 6000
+"""Pixels drawn for each number of samples and share of background: 300 exceed the tail's start."""
+
+TAIL = 0.05
+"""Share of the gains that the tail is fitted to."""
+
+SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 0.85)
+"""Shares of background that are drawn, where pixels have shares of their own."""
+
+SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
+"""Numbers of samples that are drawn, as far as the recording's windows have them; past the last, its gains hold."""
+
+LEAST_WORTH = 1.0
+"""Gains below this, nat, need not be known: more than a twentieth of all noise exceeds them."""
+
+_SEED = 20080922
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Cell:
+    """Draws of one number of samples: with one surface on a share of background, or with none (None)."""
+
+    samples: int
+    background: float | None
+    number: int
+
+
+def calibrate(
+    noise: PixelNoise,
+    beam: Beam,
+    ranges_mm: FloatArray,
+    *,
+    samples: tuple[int, int],
+    draws: int = DRAWS,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Thresholds:
+    """Draw the gains that noise exceeds.
+
+    Parameters
+    ----------
+    noise : PixelNoise
+        The learnt noise.
+    beam : Beam
+        The fixed part of equation (1).
+    ranges_mm : (n,) float64
+        Ranges of surfaces as the recording has them, mm: draws take them in turn.
+    samples : (int, int)
+        Fewest and most valid samples of the recording's pixels in a window.
+    draws : int
+        Pixels a cell.
+    workers : int
+        Threads; the table does not depend on them.
+    progress : callable, optional
+        Told cells done and all cells.
+
+    Returns
+    -------
+    Thresholds
+        For `count_surfaces`.
+    """
+    numbers = _numbers(*samples)
+    shares = [share for share in SHARES] if noise.background is not None else [beam.p_outlier]
+    cells = [
+        _Cell(samples=n, background=share, number=number)
+        for number, (n, share) in enumerate(product(numbers, [*shares, None]))
+    ]
+    laws = noise.laws()
+    draw = _Drawing(noise, beam, ranges_mm)
+
+    def gains(cell: _Cell) -> FloatArray:
+        block, at = draw.block(cell, draws)
+        out = np.zeros(draws)
+        _gains(block, cell.background is None, laws, beam, at, out)
+        return _tail(out)
+
+    rows, done = [], 0
+    with ThreadPoolExecutor(workers, thread_name_prefix="tofmix") as pool:
+        for row in pool.map(gains, cells):
+            rows.append(row)
+            done += 1
+            if progress is not None:
+                progress(done, len(cells))
+    table = np.array(rows).reshape(len(numbers), len(shares) + 1, len(FALSE_ALARMS))
+    return Thresholds(
+        log_n=np.log(np.array(numbers, dtype=np.float64)),
+        background=np.array(shares),
+        more=np.ascontiguousarray(table[:, :-1]),
+        first=np.ascontiguousarray(table[:, -1]),
+    )
+
+
+def _numbers(least: int, most: int) -> list[int]:
+    """Numbers of samples to draw, ascending: those of `SAMPLES` between the ends, and the ends."""
+    low, high = max(least, SAMPLES[0]), min(max(most, SAMPLES[0]), SAMPLES[-1])
+    low = min(low, high)
+    return sorted({low, high, *(n for n in SAMPLES if low < n < high)})
+
+
+def _tail(gains: FloatArray) -> FloatArray:
+    """Gains exceeded with each of `FALSE_ALARMS`: quantiles down to `TAIL`, and an exponential tail beyond.
+
+    The mean excess over the tail's start is the scale of an exponential (its maximum likelihood).
+    """
+    ordered = np.sort(np.maximum(gains, 0.0))
+    start = float(np.quantile(ordered, 1.0 - TAIL))
+    beyond = ordered[ordered > start]
+    scale = float(beyond.mean() - start) if beyond.size else 1.0
+    out = []
+    for chance in FALSE_ALARMS:
+        if chance >= TAIL:
+            out.append(max(float(np.quantile(ordered, 1.0 - chance)), 0.0))
+        else:
+            out.append(start + scale * math.log(TAIL / chance))
+    # Chances are read off between the gains: these must ascend.
+    return np.maximum.accumulate(np.array(out) + 1e-9 * np.arange(len(out)))
+
+
+class _Drawing:
+    """Draws blocks of pixels from the learnt model."""
+
+    def __init__(self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray) -> None:
+        self._noise, self._beam = noise, beam
+        self._ranges = np.asarray(ranges_mm, dtype=np.float64)
+
+    def block(self, cell: _Cell, count: int) -> tuple[FloatArray, FloatArray]:
+        """Samples (pixel, frame), mm, and the place (pixel,) of each pixel's surface."""
+        rng = np.random.default_rng([_SEED, cell.number, cell.samples])
+        n, beam, noise = cell.samples, self._beam, self._noise
+        if cell.background is None:
+            return rng.uniform(beam.range_min, beam.range_top, (count, n)), np.full(count, beam.range_min)
+        place = self._ranges[np.arange(count) % len(self._ranges)]
+        width = np.ones(count)
+        if noise.curve.width_spread > 0:
+            width = np.exp(noise.curve.width_spread * np.clip(rng.standard_t(TAIL_DEGREES, count), -4.0, 4.0))
+        z = _standardised(rng, noise, (count, n))
+        out = place[:, None] + width[:, None] * noise.curve.sigma(place)[:, None] * z
+        time = np.linspace(-1.0, 1.0, n)
+        basis = np.polynomial.legendre.legvander(time, DRIFTS)[:, 1:]
+        coefficients = noise.drift_mm * np.clip(rng.standard_t(TAIL_DEGREES, (count, DRIFTS)), -6.0, 6.0)
+        out += coefficients @ basis.T
+        random = rng.random((count, n)) < cell.background
+        out[random] = rng.uniform(beam.range_min, beam.range_top, int(random.sum()))
+        return out, place
+
+
+def _standardised(rng: np.random.Generator, noise: PixelNoise, shape: tuple[int, int]) -> FloatArray:
+    """Standardised errors with the learnt shape and memory: a Gaussian copula of AR(1) noise."""
+    from scipy.special import ndtr
+
+    z = rng.standard_normal(shape)
+    if noise.memory > 0:
+        fresh = math.sqrt(1.0 - noise.memory**2)
+        for j in range(1, shape[1]):
+            z[:, j] = noise.memory * z[:, j - 1] + fresh * z[:, j]
+    if noise.curve.shape is not None:
+        z = noise.curve.shape.quantile(ndtr(z))
+    return np.asarray(z, dtype=np.float64)
+
+
+@jit
+def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, place: FloatArray, out: FloatArray) -> None:
+    """Fill `out` (pixel,) with the gain of the first surface, where pixels have none, or of a second one."""
+    pixels, frames = block.shape
+    value, time = np.empty(frames), np.empty(frames)
+    work = new_work(3, frames, 1)
+    for pixel in range(pixels):
+        n = take_samples(block[pixel].astype(np.float32), value, time)
+        data = Samples(value[:n], time[:n])
+        fill_times(data, work.room)
+        start_empty(data, work.fit, beam)
+        gain, _ = first_surface(data, work, laws[0], beam)
+        if empty:
+            out[pixel] = gain
+        elif gain > 0.0:
+            copy_fit(work.best, work.fit)
+            out[pixel] = try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH)
