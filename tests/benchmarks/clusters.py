@@ -8,10 +8,10 @@ The rule, for samples without a frame of reference but the recording itself:
 1. **Scale.** Half the width of the central 68 % of a pixel's main cluster; its median over the pixels is the half-width
    w of the recording.
 2. **Clusters.** The interval of 6 w with the most samples is a cluster unless uniform background explains it: of m
-   samples that are in no cluster yet, spread over the length S, m P(Binomial(m - 1, 6 w / S) >= c - 1) or fewer
-   intervals hold c samples by chance (a bound on the scan statistic). At 0.001 or more the search ends. The
-   interval is taken away and the rest searched again. Background makes no cluster by this rule, however much there is;
-   a cluster has at least 3 samples.
+   samples spread over the length S, m P(Binomial(m - 1, 6 w / S) >= c - 1) or fewer intervals hold c samples by chance
+   (a bound on the scan statistic). At 0.001 or more the search ends. The interval is taken away and the rest searched
+   again; samples within 3 w of earlier clusters are their tails and do not count as background. So background makes
+   no cluster, however much there is. A cluster has at least 3 samples.
 3. **Gaps.** Clusters closer than 6 half-widths are one: half-widths of the recording, or the clusters' own, if these
    are larger, up to 2 w. So tails, drifts and pixels of more width stay one cluster.
 4. **Within a cluster** the excess mass of two intervals over one (twice the dip) decides, once a straight drift over
@@ -30,6 +30,7 @@ uniform samples as the hardest null. Naus, JASA 60 (1965), 532: intervals with t
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -156,7 +157,7 @@ def step_of(samples: FloatArray) -> float:
 
 
 def common_half_width(pixels: list[FloatArray], step: float) -> float:
-    """w of sorted samples of each pixel: the median over pixels of the half-width of the main cluster, mm."""
+    """Median over pixels of the half-width of the main cluster, mm, of sorted samples of each pixel."""
     usable = [x for x in pixels if x.size >= LEAST_SAMPLES]
     if not usable:
         raise ValueError(f"no pixel has {LEAST_SAMPLES} samples")
@@ -214,21 +215,14 @@ def half_width(values: FloatArray, background: float = 0.0) -> float:
 
 def _clusters(x: FloatArray, width: float, span: float) -> list[Cluster]:
     """Clusters of the sorted samples of a pixel."""
-    left, found = x, []
-    length = GAP * width
-    while left.size >= LEAST_SAMPLES:
-        low, high, number = _densest(left, length)
-        free = max(span - length * len(found), 2.0 * length)
-        expected = left.size * float(binom.sf(number - 2, left.size - 1, min(length / free, 1.0)))
-        if number < LEAST_SAMPLES or expected >= BY_CHANCE:
-            break
-        found.append((low, high))
-        left = left[(left < low) | (left > high)]
+    found: list[tuple[float, float]] = []
+    while (ends := _next_cluster(x, found, width, span)) is not None:
+        found.append(ends)
     merged = [_measured(x, low, high, width, span) for low, high in sorted(found)]
     while len(merged) > 1:
         gaps = [
             (b.low_mm - a.high_mm) / max(width, min(max(a.half_width_mm, b.half_width_mm), MOST_OWN * width))
-            for a, b in zip(merged, merged[1:], strict=False)
+            for a, b in pairwise(merged)
         ]
         closest = int(np.argmin(gaps))
         if gaps[closest] > GAP:
@@ -236,6 +230,27 @@ def _clusters(x: FloatArray, width: float, span: float) -> list[Cluster]:
         low, high = merged[closest].low_mm, merged[closest + 1].high_mm
         merged[closest : closest + 2] = [_measured(x, low, high, width, span)]
     return merged
+
+
+def _next_cluster(
+    x: FloatArray, found: list[tuple[float, float]], width: float, span: float
+) -> tuple[float, float] | None:
+    """Ends of the next interval with more samples than background explains: away from earlier ones, or beside them."""
+    taken, tail = np.zeros(x.size, dtype=bool), np.zeros(x.size, dtype=bool)
+    for low, high in found:
+        taken |= (x >= low) & (x <= high)
+        tail |= members(x, low, high, width)
+    length = GAP * width
+    share = min(length / max(span - length * len(found), 2.0 * length), 1.0)
+    for left in (x[~tail], x[~taken]):
+        if left.size < LEAST_SAMPLES:
+            continue
+        low, high, number = _densest(left, length)
+        background = int((~tail | (~taken & (x >= low) & (x <= high))).sum())
+        by_chance = background * float(binom.sf(number - 2, background - 1, share))
+        if number >= LEAST_SAMPLES and by_chance < BY_CHANCE:
+            return low, high
+    return None
 
 
 def _measured(x: FloatArray, low: float, high: float, width: float, span: float) -> Cluster:
@@ -355,7 +370,7 @@ def half_width_without_drift(samples: FloatArray, judged: Judged, pixel: int) ->
     """
     (cluster,) = judged.clusters[pixel]
     x = samples[:, pixel]
-    near = np.isfinite(x) & members(np.nan_to_num(x, nan=-np.inf), cluster.low_mm, cluster.high_mm, judged.half_width_mm)
+    near = members(x, cluster.low_mm, cluster.high_mm, judged.half_width_mm)
     frame, value = np.flatnonzero(near), x[near]
     spread = value + judged.step_mm * np.random.default_rng([NULL_SEED, pixel]).uniform(-0.5, 0.5, value.size)
     width = half_width(_without_drift(frame, spread), judged.background[pixel])
