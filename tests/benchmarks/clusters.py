@@ -6,7 +6,7 @@ is no estimator: surfaces closer than about 3 half-widths look like one cluster,
 The rule, for samples without a frame of reference but the recording itself:
 
 1. **Scale.** Half the width of the central 68 % of a pixel's main cluster; its median over the pixels is the half-width
-   w of the recording.
+   w of the recording. The search for it starts at the length whose fullest interval is the least likely by chance.
 2. **Clusters.** The interval of 6 w with the most samples is a cluster unless uniform background explains it: of m
    samples spread over the length S, m P(Binomial(m - 1, 6 w / S) >= c - 1) or fewer intervals hold c samples by chance
    (a bound on the scan statistic). At 0.001 or more the search ends. The interval is taken away and the rest searched
@@ -14,9 +14,9 @@ The rule, for samples without a frame of reference but the recording itself:
    no cluster, however much there is. A cluster has at least 3 samples.
 3. **Gaps.** Clusters closer than 6 half-widths are one: half-widths of the recording, or the clusters' own, if these
    are larger, up to 2 w. So tails, drifts and pixels of more width stay one cluster.
-4. **Within a cluster** the excess mass of two intervals over one (twice the dip) decides, once a straight drift over
-   the frames is taken out: 1 % of uniform samples have more than is allowed. That is less than 1 % of any other
-   unimodal shape, skewed or long-tailed.
+4. **Within a cluster** the excess mass of two intervals over one (twice the dip) decides: 1 % of uniform samples have
+   more than is allowed. That is less than 1 % of any other unimodal shape, skewed or long-tailed. A straight drift over
+   the frames is taken out before, unless one step in time explains more of the variance: a step makes two surfaces.
 
 A pixel is single if it has one cluster that passes 4, and double if it has two that pass. Every other pixel is
 undecided: no cluster, a cluster that does not pass, or more than two.
@@ -53,6 +53,9 @@ LEAST_SAMPLES = 3
 BY_CHANCE = 1e-3
 """Chance that background alone makes a cluster in a pixel."""
 
+FAINT = 0.05
+"""With less than this chance an interval may be a surface of few samples: such pixels are marked."""
+
 DIP_LEVEL = 0.01
 """Share of uniform clusters that the test within a cluster takes for more than one."""
 
@@ -69,8 +72,14 @@ NULL_SAMPLES = (4, 6, 8, 12, 20, 40, 80, 160, 320, 640)
 NULL_DRAWS = 2000
 NULL_SEED = 91
 
-FIRST_QUANTILE, FIRST_FACTOR = 0.1, 0.25
-"""Tenth of the differences within a pixel: 0.18 sigma without background, 0.74 sigma with half; a start for w."""
+SCALE_PIXELS = 400
+"""Pixels, spread over the recording, that are looked at for a first scale."""
+
+SCALE_STEPS = 24
+"""Lengths from the step of ranges, or a millionth of the span, to a twentieth of it: first scales."""
+
+BEST_LENGTH = 2.8
+"""Sigmas of the interval that stands out most from little background: it holds 84 % of a Gaussian surface."""
 
 SCALE_ROUNDS = 4
 
@@ -107,6 +116,9 @@ class Judged:
         Step of the stored ranges.
     background : (pixel,) float64
         Samples of each pixel that no cluster explains, per mm.
+    faint : (pixel,) bool
+        Whether further samples stand together that background explains with a chance of 0.001 to 0.05 alone: a single
+        pixel of them may see a second surface of few samples.
     """
 
     kind: IntArray
@@ -114,6 +126,7 @@ class Judged:
     half_width_mm: float
     step_mm: float
     background: FloatArray
+    faint: BoolArray
 
     def pixels(self, kind: Kind) -> IntArray:
         """Numbers of the pixels of a kind."""
@@ -134,16 +147,20 @@ def judge_recording(
     step = step_of(ordered)
     low = float(np.nanmin(ordered)) if range_min_mm is None else range_min_mm
     high = float(np.nanmax(ordered)) if range_max_mm is None else range_max_mm
-    width = common_half_width(pixels, step)
+    width = common_half_width(pixels, step, max(high - low, step, 1e-6))
     span = max(high - low, LEAST_SPAN * width)
-    found = [_clusters(x, width, span) for x in pixels]
+    searched = [_clusters(x, width, span) for x in pixels]
+    found = [own for own, _ in searched]
     background = np.array([_background(x, own, span) for x, own in zip(pixels, found, strict=True)])
     kind = np.full(len(pixels), list(Kind).index(Kind.UNDECIDED))
     passed = _pass_within(samples, found, step)
     for pixel, own in enumerate(found):
         if own and passed[pixel] and len(own) <= len((Kind.SINGLE, Kind.DOUBLE)):
             kind[pixel] = list(Kind).index((Kind.SINGLE, Kind.DOUBLE)[len(own) - 1])
-    return Judged(kind=kind, clusters=found, half_width_mm=width, step_mm=step, background=background)
+    return Judged(
+        kind=kind, clusters=found, half_width_mm=width, step_mm=step, background=background,
+        faint=np.array([faint for _, faint in searched]),
+    )  # fmt: skip
 
 
 def step_of(samples: FloatArray) -> float:
@@ -156,25 +173,27 @@ def step_of(samples: FloatArray) -> float:
     return step if on_steps.all() else 0.0
 
 
-def common_half_width(pixels: list[FloatArray], step: float) -> float:
+def common_half_width(pixels: list[FloatArray], step: float, span: float) -> float:
     """Median over pixels of the half-width of the main cluster, mm, of sorted samples of each pixel."""
     usable = [x for x in pixels if x.size >= LEAST_SAMPLES]
     if not usable:
         raise ValueError(f"no pixel has {LEAST_SAMPLES} samples")
     floor = max(0.5 * step, 1e-6)
-    first = [np.quantile(_differences(x), FIRST_QUANTILE) for x in usable]
-    width = max(float(np.median(first)) / FIRST_FACTOR, floor)
+    width = max(_first_length(usable, max(step, 1e-6 * span), span) / BEST_LENGTH, floor)
     for _ in range(SCALE_ROUNDS):
         own = [_main_half_width(x, width) for x in usable]
         width = max(float(np.median(own)), floor)
     return width
 
 
-def _differences(x: FloatArray) -> FloatArray:
-    """Differences of all pairs of up to 40 samples, spread over the sorted ones."""
-    few = x[np.linspace(0, x.size - 1, min(x.size, 40)).astype(np.int64)]
-    above, below = np.triu_indices(few.size, k=1)
-    return few[below] - few[above]
+def _first_length(pixels: list[FloatArray], least: float, span: float) -> float:
+    """Length whose fullest interval is the least likely by chance, by the median over some pixels."""
+    some = [pixels[k] for k in np.unique(np.linspace(0, len(pixels) - 1, SCALE_PIXELS).astype(np.int64))]
+    lengths = np.geomspace(least, max(span / 20.0, 2.0 * least), SCALE_STEPS)
+    size = np.array([x.size for x in some])
+    number = np.array([[_densest(x, length)[2] for x in some] for length in lengths])
+    by_chance = np.log(size) + binom.logsf(number - 2, size - 1, np.minimum(lengths / span, 1.0)[:, None])
+    return float(lengths[np.argmin(np.median(by_chance, axis=1))])
 
 
 def _main_half_width(x: FloatArray, width: float) -> float:
@@ -213,11 +232,11 @@ def half_width(values: FloatArray, background: float = 0.0) -> float:
     return 0.5 * float(high - low)
 
 
-def _clusters(x: FloatArray, width: float, span: float) -> list[Cluster]:
-    """Clusters of the sorted samples of a pixel."""
+def _clusters(x: FloatArray, width: float, span: float) -> tuple[list[Cluster], bool]:
+    """Clusters of the sorted samples of a pixel, and whether one more is likely but not sure."""
     found: list[tuple[float, float]] = []
-    while (ends := _next_cluster(x, found, width, span)) is not None:
-        found.append(ends)
+    while (interval := _next_interval(x, found, width, span)).by_chance < BY_CHANCE:
+        found.append((interval.low_mm, interval.high_mm))
     merged = [_measured(x, low, high, width, span) for low, high in sorted(found)]
     while len(merged) > 1:
         gaps = [
@@ -229,28 +248,35 @@ def _clusters(x: FloatArray, width: float, span: float) -> list[Cluster]:
             break
         low, high = merged[closest].low_mm, merged[closest + 1].high_mm
         merged[closest : closest + 2] = [_measured(x, low, high, width, span)]
-    return merged
+    return merged, interval.by_chance < FAINT
 
 
-def _next_cluster(
-    x: FloatArray, found: list[tuple[float, float]], width: float, span: float
-) -> tuple[float, float] | None:
-    """Ends of the next interval with more samples than background explains: away from earlier ones, or beside them."""
+class _Interval(NamedTuple):
+    """Ends of an interval, mm, and the number of those with as many samples that background makes in a pixel."""
+
+    low_mm: float = 0.0
+    high_mm: float = 0.0
+    by_chance: float = np.inf
+
+
+def _next_interval(x: FloatArray, found: list[tuple[float, float]], width: float, span: float) -> _Interval:
+    """The interval least explained by background: of those away from earlier ones, and those beside them."""
     taken, tail = np.zeros(x.size, dtype=bool), np.zeros(x.size, dtype=bool)
     for low, high in found:
         taken |= (x >= low) & (x <= high)
         tail |= members(x, low, high, width)
     length = GAP * width
     share = min(length / max(span - length * len(found), 2.0 * length), 1.0)
+    best = _Interval()
     for left in (x[~tail], x[~taken]):
         if left.size < LEAST_SAMPLES:
             continue
         low, high, number = _densest(left, length)
         background = int((~tail | (~taken & (x >= low) & (x <= high))).sum())
         by_chance = background * float(binom.sf(number - 2, background - 1, share))
-        if number >= LEAST_SAMPLES and by_chance < BY_CHANCE:
-            return low, high
-    return None
+        if number >= LEAST_SAMPLES and by_chance < best.by_chance:
+            best = _Interval(low, high, by_chance)
+    return best
 
 
 def _measured(x: FloatArray, low: float, high: float, width: float, span: float) -> Cluster:
@@ -282,18 +308,21 @@ def _pass_within(samples: FloatArray, found: list[list[Cluster]], step: float) -
             # Ties are steps, not modes: samples are spread evenly over their step.
             spread = x[inside] + step * rng.uniform(-0.5, 0.5, int(inside.sum()))
             owner.append(pixel)
-            parts.append(np.sort(_without_drift(np.flatnonzero(inside), spread)))
+            parts.append(np.sort(_without_drift(np.flatnonzero(inside), spread, unless_step=True)))
     passed = np.ones(samples.shape[1], dtype=bool)
     np.logical_and.at(passed, np.array(owner, dtype=np.int64), is_one_mode(parts))
     return passed
 
 
-def _without_drift(frame: IntArray, values: FloatArray) -> FloatArray:
-    """Values less a straight line over their frames; the values where they are too few for one."""
+def _without_drift(frame: IntArray, values: FloatArray, *, unless_step: bool) -> FloatArray:
+    """Values, in the order of time, less a straight line over their frames; `unless_step`: if no step explains more."""
     if values.size <= LEAST_SAMPLES:
         return values
-    time = frame - frame.mean()
-    return np.asarray(values - (time @ values) / (time @ time) * time)
+    time, away = frame - frame.mean(), values - values.mean()
+    slope = (time @ away) / (time @ time)
+    before = np.arange(1, values.size)
+    of_step = (np.cumsum(away)[:-1] ** 2 * values.size / (before * (values.size - before))).max()
+    return values if unless_step and of_step > slope**2 * (time @ time) else away - slope * time
 
 
 def is_one_mode(parts: list[FloatArray]) -> BoolArray:
@@ -373,7 +402,7 @@ def half_width_without_drift(samples: FloatArray, judged: Judged, pixel: int) ->
     near = members(x, cluster.low_mm, cluster.high_mm, judged.half_width_mm)
     frame, value = np.flatnonzero(near), x[near]
     spread = value + judged.step_mm * np.random.default_rng([NULL_SEED, pixel]).uniform(-0.5, 0.5, value.size)
-    width = half_width(_without_drift(frame, spread), judged.background[pixel])
-    # Two numbers were fitted; the spread over a step has the variance step^2 / 12.
-    free = width**2 * value.size / max(value.size - 2, 1)
+    width = half_width(_without_drift(frame, spread, unless_step=False), judged.background[pixel])
+    # A slope was fitted; the spread over a step has the variance step^2 / 12.
+    free = width**2 * value.size / max(value.size - 1, 1)
     return float(np.sqrt(max(free - judged.step_mm**2 / 12.0, 0.0)))

@@ -155,6 +155,7 @@ def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
             }  # fmt: skip
             if found.layers is not None:
                 row["single: more than one"] = percent(found.layers[single] > 1)
+                row["single: faint"] = percent((found.layers[single] > 1) & judged.faint[single])
                 row["single: none"] = percent(found.layers[single] == 0)
                 row["double: two"] = percent(found.layers[double] == 2)
                 row["double: one"] = percent(found.layers[double] == 1)
@@ -164,6 +165,7 @@ def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
 
 REAL: Columns = {
     "recording": "recording", "noise": "noise", "single": "single", "more than one, %": "single: more than one",
+    "of these, perhaps with a faint second": "single: faint",
     "aim, at most": "single: aim", "no layer, %": "single: none", "double": "double", "two, %": "double: two",
     "aim, at least": "double: aim", "one, %": "double: one", "other, %": "double: other", "undecided": "undecided",
     "sigma (aim 0.97 to 1.03)": "sigma",
@@ -403,13 +405,9 @@ def shown(value: object) -> str:
     """A cell of a table."""
     if value is None:
         return "-"
-    return (
-        f"{value:.3g}"
-        if isinstance(value, float) and value < 1.0
-        else f"{value:.4g}"
-        if isinstance(value, float)
-        else str(value)
-    )
+    if isinstance(value, float):
+        return f"{value:.3g}" if value < 1.0 else f"{value:.4g}"
+    return str(value)
 
 
 def print_table(title: str, columns: Columns, rows: Iterator[Row]) -> None:
