@@ -1,5 +1,8 @@
 """The rule by which tests/benchmarks/real.py says which real pixels see one surface, on pixels that are made up."""
 
+import argparse
+from pathlib import Path
+
 import numpy as np
 import pytest
 from benchmarks import real, real_recordings
@@ -13,8 +16,9 @@ from benchmarks.clusters import (
     judge_recording,
     step_of,
 )
-from benchmarks.simulated_noise import CURVE, NOISES, draw, draw_three
+from benchmarks.simulated_noise import CAMERA, CURVE, NOISES, draw, draw_three
 
+import tofmix
 from tofmix.arrays import FloatArray
 
 LOW, TOP = 300.0, 6000.0
@@ -177,14 +181,12 @@ def test_uniform_samples_have_one_mode_but_for_the_level_of_the_test() -> None:
 def test_step_of_continuous_samples_is_zero() -> None:
     rng = np.random.default_rng(16)
     assert step_of(rng.random(1000)) == 0.0
-    assert step_of(5.0 * rng.integers(0, 50, 1000)) == 5.0
+    assert step_of(5.0 * rng.integers(0, 50, 1000).astype(np.float64)) == 5.0
 
 
 def test_splice_has_the_distance_the_share_and_the_number_of_pixels_asked_for() -> None:
     rng = np.random.default_rng(17)
-    recording = real.tofmix.from_array(
-        np.rint(500.0 + 20.0 * rng.standard_normal((100, 20, 20))), units="mm", sensor=real.CAMERA
-    )
+    recording = tofmix.from_array(np.rint(500.0 + 20.0 * rng.standard_normal((100, 20, 20))), units="mm", sensor=CAMERA)
     made = real_recordings.SinglePixels(
         real_recordings.RealRecording(name="made up", recording=recording, most_split=0.0)
     ).splice(sigma_mm=20.0, distance=10.0, share=0.2, pixels=200, mixed=0.15, rng=rng)
@@ -198,7 +200,14 @@ def test_splice_has_the_distance_the_share_and_the_number_of_pixels_asked_for() 
     assert np.abs(samples[:, rest] - 500.0).max() < 100.0
 
 
-def test_missing_recordings_are_skipped_with_one_line_each(tmp_path: real.Path) -> None:
+def test_table_of_the_recording_of_the_project_has_its_pixels() -> None:
+    chosen = argparse.Namespace(data=Path("/nowhere"), only=["vl53l8cx"], workers=1)
+    assert list(real.run_real(chosen)) == []
+    judged = real_recordings.tmf8829().judged()
+    assert (judged.pixels(Kind.SINGLE).size, judged.pixels(Kind.DOUBLE).size) == (240, 15)
+
+
+def test_missing_recordings_are_skipped_with_one_line_each(tmp_path: Path) -> None:
     said: list[str] = []
     found = list(real_recordings.real_recordings(tmp_path, tuple(real_recordings.LOADERS), said.append))
     assert [one.name for one in found] == ["TMF8829"]

@@ -5,8 +5,8 @@ Usage: PYTHONPATH=tests:. python tests/benchmarks/real.py real|spliced|simulated
 Every recording is estimated with default options, so that its noise is that of the file, where the file has a curve,
 and of the samples, where it has none. Prints Markdown tables, or JSON with `--json`; asserts nothing.
 
-- real: recordings of four sensors. `clusters.py` says which pixels see one surface and which see two, without the
-  package. `sigma` is the learnt sigma over half the width of the central 68 % of single pixels, drift removed: the
+- real: recordings of four sensors. `clusters.py` says which pixels see one surface and which see two, without calling
+  the package. `sigma` is the learnt sigma over half the width of the central 68 % of single pixels, drift removed: the
   median over them. A TMF8829 recording is part of the project; the others are read from `--data`, and skipped with a
   line on stderr where they are not there.
 - spliced: recordings of single real pixels, of which 15 % were joined from two at a known distance.
@@ -165,7 +165,7 @@ def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
 
 REAL: Columns = {
     "recording": "recording", "noise": "noise", "single": "single", "more than one, %": "single: more than one",
-    "of these, perhaps with a faint second": "single: faint",
+    "more than one where a second may be faint, %": "single: faint",
     "aim, at most": "single: aim", "no layer, %": "single: none", "double": "double", "two, %": "double: two",
     "aim, at least": "double: aim", "one, %": "double: one", "other, %": "double: other", "undecided": "undecided",
     "sigma (aim 0.97 to 1.03)": "sigma",
@@ -237,15 +237,16 @@ class Tally:
         self.sigma.append(float(np.median(ratio)))
 
 
-def cell(draws: Callable[[int, np.random.Generator], Drawn], unit: float, key: list[int], chosen: Any) -> Tally:  # noqa: ANN401  options
+def cell(
+    draws: Callable[[int, np.random.Generator], Drawn], unit: float, key: list[int], chosen: argparse.Namespace
+) -> Tally:
     """Draw and estimate a cell image by image."""
     tally = Tally()
     for number, first in enumerate(range(0, chosen.pixels, IMAGE_PIXELS)):
         rng = np.random.default_rng([chosen.seed, *key, number])
         drawn = draws(min(IMAGE_PIXELS, chosen.pixels - first), rng)
-        sensor = CAMERA
         noise = CURVE if chosen.with_curve else None
-        recording = tofmix.from_array(image(drawn.samples), units="mm", sensor=sensor, noise=noise)
+        recording = tofmix.from_array(image(drawn.samples), units="mm", sensor=CAMERA, noise=noise)
         tally.add(drawn, estimated(recording, chosen.workers), unit)
     return tally
 
@@ -336,7 +337,8 @@ def run_adversarial(chosen: argparse.Namespace) -> Iterator[Row]:
             row: Row = {"recording": name, "exit": ended.returncode, "said": said}
             if output.exists():
                 found = tofmix.open(output)
-                layers = found.n_modes.astype(np.int64)[0]  # type: ignore[union-attr]
+                assert not isinstance(found, Recording)
+                layers = found.n_modes.astype(np.int64)[0]
                 half = layers.shape[1] // 2
                 row |= counts(layers.ravel(), np.arange(layers.size))
                 row["left half: more than one"] = percent(layers[:, :half] > 1)

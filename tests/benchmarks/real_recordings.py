@@ -64,6 +64,7 @@ class RealRecording:
 def tmf8829() -> RealRecording:
     """An object before two walls; 15 pixels see two surfaces with at least 3 samples each."""
     recording = tofmix.open(PROJECT / "sample_data" / "tmf8829_edge.h5")
+    assert isinstance(recording, Recording)
     return RealRecording(name="TMF8829", recording=recording, most_split=0.015, least_double=1.0)
 
 
