@@ -1,0 +1,462 @@
+"""How many surfaces are counted where nobody tuned the noise: real sensors, spliced pixels, noise of any shape.
+
+Usage: PYTHONPATH=tests:. python tests/benchmarks/real.py real|spliced|simulated|adversarial|speed [--json] [--seed N]
+
+Every recording is estimated with default options, so that its noise is that of the file, where the file has a curve,
+and of the samples, where it has none. Prints Markdown tables, or JSON with `--json`; asserts nothing.
+
+- real: recordings of four sensors. `clusters.py` says which pixels see one surface and which see two, without calling
+  the package. `sigma` is the learnt sigma over half the width of the central 68 % of single pixels, drift removed: the
+  median over them. A TMF8829 recording is part of the project; the others are read from `--data`, and skipped with a
+  line on stderr where they are not there.
+- spliced: recordings of single real pixels, of which 15 % were joined from two at a known distance.
+- simulated: one surface a pixel and noise that is skewed, long-tailed, of different widths, drifting or on background,
+  `--pixels` a cell in images of 25,000; and three surfaces in every pixel.
+- adversarial: what comes of recordings that no noise model fits, and what `tofmix estimate` says of them.
+- speed: a full image of 100 frames with a learnt shape beside one of Gaussian noise, alternating in one run.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from benchmarks.clusters import Judged, Kind, half_width, half_width_without_drift
+from benchmarks.real_recordings import FOLDER, LOADERS, PROJECT, RealRecording, SinglePixels, real_recordings
+from benchmarks.simulated_noise import (
+    CAMERA,
+    CURVE,
+    FAR_MM,
+    LOW_MM,
+    NEAR_MM,
+    NOISES,
+    TOP_MM,
+    Drawn,
+    Noise,
+    draw,
+    draw_three,
+    gaussian,
+    skewed,
+)
+
+import tofmix
+from tofmix.api.recordings import Recording
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.errors import TofmixError
+from tofmix.sensor import NoiseCurve
+
+SEED = 83
+DISTANCES = (2.0, 3.0, 4.0, 8.0)
+SHARES = (0.2, 0.5)
+MIXED = 0.15
+"""Share of spliced pixels: enough others that noise can be learnt."""
+
+FRAMES = (50, 100, 300)
+IMAGE_COLS, IMAGE_PIXELS = 250, 25_000
+"""Images that simulated cells are cut into: about those of a camera, and bounded memory."""
+
+ENOUGH = 15
+"""Samples that a surface must have for it to be found without fail."""
+
+THREE_FRAMES = (100, 300)
+THREE_DISTANCES = (4.0, 12.0)
+FULL_IMAGE = (144, 176)
+
+Row = dict[str, Any]
+Columns = dict[str, str]
+"""Title and key of each column."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What an estimate makes of a recording.
+
+    Parameters
+    ----------
+    layers : (pixel,) int64 or None
+        Layers of each pixel; None where the recording was refused.
+    curve : NoiseCurve or None
+        The noise that was used.
+    said : list of str
+        Warnings, or why the recording was refused.
+    """
+
+    layers: IntArray | None = None
+    curve: NoiseCurve | None = None
+    said: list[str] = field(default_factory=list)
+
+
+def estimated(recording: Recording, workers: int, noise: str | NoiseCurve | None = None) -> Outcome:
+    """Estimate with default options."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            result = tofmix.estimate(recording, workers=workers, noise=noise)
+        except TofmixError as error:
+            return Outcome(said=[str(error)])
+    said = [str(warning.message) for warning in caught]
+    return Outcome(layers=result.n_modes.ravel().astype(np.int64), curve=result.sensor.noise, said=said)
+
+
+def percent(part: IntArray | np.ndarray[Any, np.dtype[np.bool_]]) -> float | None:
+    """Mean of a mask in %; None of nothing."""
+    return None if part.size == 0 else 100.0 * float(part.mean())
+
+
+def counts(layers: IntArray | None, pixels: IntArray) -> Row:
+    """Shares of pixels with no, one, two and more layers, in %; empty where there are no layers or pixels."""
+    if layers is None or pixels.size == 0:
+        return {}
+    of = layers[pixels]
+    return {
+        "none": percent(of == 0), "one": percent(of == 1), "two": percent(of == 2), "three or more": percent(of > 2)
+    }  # fmt: skip
+
+
+def centre_mm(judged: Judged, pixel: int) -> float:
+    """Middle of the first cluster of a pixel, mm."""
+    cluster = judged.clusters[pixel][0]
+    return 0.5 * (cluster.low_mm + cluster.high_mm)
+
+
+def sigma_ratio(real: RealRecording, judged: Judged, curve: NoiseCurve | None) -> float | None:
+    """Learnt sigma over half the width of the central 68 % of single pixels, drift removed: the median."""
+    single = judged.pixels(Kind.SINGLE)
+    if curve is None or single.size == 0:
+        return None
+    samples, amplitude = real.samples(), real.recording.amplitude
+    own = np.array([half_width_without_drift(samples, judged, pixel) for pixel in single])
+    light = None if amplitude is None else np.nanmedian(amplitude.reshape(len(amplitude), -1), axis=0)[single]
+    sigma = curve.sigma(np.array([centre_mm(judged, pixel) for pixel in single]), light)
+    return float(np.median(sigma / np.maximum(own, 1e-9)))
+
+
+def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
+    """Rows of the table of real recordings."""
+    for real in real_recordings(chosen.data, tuple(chosen.only or LOADERS), _skip):
+        judged = real.judged()
+        single, double = judged.pixels(Kind.SINGLE), judged.pixels(Kind.DOUBLE)
+        for noise in (None, "auto") if real.recording.sensor.noise is not None else (None,):
+            found = estimated(real.recording, chosen.workers, noise)
+            row: Row = {
+                "recording": real.name, "noise": noise or "default", "single": single.size, "double": double.size,
+                "undecided": len(judged.kind) - single.size - double.size, "half-width, mm": judged.half_width_mm,
+                "single: aim": 100.0 * real.most_split, "double: aim": 100.0 * (real.least_double or 0.0) or None,
+                "sigma": sigma_ratio(real, judged, found.curve), "said": found.said,
+            }  # fmt: skip
+            if found.layers is not None:
+                row["single: more than one"] = percent(found.layers[single] > 1)
+                row["single: faint"] = percent((found.layers[single] > 1) & judged.faint[single])
+                row["single: none"] = percent(found.layers[single] == 0)
+                row["double: two"] = percent(found.layers[double] == 2)
+                row["double: one"] = percent(found.layers[double] == 1)
+                row["double: other"] = percent((found.layers[double] == 0) | (found.layers[double] > 2))
+            yield row
+
+
+REAL: Columns = {
+    "recording": "recording", "noise": "noise", "single": "single", "more than one, %": "single: more than one",
+    "more than one where a second may be faint, %": "single: faint",
+    "aim, at most": "single: aim", "no layer, %": "single: none", "double": "double", "two, %": "double: two",
+    "aim, at least": "double: aim", "one, %": "double: one", "other, %": "double: other", "undecided": "undecided",
+    "sigma (aim 0.97 to 1.03)": "sigma",
+}  # fmt: skip
+
+
+def run_spliced(chosen: argparse.Namespace) -> Iterator[Row]:
+    """Rows of the table of spliced pixels."""
+    for real in real_recordings(chosen.data, tuple(chosen.only or ("vl53l0x", "mit_face")), _skip):
+        pool, judged, samples = SinglePixels(real), real.judged(), real.samples()
+        own = [half_width_without_drift(samples, judged, pixel) for pixel in judged.pixels(Kind.SINGLE)]
+        sigma_mm = float(np.median(own))
+        for number, (share, distance) in enumerate((s, d) for s in SHARES for d in DISTANCES):
+            rng = np.random.default_rng([chosen.seed, number])
+            made = pool.splice(
+                sigma_mm=sigma_mm, distance=distance, share=share, pixels=chosen.pixels, mixed=MIXED, rng=rng
+            )
+            found = estimated(made.recording, chosen.workers)
+            row: Row = {
+                "recording": real.name, "share": share, "apart": distance, "as made": made.distance,
+                "spliced": made.spliced.size, "aim": 95.0 if (share, distance) == (0.5, 3.0) else None,
+                "said": found.said,
+            }  # fmt: skip
+            if found.layers is not None and found.curve is not None:
+                row |= counts(found.layers, made.spliced)
+                single = np.setdiff1d(np.arange(found.layers.size), made.spliced)
+                row["single"], row["split"] = single.size, percent(found.layers[single] > 1)
+                row["lost"] = percent(found.layers[single] == 0)
+                row["sigma"] = float(found.curve.sigma(float(np.median(pool.centre_mm)))) / sigma_mm
+            yield row
+
+
+SPLICED: Columns = {
+    "recording": "recording", "lesser share": "share", "sigma apart": "apart", "as made": "as made",
+    "spliced": "spliced", "exactly two, %": "two", "aim, at least": "aim", "one, %": "one",
+    "three or more, %": "three or more", "none, %": "none", "single": "single",
+    "split, % (aim at most 1.5)": "split", "no layer, %": "lost", "sigma": "sigma",
+}  # fmt: skip
+
+
+def image(samples: FloatArray) -> FloatArray:
+    """Samples (frame, pixel) as (frame, row, col)."""
+    frames, pixels = samples.shape
+    cols = IMAGE_COLS if pixels % IMAGE_COLS == 0 else pixels
+    return samples.reshape(frames, pixels // cols, cols)
+
+
+@dataclass(slots=True)
+class Tally:
+    """What the images of a cell add up to."""
+
+    layers: list[IntArray] = field(default_factory=list)
+    background: list[FloatArray] = field(default_factory=list)
+    of_surface: list[IntArray] = field(default_factory=list)
+    sigma: list[float] = field(default_factory=list)
+    said: list[str] = field(default_factory=list)
+    refused: int = 0
+
+    def add(self, drawn: Drawn, found: Outcome, unit: float) -> None:
+        """Count one image; `unit` is the half-width of the errors, in sigma of the curve they were drawn with."""
+        self.said += [text for text in found.said if text not in self.said]
+        if found.layers is None or found.curve is None:
+            self.refused += drawn.range_mm.size
+            return
+        self.layers.append(found.layers)
+        self.background.append(drawn.background)
+        self.of_surface.append(drawn.of_surface)
+        ratio = found.curve.sigma(drawn.range_mm) / (unit * CURVE.sigma(drawn.range_mm))
+        self.sigma.append(float(np.median(ratio)))
+
+
+def cell(
+    draws: Callable[[int, np.random.Generator], Drawn], unit: float, key: list[int], chosen: argparse.Namespace
+) -> Tally:
+    """Draw and estimate a cell image by image."""
+    tally = Tally()
+    for number, first in enumerate(range(0, chosen.pixels, IMAGE_PIXELS)):
+        rng = np.random.default_rng([chosen.seed, *key, number])
+        drawn = draws(min(IMAGE_PIXELS, chosen.pixels - first), rng)
+        noise = CURVE if chosen.with_curve else None
+        recording = tofmix.from_array(image(drawn.samples), units="mm", sensor=CAMERA, noise=noise)
+        tally.add(drawn, estimated(recording, chosen.workers), unit)
+    return tally
+
+
+def unit_of(noise: Noise) -> float:
+    """Half the width of the central 68 % of the errors, in their standard deviation."""
+    return half_width(noise.errors(np.random.default_rng(0), 100, 2000).ravel())
+
+
+def run_simulated(chosen: argparse.Namespace) -> Iterator[Row]:
+    """Rows of the table of noise that is not Gaussian."""
+    names = [name for name in NOISES if not chosen.noise or any(text in name for text in chosen.noise)]
+    for name in names:
+        noise, unit = NOISES[name], unit_of(NOISES[name])
+        for frames in chosen.frames:
+            key = [list(NOISES).index(name), frames]
+            tally = cell(lambda n, rng, noise=noise, frames=frames: draw(noise, frames, n, rng), unit, key, chosen)  # type: ignore[misc]
+            row: Row = {"noise": name, "frames": frames, "said": tally.said, "refused": tally.refused}
+            if tally.layers:
+                layers, background = np.concatenate(tally.layers), np.concatenate(tally.background)
+                enough = np.concatenate(tally.of_surface) >= ENOUGH
+                row |= {
+                    "pixels": layers.size, "more than one": percent(layers > 1), "none": percent(layers == 0),
+                    "enough": percent(layers[enough] == 1), "sigma": float(np.median(tally.sigma)),
+                }  # fmt: skip
+                third = np.minimum(3.0 * background / max(noise.most_background, 1e-9), 2.0).astype(np.int64)
+                for k, part in enumerate(("low", "middle", "high") if noise.most_background > 0 else ()):
+                    row[part] = percent(layers[third == k] > 1)
+            yield row
+
+
+SIMULATED: Columns = {
+    "noise": "noise", "frames": "frames", "pixels": "pixels", "more than one, % (aim 0.05 to 0.2)": "more than one",
+    "background < 0.3": "low", "0.3 to 0.6": "middle", "> 0.6": "high", "no layer, %": "none",
+    "one, of those with 15 samples or more, % (aim 99.5)": "enough", "sigma": "sigma", "refused": "refused",
+}  # fmt: skip
+
+
+def run_three(chosen: argparse.Namespace) -> Iterator[Row]:
+    """Rows of the table of three surfaces in every pixel."""
+    for frames in THREE_FRAMES:
+        for distance in THREE_DISTANCES:
+            key = [len(NOISES), frames, round(distance)]
+            tally = cell(lambda n, rng, f=frames, d=distance: draw_three(f, n, d, rng), 1.0, key, chosen)  # type: ignore[misc]
+            row: Row = {"frames": frames, "apart": distance, "said": tally.said, "refused": tally.refused}
+            if tally.layers:
+                layers = np.concatenate(tally.layers)
+                row |= counts(layers, np.arange(layers.size))
+                row |= {"pixels": layers.size, "three": percent(layers == 3), "sigma": float(np.median(tally.sigma))}
+            yield row
+
+
+THREE: Columns = {
+    "frames": "frames", "sigma apart": "apart", "pixels": "pixels", "three, % (aim 99)": "three", "one, %": "one",
+    "two, %": "two", "none, %": "none", "sigma (aim 0.95 to 1.05)": "sigma", "refused": "refused",
+}  # fmt: skip
+
+
+def adversaries(rng: np.random.Generator) -> dict[str, FloatArray]:
+    """Recordings (frame, row, col), mm, that no noise model fits."""
+    frames, rows, cols = 100, 40, 60
+    pixels = rows * cols
+    plain = draw(Noise(), frames, pixels, rng).samples
+    place = rng.uniform(NEAR_MM, FAR_MM, pixels)
+    halves = np.where(np.arange(pixels) % cols < cols // 2, skewed(rng, frames, pixels), gaussian(rng, frames, pixels))
+    made = {
+        "background alone": rng.uniform(LOW_MM, TOP_MM, (frames, pixels)),
+        "three samples a pixel": plain[:3],
+        "a constant": np.full((frames, pixels), 1500.0),
+        "steps of 40 mm": 40.0 * np.rint(plain / 40.0),
+        "skewed on the left half, Gaussian on the right": place + CURVE.sigma(place) * halves,
+    }
+    return {name: samples.reshape(-1, rows, cols) for name, samples in made.items()}
+
+
+def run_adversarial(chosen: argparse.Namespace) -> Iterator[Row]:
+    """Rows of the table of hostile recordings, by the command."""
+    for name, samples in adversaries(np.random.default_rng(chosen.seed)).items():
+        with tempfile.TemporaryDirectory() as folder:
+            source, output = Path(folder) / "recording.h5", Path(folder) / "out.layers.h5"
+            tofmix.from_array(samples, units="mm", sensor=CAMERA).save(source)
+            command = [sys.executable, "-m", "tofmix", "estimate", str(source), "-o", str(output)]
+            ended = subprocess.run(
+                [*command, "--workers", str(chosen.workers)], capture_output=True, text=True, check=False, cwd=PROJECT,
+                env=os.environ | {"PYTHONPATH": str(PROJECT)},
+            )  # fmt: skip
+            said = [line.replace(f"{folder}/", "") for line in ended.stderr.splitlines() if line.strip()]
+            row: Row = {"recording": name, "exit": ended.returncode, "said": said}
+            if output.exists():
+                found = tofmix.open(output)
+                assert not isinstance(found, Recording)
+                layers = found.n_modes.astype(np.int64)[0]
+                half = layers.shape[1] // 2
+                row |= counts(layers.ravel(), np.arange(layers.size))
+                row["left half: more than one"] = percent(layers[:, :half] > 1)
+                row["right half: more than one"] = percent(layers[:, half:] > 1)
+            yield row
+
+
+ADVERSARIAL: Columns = {
+    "recording": "recording", "exit code": "exit", "no layer, %": "none", "one, %": "one", "two, %": "two",
+    "three or more, %": "three or more", "left half, more than one": "left half: more than one",
+    "right half": "right half: more than one",
+}  # fmt: skip
+
+
+def run_speed(chosen: argparse.Namespace) -> Iterator[Row]:
+    """Seconds of a full image, alternating, best of the rounds."""
+    rows, cols = FULL_IMAGE
+    rng = np.random.default_rng(chosen.seed)
+    recordings = {
+        name: tofmix.from_array(
+            draw(Noise(errors=errors), chosen.frames, rows * cols, rng).samples.reshape(-1, rows, cols),
+            units="mm", sensor=CAMERA,
+        )
+        for name, errors in (("Gaussian", gaussian), ("skewness 1", skewed))
+    }  # fmt: skip
+    learnt = {name: estimated(recording, chosen.workers).curve for name, recording in recordings.items()}
+    seconds: dict[tuple[str, str], float] = {}
+    for _ in range(chosen.rounds):
+        for name, recording in recordings.items():
+            for way, noise in (("learning", None), ("learnt before", learnt[name])):
+                start = time.perf_counter()
+                estimated(recording, chosen.workers, noise)
+                seconds[name, way] = min(seconds.get((name, way), np.inf), time.perf_counter() - start)
+    plain = seconds["Gaussian", "learnt before"]
+    for name, curve in learnt.items():
+        given, whole = seconds[name, "learnt before"], seconds[name, "learning"]
+        shape = None if curve is None else curve.shape
+        yield {
+            "noise": name, "shape": "refused" if curve is None else "Gaussian" if shape is None else "learnt",
+            "seconds": given, "ratio": given / plain, "learning": whole - given, "learning ratio": whole / plain,
+        }  # fmt: skip
+
+
+SPEED: Columns = {
+    "noise": "noise", "shape": "shape", "estimate, s": "seconds", "over Gaussian (aim at most 3)": "ratio",
+    "learning, s": "learning", "all over Gaussian": "learning ratio",
+}  # fmt: skip
+
+PARTS: dict[str, list[tuple[str, Callable[[argparse.Namespace], Iterator[Row]], Columns]]] = {
+    "real": [("Real recordings: layers in pixels that visibly see one surface, and two", run_real, REAL)],
+    "spliced": [("Single real pixels, 15 % of them joined from two", run_spliced, SPLICED)],
+    "simulated": [
+        ("One surface a pixel", run_simulated, SIMULATED),
+        ("Three surfaces in every pixel, shares 0.2 and more", run_three, THREE),
+    ],
+    "adversarial": [("What no noise model fits", run_adversarial, ADVERSARIAL)],
+    "speed": [("144 x 176 pixels, best of the rounds", run_speed, SPEED)],
+}
+
+
+def _skip(text: str) -> None:
+    print(text, file=sys.stderr)
+
+
+def shown(value: object) -> str:
+    """A cell of a table."""
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:.3g}" if value < 1.0 else f"{value:.4g}"
+    return str(value)
+
+
+def print_table(title: str, columns: Columns, rows: Iterator[Row]) -> None:
+    """Print rows as they come, and below them what was said."""
+    print(f"{title}:\n\n| {' | '.join(columns)} |\n{'|---' * len(columns)}|", flush=True)
+    notes: dict[str, None] = {}
+    for row in rows:
+        print(f"| {' | '.join(shown(row.get(key)) for key in columns.values())} |", flush=True)
+        first = next(iter(columns.values()))
+        notes |= dict.fromkeys(f"- {row[first]}: {text}" for text in row.get("said", ()))
+    print("\n" + "".join(f"{note}\n" for note in notes))
+
+
+def parsed() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="part", required=True)
+    made = {name: commands.add_parser(name, help=parts[0][0]) for name, parts in PARTS.items()}
+    for one in made.values():
+        one.add_argument("--json", action="store_true", help="print JSON instead of tables")
+        one.add_argument("--seed", type=int, default=SEED)
+        one.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="threads of an estimate")
+    for name in ("real", "spliced"):
+        made[name].add_argument("--data", type=Path, default=FOLDER, metavar="FOLDER", help="with the real recordings")
+        made[name].add_argument("--only", choices=tuple(LOADERS), nargs="+", help="recordings, by the folder's name")
+    made["spliced"].add_argument("--pixels", type=int, default=4000, help="of each recording")
+    made["simulated"].add_argument("--pixels", type=int, default=200_000, help="of each cell")
+    made["simulated"].add_argument("--frames", type=int, nargs="+", default=FRAMES)
+    made["simulated"].add_argument("--noise", nargs="+", metavar="TEXT", help="kinds whose name contains one of these")
+    made["simulated"].add_argument(
+        "--with-curve", action="store_true", help="recordings hold the sigma(r) that they were drawn with"
+    )
+    made["speed"].add_argument("--frames", type=int, default=100)
+    made["speed"].add_argument("--rounds", type=int, default=5)
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Run a part and print it."""
+    chosen = parsed()
+    if chosen.json:
+        tables = [{"title": title, "rows": list(run(chosen))} for title, run, _ in PARTS[chosen.part]]
+        print(json.dumps({"part": chosen.part, "seed": chosen.seed, "tables": tables}, indent=1))
+        return
+    for title, run, columns in PARTS[chosen.part]:
+        print_table(title, columns, run(chosen))
+
+
+if __name__ == "__main__":
+    main()
