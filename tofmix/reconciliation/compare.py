@@ -54,7 +54,7 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
     mixture : Mixture, optional
         The state's, if it is at hand.
     """
-    m = likelihood.scene.mixture(state.effects) if mixture is None else mixture
+    m = likelihood.mixture(state) if mixture is None else mixture
     memory = memory_of(state)
     scored = (np.arange(likelihood.evidence.shape[0]), part[1]) if memory else part
     z = likelihood.scores(state, scored, seed, m)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.reconciliation.error_shape import moves_of_widths
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood import Part, State
 from tofmix.reconciliation.memory import memory_of, one_surface
@@ -169,17 +170,18 @@ def shapes(z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Pa
     count = np.isfinite(z).sum(axis=0)
     sigma = m.of_main(m.sigma)[part[1]]
     unknown = state.pixel_variance[part[1]] / sigma**2  # a map that is measured has errors
+    of_width = state.log_width_error[part[1]] ** 2  # and so have widths
     free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # a memory is taken out where one surface is seen
-    for name, power in zip(SHAPES, hermite(z), strict=True):
+    for name, power, move in zip(SHAPES, hermite(z), moves_of_widths(m.shape), strict=True):
+        errors = (unknown if name == "bias" else 0.0) + move**2 * of_width
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
         for axis in axes:
-            errors = unknown if name == "bias" else np.zeros_like(unknown)
             yield _curve(name, axis, total, (count, errors), sigma_of_lit(m, part))
         enough = (count >= _ENOUGH / 10) & free
         value = total[enough] / count[enough]
         number = part[1][enough].astype(np.float64)
         own = "pattern" if name == "bias" else f"{name}_pattern"
-        spread = 1.0 / count[enough] + (unknown[enough] if name == "bias" else 0.0)
+        spread = 1.0 / count[enough] + errors[enough]
         yield Curve(statistic=own, axis="all", lower=number, upper=number + 1,
                     value=value, variance=spread, unit="1", scale_mm=sigma[enough])  # fmt: skip
 
