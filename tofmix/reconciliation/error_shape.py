@@ -19,7 +19,8 @@ _STEP = 0.005
 
 _LEAST_POINTS, _MOST_POINTS = 256, 65_536
 
-_Moves: TypeAlias = tuple[float, float, float, float]
+Moves: TypeAlias = tuple[float, float, float, float]
+"""Of the four statistics of `tofmix.reconciliation.panel.SHAPES`."""
 
 
 def shape_table(shape: NoiseShape | None) -> ShapeTable:
@@ -42,21 +43,26 @@ def shape_table(shape: NoiseShape | None) -> ShapeTable:
     return first, step, density, below, information
 
 
-def moves_of_widths(shape: NoiseShape | None) -> _Moves:
-    """By how much the means of the four Hermite polynomials of scores move where a pixel is wider by 1 in the log.
+def moves(shape: NoiseShape | None) -> tuple[Moves, Moves]:
+    """By how much the means of the four Hermite polynomials of scores move where a pixel is off, or wider.
 
-    A score z of a sample at q, the shape's quantile of z's chance, moves by q f(q) / phi(z) for each unit of the log
-    width. Of a Gaussian this is z itself, and the means move by 0, sqrt 2, 0, 0.
+    Samples that are off by 1 sigma, and those of a width larger by 1 in the log. A score z of a sample at q, the
+    shape's quantile of z's chance, moves by f(q) / phi(z) for each sigma, and by q f(q) / phi(z) for each unit of the
+    log width. Of a Gaussian that is 1 and z: the means move by 1, 0, 0, 0 and by 0, sqrt 2, 0, 0.
     """
     if shape is None:
-        return 0.0, 2.0**0.5, 0.0, 0.0
+        return (1.0, 0.0, 0.0, 0.0), (0.0, 2.0**0.5, 0.0, 0.0)
     z = np.linspace(-4.0, 4.0, 1601)
     weight = np.exp(-0.5 * z**2)
     q = shape.quantile(ndtr(z))
-    move = q * shape.pdf(q) / (weight / np.sqrt(2 * np.pi))
+    off = shape.pdf(q) / (weight / np.sqrt(2 * np.pi))
     weight /= weight.sum()
     slopes = (
         np.ones_like(z), 2 * z / np.sqrt(2.0), 3 * (z**2 - 1) / np.sqrt(6.0), 4 * (z**3 - 3 * z) / np.sqrt(24.0),
     )  # fmt: skip
-    one, two, three, four = (float((weight * slope * move).sum()) for slope in slopes)
-    return one, two, three, four
+
+    def means(move: FloatArray) -> Moves:
+        one, two, three, four = (float((weight * slope * move).sum()) for slope in slopes)
+        return one, two, three, four
+
+    return means(off), means(q * off)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 _CHUNKS = 2  # fixed, so that sums do not depend on the number of threads
 _THREADS = 2
-_MIDDLE, _AWAY = 2 / 3, 3**0.5
-"""Gauss and Hermite's three points: the weight of the middle, and how far the others are, in standard errors."""
+_SIDE, _AWAY = 1 / 6, 3**0.5
+"""Gauss and Hermite's three points: the weight of both sides, and how far they are in standard errors."""
 
 
 @lru_cache(maxsize=1)
@@ -222,20 +222,27 @@ class Likelihood:
         out: Float32Array = np.full(self.evidence.shape, np.nan, dtype=np.float32)
         added = self._variance(state)
 
-        def run(m: Mixture, into: Float32Array, some: IntArray) -> None:
+        def run(m: Mixture, bias: FloatArray, into: Float32Array, some: IntArray) -> None:
             transform(
-                self.evidence.samples, pixels, some, m.key, m.since, m.frame_bias, added, state.pixel_bias, m.weight,
-                m.mean, m.sigma, m.rate, m.lit, m.outlier, m.low, m.high, m.step, m.period, m.table, seed, into,
+                self.evidence.samples, pixels, some, m.key, m.since, m.frame_bias, added, bias, m.weight, m.mean,
+                m.sigma, m.rate, m.lit, m.outlier, m.low, m.high, m.step, m.period, m.table, seed, into,
             )  # fmt: skip
 
         chunks = np.array_split(frames, _CHUNKS)
-        list(_pool().map(partial(run, m, out), chunks))
-        if state.log_width_error.any():  # the transform's mean over what a pixel's width may be
-            out *= np.float32(_MIDDLE)
-            further = np.full_like(out, np.nan)
-            for side in (-_AWAY, _AWAY):
-                list(_pool().map(partial(run, m.widened(side * state.log_width_error), further), chunks))
-                out += np.float32(0.5 * (1 - _MIDDLE)) * further
+        list(_pool().map(partial(run, m, state.pixel_bias, out), chunks))
+        sides: list[tuple[Mixture, FloatArray]] = []
+        if state.log_width_error.any():
+            sides += [(m.widened(way * state.log_width_error), state.pixel_bias) for way in (-_AWAY, _AWAY)]
+        if m.shape is not None and state.pixel_variance.any():
+            error = np.sqrt(state.pixel_variance)
+            sides += [(m, state.pixel_bias + way * error) for way in (-_AWAY, _AWAY)]
+        if sides:  # the transform's mean over what a pixel's width and bias may be
+            further, aside = np.full_like(out, np.nan), np.zeros_like(out)
+            for mixture_aside, bias in sides:
+                list(_pool().map(partial(run, mixture_aside, bias, further), chunks))
+                aside += further
+            out *= np.float32(1.0 - _SIDE * len(sides))
+            out += np.float32(_SIDE) * aside
         for frame in range(len(out)):  # frame by frame: no second copy in double precision
             out[frame] = ndtri(np.clip(out[frame].astype(np.float64), 1e-9, 1 - 1e-9))
         return out

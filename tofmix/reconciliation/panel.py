@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
-from tofmix.reconciliation.error_shape import moves_of_widths
+from tofmix.reconciliation.error_shape import moves
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood import Part, State
 from tofmix.reconciliation.memory import memory_of, one_surface
@@ -172,8 +172,8 @@ def shapes(z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Pa
     unknown = state.pixel_variance[part[1]] / sigma**2  # a map that is measured has errors
     of_width = state.log_width_error[part[1]] ** 2  # and so have widths
     free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # a memory is taken out where one surface is seen
-    for name, power, move in zip(SHAPES, hermite(z), moves_of_widths(m.shape), strict=True):
-        errors = (unknown if name == "bias" else 0.0) + move**2 * of_width
+    for name, power, off, wider in zip(SHAPES, hermite(z), *moves(m.shape), strict=True):
+        errors = off**2 * unknown + wider**2 * of_width
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
         for axis in axes:
             yield _curve(name, axis, total, (count, errors), sigma_of_lit(m, part))

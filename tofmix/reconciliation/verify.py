@@ -300,7 +300,8 @@ def _floor(likelihood: Likelihood, state: State, settings: Settings) -> Compared
     if state.bursts is not None:
         mixture = likelihood.mixture(state)
         state = replace(state, disturbed=links.disturbed_frames(again, mixture, state, state.bursts))
-    state = with_widths(again, state, fit_part(likelihood, settings)[0])  # a simulation draws its own
+    alike = replace(state, log_width=np.zeros_like(state.log_width), log_width_error=np.zeros_like(state.log_width))
+    state = with_widths(again, alike, fit_part(likelihood, settings)[0])  # a simulation draws its own
     return compare(again, state, held_out(likelihood, settings), seed=settings.seed + 1)
 
 

@@ -4,6 +4,7 @@ A model says how widths are spread, not which they are. They are found in the fr
 pattern's map is, and what a pixel's noise has more or less than its neighbours' is then taken as its width.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +15,14 @@ from tofmix.reconciliation.likelihood import Likelihood, State
 _GRID = np.linspace(-3.5, 3.5, 8)
 """Starts, in spreads from the middle: one log-normal number in two thousand lies beyond."""
 
-_TURNS = 4
+_TURNS = 5
 _NUDGE = 0.02  # of the log width: a Gaussian's log-likelihood is a parabola over that to 1e-3
+_FARTHEST = 0.5
+"""Longest step of a log width: the log-likelihood is no parabola over more."""
+
+_LEAST_TOLD = 1e-3
+"""Share of a pixel's width that its samples must tell, rather than the other pixels."""
+
 _COMMON = 3.0
 """Standard errors by which the mean log width of all pixels may differ from 0: beyond, the noise is another."""
 
@@ -23,13 +30,13 @@ _COMMON = 3.0
 def with_widths(likelihood: Likelihood, state: State, frames: IntArray) -> State:
     """The state with the pixels' own widths and their standard errors; itself where the camera has no spread of them.
 
-    Widths are where the log-likelihood of the frames and the log-normal distribution together are highest. That the
-    noise of all pixels is wider than the model's is no matter of widths: their mean is held near 0.
+    Widths are where the log-likelihood of the frames and the log-normal distribution together have their mean. That the
+    noise of all pixels is wider than the model's is no matter of widths: a mean that chance does not give is taken out.
 
     Parameters
     ----------
     likelihood, state
-        As they stand.
+        As they stand; the state's own widths are where the search begins.
     frames : (n,) int64
         What the widths are found in.
     """
@@ -40,26 +47,44 @@ def with_widths(likelihood: Likelihood, state: State, frames: IntArray) -> State
     mixture = likelihood.scene.mixture(state.effects)
 
     def value(log_width: FloatArray) -> FloatArray:
-        wide = replace(mixture, sigma=mixture.sigma * np.exp(log_width))
-        seen = likelihood.sums(wide, state, part).by_pixel[:, 0]
-        return np.asarray(seen - 0.5 * (log_width / spread) ** 2)
+        return np.asarray(likelihood.sums(mixture.widened(log_width), state, part).by_pixel[:, 0])
 
-    pixels = state.log_width.size
-    if state.log_width_error.any():
-        at = state.log_width.copy()
-    else:
+    at = state.log_width
+    if not state.log_width_error.any():
         starts = spread * _GRID
-        values = np.stack([value(np.full(pixels, start)) for start in starts])
-        at = starts[values.argmax(axis=0)]
-    error = np.full(pixels, spread)
+        values = [value(np.full(at.size, start)) - 0.5 * (start / spread) ** 2 for start in starts]
+        at = starts[np.argmax(values, axis=0)]
+    at, error = _climbed(value, at, spread, free=False)
+    at = at + _skewed(value, at, error)
+    if abs(float(at.mean())) <= _COMMON * spread / np.sqrt(at.size):
+        return replace(state, log_width=at, log_width_error=error)
+    at, error = _climbed(value, at, spread, free=True)
+    at = at + _skewed(value, at, error)
+    return replace(state, log_width=at - at.mean(), log_width_error=error)
+
+
+def _climbed(
+    value: Callable[[FloatArray], FloatArray], at: FloatArray, spread: float, *, free: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Go up by Newton's steps from log widths (pixel,), whose mean is 0 or, if it is `free`, follows them."""
+    error, mean = np.full(at.size, spread), 0.0
     for _ in range(_TURNS):
-        low, middle, high = value(at - _NUDGE), value(at), value(at + _NUDGE)
-        curvature = np.maximum((2 * middle - low - high) / _NUDGE**2, 1.0 / spread**2)
-        step = (high - low) / (2 * _NUDGE * curvature)
-        error = np.minimum(1.0 / np.sqrt(curvature), spread)
-        moved = at + np.clip(step, -0.5, 0.5)
-        at = np.where(value(moved) >= middle, moved, at)
-    common = float(at.mean())
-    allowed = _COMMON * spread / np.sqrt(pixels)
-    at = at - np.sign(common) * max(abs(common) - allowed, 0.0)
-    return replace(state, log_width=at, log_width_error=error)
+        low, middle, high = (value(at + step) for step in (-_NUDGE, 0.0, _NUDGE))
+        variance = 1.0 / (np.maximum((2 * middle - low - high) / _NUDGE**2, 0.0) + 1.0 / spread**2)
+        slope = (high - low) / (2 * _NUDGE)
+        if free:  # where the mean of all log widths is after this step, the steps included
+            told = max(1.0 - float(variance.mean()) / spread**2, _LEAST_TOLD)
+            mean = float((at + variance * (slope - at / spread**2)).mean()) / told
+        at = at + np.clip(variance * (slope - (at - mean) / spread**2), -_FARTHEST, _FARTHEST)
+        error = np.sqrt(variance)
+    return at, error
+
+
+def _skewed(value: Callable[[FloatArray], FloatArray], at: FloatArray, error: FloatArray) -> FloatArray:
+    """How far (pixel,) the mean of what a log width may be lies above its likeliest value: by Laplace's next order.
+
+    Half the third derivative times the fourth power of the error. Of n Gaussian samples it is 1 / (2 n).
+    """
+    far, near = (value(at + k * _NUDGE) - value(at - k * _NUDGE) for k in (2, 1))
+    third = (far - 2 * near) / (2 * _NUDGE**3)
+    return np.clip(0.5 * third * error**4, -error, error)
