@@ -24,6 +24,9 @@ BINS = 12
 
 _ENOUGH = 200  # samples of a bin
 _MANY_BINS = 40
+_FAR_WIDTH = 2.5  # spreads: a pixel that something else widens must not decide for all
+_CLIPPED_MEAN, _CLIPPED_SPREAD = 0.97756, 1.29675  # mean and spread of min(x^2, 2.5^2), x a standard normal number
+_TOLD = 0.5  # part of a pixel's log width, in variance, that its samples tell
 _SMOOTH_MM = 2.0  # a density of this sigma is smooth over three mm
 
 
@@ -184,6 +187,30 @@ def shapes(z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Pa
         spread = 1.0 / count[enough] + errors[enough]
         yield Curve(statistic=own, axis="all", lower=number, upper=number + 1,
                     value=value, variance=spread, unit="1", scale_mm=sigma[enough])  # fmt: skip
+
+
+def widths(state: State, spread: float) -> Iterator[Curve]:
+    """Whether pixels' own widths are spread as the model says: their mean square, those beyond 2.5 spreads as at it.
+
+    Only a camera with a spread of widths has this curve. A width that is found is nearer to the middle than the true
+    one, by what is not known of it.
+
+    Parameters
+    ----------
+    state : State
+        With the widths that were found.
+    spread : float
+        Standard deviation of the log width that the model has.
+    """
+    expected = spread**2 - state.log_width_error**2
+    told = state.working & (state.log_width_error > 0) & (expected > _TOLD * spread**2)
+    if not told.any():
+        return
+    square = np.minimum(state.log_width[told] ** 2 / expected[told], _FAR_WIDTH**2)
+    value = (float(square.mean()) - _CLIPPED_MEAN) / _CLIPPED_SPREAD
+    yield Curve(statistic="widths", axis="all", lower=np.zeros(1), upper=np.ones(1),
+                value=np.array([value]), variance=np.array([1.0 / told.sum()]), unit="1",
+                scale_mm=np.ones(1))  # fmt: skip
 
 
 def sigma_of_lit(m: Mixture, part: Part) -> FloatArray:

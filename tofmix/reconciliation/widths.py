@@ -15,6 +15,9 @@ from tofmix.reconciliation.likelihood import Likelihood, State
 _GRID = np.linspace(-3.5, 3.5, 8)
 """Starts, in spreads from the middle: one log-normal number in two thousand lies beyond."""
 
+_AROUND = np.linspace(-3.5, 3.5, 9)
+"""Where what a width may be is weighed, in standard errors from the likeliest one."""
+
 _TURNS = 5
 _NUDGE = 0.02  # of the log width: a Gaussian's log-likelihood is a parabola over that to 1e-3
 _FARTHEST = 0.5
@@ -54,19 +57,21 @@ def with_widths(likelihood: Likelihood, state: State, frames: IntArray) -> State
         starts = spread * _GRID
         values = [value(np.full(at.size, start)) - 0.5 * (start / spread) ** 2 for start in starts]
         at = starts[np.argmax(values, axis=0)]
-    at, error = _climbed(value, at, spread, free=False)
-    at = at + _skewed(value, at, error)
-    if abs(float(at.mean())) <= _COMMON * spread / np.sqrt(at.size):
-        return replace(state, log_width=at, log_width_error=error)
-    at, error = _climbed(value, at, spread, free=True)
-    at = at + _skewed(value, at, error)
-    return replace(state, log_width=at - at.mean(), log_width_error=error)
+    found, mean = _climbed(value, at, spread, free=False)
+    free = abs(float(found[0].mean())) > _COMMON * spread / np.sqrt(at.size)
+    if free:
+        found, mean = _climbed(value, found[0], spread, free=True)
+    middle, error = _weighed(value, *found, spread, mean)
+    return replace(state, log_width=middle - middle.mean() if free else middle, log_width_error=error)
 
 
 def _climbed(
     value: Callable[[FloatArray], FloatArray], at: FloatArray, spread: float, *, free: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Go up by Newton's steps from log widths (pixel,), whose mean is 0 or, if it is `free`, follows them."""
+) -> tuple[tuple[FloatArray, FloatArray], float]:
+    """Go up by Newton's steps from log widths (pixel,), whose mean is 0 or, if it is `free`, follows them.
+
+    Returns the widths with their errors, and the mean.
+    """
     error, mean = np.full(at.size, spread), 0.0
     for _ in range(_TURNS):
         low, middle, high = (value(at + step) for step in (-_NUDGE, 0.0, _NUDGE))
@@ -77,14 +82,19 @@ def _climbed(
             mean = float((at + variance * (slope - at / spread**2)).mean()) / told
         at = at + np.clip(variance * (slope - (at - mean) / spread**2), -_FARTHEST, _FARTHEST)
         error = np.sqrt(variance)
-    return at, error
+    return (at, error), mean
 
 
-def _skewed(value: Callable[[FloatArray], FloatArray], at: FloatArray, error: FloatArray) -> FloatArray:
-    """How far (pixel,) the mean of what a log width may be lies above its likeliest value: by Laplace's next order.
+def _weighed(
+    value: Callable[[FloatArray], FloatArray], at: FloatArray, error: FloatArray, spread: float, mean: float
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and standard deviation (pixel,) of what a log width may be, near its likeliest value.
 
-    Half the third derivative times the fourth power of the error. Of n Gaussian samples it is 1 / (2 n).
+    Of few samples the likeliest width is no mean: of n Gaussian ones it is less by 1 / (2 n) in the log.
     """
-    far, near = (value(at + k * _NUDGE) - value(at - k * _NUDGE) for k in (2, 1))
-    third = (far - 2 * near) / (2 * _NUDGE**3)
-    return np.clip(0.5 * third * error**4, -error, error)
+    places = np.stack([at + far * error for far in _AROUND])
+    height = np.stack([value(place) - 0.5 * ((place - mean) / spread) ** 2 for place in places])
+    weight = np.exp(height - height.max(axis=0))
+    weight /= weight.sum(axis=0)
+    middle = (weight * places).sum(axis=0)
+    return middle, np.sqrt((weight * (places - middle) ** 2).sum(axis=0))
