@@ -164,3 +164,34 @@ def test_unfit_width_spread_is_refused_in_one_line(tofmix: Tofmix, recording: Pa
     assert said.code == ExitCode.BAD_INPUT
     assert "noise_width_spread" in said.err or "width_spread" in said.err
     assert said.err.count("\n") == 1
+
+
+def test_reconcile_hands_the_parts_on_with_their_map(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    said = tofmix("reconcile", tmp_path / "model.toml", recording, "-o", tmp_path / "gap", "--effects", "range_offset")
+    assert said.code == 0, said.err
+    assert "all by which the noise of a pixel differs from the others' is taken as its width" in said.err
+    assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "agree"
+    np.testing.assert_array_equal(np.load(tmp_path / "gap" / "share.npy"), np.load(tmp_path / "share.npy"))
+    assert tofmix("simulate", tmp_path / "gap" / "model.toml", "-o", tmp_path / "b.h5").code == 0
+    with open_recording(recording) as given, open_recording(tmp_path / "b.h5") as made:
+        every = slice(0, None)
+        np.testing.assert_array_equal(given.read_range(every, every), made.read_range(every, every))
+
+
+def test_reconcile_refuses_a_background_beside_a_memory(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    path = tmp_path / "memory.toml"
+    path.write_text(model_text("background = 0.1", '[[effect]]\nkind = "temporal_correlation"\ncoefficient = 0.5\n'))
+    said = tofmix("reconcile", path, recording, "-o", tmp_path / "gap")
+    assert said.code == ExitCode.BAD_INPUT
+    assert "no prediction for a background beside temporal_correlation" in said.err
+    assert not (tmp_path / "gap").exists()
+
+
+def test_models_of_cameras_with_other_noise_do_not_go_together(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "other.toml").write_text(model_text(PARTS))
+    said = tofmix(
+        "reconcile", tmp_path / "model.toml", recording, "-o", tmp_path / "gap", "--also", tmp_path / "other.toml",
+        recording,
+    )  # fmt: skip
+    assert said.code == ExitCode.BAD_INPUT
+    assert "the noise curves differ" in said.err
