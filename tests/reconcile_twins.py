@@ -4,12 +4,15 @@
 the searches in the tests use the twins (`conftest.py`).
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from tofmix.noise_shape import NoiseShape
+from tofmix.reconciliation.error_shape import ShapeTable
 from tofmix.reconciliation.kernel import Sorted
 
 Array = NDArray[np.float64]
@@ -39,10 +42,27 @@ def _between(lower: Array, upper: Array) -> Array:
     return np.asarray(ndtr(np.where(flip, -lower, upper)) - ndtr(np.where(flip, -upper, lower)))
 
 
+def _points(table: ShapeTable) -> Array:
+    return table[0] + table[1] * np.arange(table[2].size)
+
+
+def _pdf_of(table: ShapeTable) -> Callable[[Array], Array]:
+    """Density of a table, linear between its points."""
+    return lambda x: np.asarray(np.interp(x, _points(table), table[2], left=0.0, right=0.0))
+
+
+def _cdf_of(table: ShapeTable) -> Callable[[Array], Array]:
+    """Chance below x: of a table, `NoiseShape`'s, which searches its points and knows no even steps."""
+    if table[2].size == 0:
+        return lambda x: np.asarray(ndtr(x))
+    return NoiseShape(_points(table), table[2]).cdf
+
+
 def log_likelihood(
     samples: NDArray[np.uint16], pixels: Any_, frames: Any_, key: Any_, since: Array, frame_bias: Array,
     extra_variance: Array, pixel_bias: Array, weight: Array, mean: Array, sigma: Array, rate: Array, lit: Any_,
-    invalid: Array, random_density: float, step: float, period: float, by_pixel: Array, by_frame: Array,
+    invalid: Array, random_density: Array, step: float, period: float, table: ShapeTable, by_pixel: Array,
+    by_frame: Array,
 ) -> None:  # fmt: skip
     """Twin of `tofmix.reconciliation.kernel.log_likelihood`."""
     value = samples[np.ix_(frames, pixels)].astype(np.float64)
@@ -57,11 +77,17 @@ def log_likelihood(
     there = lower < upper
     lower, upper = np.where(there, lower, 0.0)[:, None], np.where(there, upper, 0.0)[:, None]
     turn = glows * np.rint((m - 0.5 * (lower + upper)) / period) * period if period > 0 else 0.0
-    inside = np.where(w > 0, w, 0.0) * _between((lower + turn - m) / s, (upper + turn - m) / s)
-    total = inside.sum(axis=1) + random_density * (upper - lower)[:, 0] + FLOOR
+    below, above = (lower + turn - m) / s, (upper + turn - m) / s
+    gaussian = table[2].size == 0
+    between = _between(below, above) if gaussian else _cdf_of(table)(above) - _cdf_of(table)(below)
+    inside = np.where(w > 0, w, 0.0) * between
+    total = inside.sum(axis=1) + random_density[pixels] * (upper - lower)[:, 0] + FLOOR
     precision = glows / (s**2 + (upper - lower) ** 2 / 12)
-    slope = (inside * (0.5 * (lower + upper) + turn - m) * precision).sum(axis=1) / total
-    information = (inside * precision).sum(axis=1) / total
+    pull = inside * (0.5 * (lower + upper) + turn - m) * precision
+    if not gaussian:
+        pull = glows * np.where(w > 0, w, 0.0) * (_pdf_of(table)(below) - _pdf_of(table)(above)) / s
+    slope = pull.sum(axis=1) / total
+    information = table[4] * (inside * precision).sum(axis=1) / total
     valid = value > 0
     ruled = np.log(np.maximum(invalid[np.ix_(key[frames], pixels)], INVALID_FLOOR))
     terms = np.stack([np.where(valid, np.log(total), ruled), valid * slope, valid * information, valid], axis=-1)
@@ -90,7 +116,8 @@ def uniform(seed: int, frames: Any_, pixels: Any_) -> Array:
 def transform(
     samples: NDArray[np.uint16], pixels: Any_, frames: Any_, key: Any_, since: Array, frame_bias: Array,
     extra_variance: Array, pixel_bias: Array, weight: Array, mean: Array, sigma: Array, rate: Array, lit: Any_,
-    random_share: float, low: float, high: float, step: float, period: float, seed: int, out: NDArray[np.float32],
+    random_share: Array, low: float, high: float, step: float, period: float, table: ShapeTable, seed: int,
+    out: NDArray[np.float32],
 ) -> None:  # fmt: skip
     """Twin of `tofmix.reconciliation.kernel.transform`."""
     value = samples[np.ix_(frames, pixels)].astype(np.float64)
@@ -102,18 +129,20 @@ def transform(
     m = m + glows * bias
     s = np.sqrt(s**2 + glows * extra_variance[frames, None, None])
 
+    chance, share = _cdf_of(table), random_share[pixels]
+
     def cdf(at: Array) -> Array:
-        straight = ndtr((at[:, None] - m) / s)
+        straight = chance((at[:, None] - m) / s)
         if period > 0:
             inside, turn = np.clip(at, 0.0, period)[:, None], np.floor(m / period)
             starts = [(turn + k) * period - m for k in (-1, 0, 1)]
-            folded = sum(ndtr((inside + start) / s) - ndtr(start / s) for start in starts)
+            folded = sum(chance((inside + start) / s) - chance(start / s) for start in starts)
             straight = np.where(glows, folded, straight)
-        return np.asarray((w * straight).sum(axis=1) + random_share * np.clip((at - low) / (high - low), 0.0, 1.0))
+        return np.asarray((w * straight).sum(axis=1) + share * np.clip((at - low) / (high - low), 0.0, 1.0))
 
     lower, upper = _cells(value, step)
     told = (value > 0) & (lower < upper)
     lower, upper = np.where(told, lower, 0.0), np.where(told, upper, 0.0)
     u = uniform(seed, frames, pixels)
-    x = ((1 - u) * cdf(lower) + u * cdf(upper)) / np.maximum(random_share + w.sum(axis=1), FLOOR)
+    x = ((1 - u) * cdf(lower) + u * cdf(upper)) / np.maximum(share + w.sum(axis=1), FLOOR)
     out[np.ix_(frames, pixels)] = np.where(told, x, np.nan)

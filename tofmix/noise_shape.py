@@ -17,6 +17,9 @@ CENTRAL = (0.158655253931457, 0.5, 0.841344746068543)
 
 LEAST_POINTS = 3
 
+_ROUNDING = 1.0e-12
+"""How far an area may be from 1 by the rounding of some thousand sums."""
+
 _TOLERANCE = 0.05
 """How far, in sigmas, a given shape's median and half width may be from 0 and 1: a table has a step."""
 
@@ -56,7 +59,9 @@ class NoiseShape:
             raise ValueError("noise shape: its z do not ascend")
         if (density < 0).any() or not (density > 0).any():
             raise ValueError("noise shape: a density must be at least 0, and one above 0")
-        density /= _areas(z, density)[-1]
+        area = _areas(z, density)[-1]
+        if abs(area - 1.0) > _ROUNDING:  # a shape that was scaled once keeps its numbers, to the last digit
+            density /= area
         z.setflags(write=False)
         density.setflags(write=False)
         object.__setattr__(self, "z", z)
@@ -86,10 +91,12 @@ class NoiseShape:
 
     def pdf(self, z: ArrayLike) -> FloatArray:
         """Density at z of any shape."""
-        return np.asarray(np.interp(z, self.z, self.density, left=0.0, right=0.0), dtype=np.float64)
+        return np.asarray(
+            np.interp(np.asarray(z, dtype=np.float64), self.z, self.density, left=0.0, right=0.0), dtype=np.float64
+        )
 
     def quantile(self, chance: ArrayLike) -> FloatArray:
-        """Standardised errors below which a sample lies with each chance, 0 to 1, of any shape."""
+        """Return the z below which a sample lies with each chance, of any shape: draws are those of uniform numbers."""
         return _quantile(np.asarray(chance, dtype=np.float64), self.z, self.density)
 
     def cdf(self, z: ArrayLike) -> FloatArray:

@@ -28,7 +28,7 @@ def read(path: Path) -> Sensor:
 def test_a_pinhole_comes_back(distortion: tuple[float, ...]) -> None:
     pinhole = Pinhole(fx=5.25, fy=6.125, cx=2.5, cy=1.5, distortion=distortion)
     camera = Sensor(name="camera", projection=pinhole)
-    image = hdf5.image_of(lambda root: hdf5.write_sensor(root, camera))
+    image = hdf5.image_of(lambda root: hdf5.write_sensor(root, camera, image=(4, 6)))
     with h5py.File(io.BytesIO(image), "r") as root:
         assert hdf5.read_sensor(root, Path("x.h5")).optics == pinhole
         assert root["sensor"].attrs["projection"] == "pinhole"

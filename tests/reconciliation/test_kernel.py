@@ -1,16 +1,25 @@
 """The compiled loops over samples against whole-array twins: every kind of component, cell, fold and gap."""
 
+import math
 from typing import Any, TypeAlias
 
 import numpy as np
 import pytest
 import reconcile_twins as twins
+from noise_parts import long_tailed, skewed
+from numpy.polynomial import hermite_e
 from numpy.typing import NDArray
+from scipy import stats
 
+from tofmix.noise_shape import NoiseShape
 from tofmix.reconciliation import kernel
+from tofmix.reconciliation.error_shape import GAUSSIAN, moves, shape_table
 from tofmix.reconciliation.kernel import empty_sums
 
 FRAMES, PIXELS, COMPONENTS, TIMES = 9, 12, 4, 2
+RANDOM = np.linspace(1e-6, 3e-6, PIXELS)
+"""Density of random values of each pixel, 1/mm."""
+
 Scene: TypeAlias = tuple[Any, Any, Any, Any, Any, Any, Any, Any, Any, Any, Any, Any, Any]
 
 
@@ -43,10 +52,10 @@ def _scene(rng: np.random.Generator, *, step: float, period: float, spread: floa
 def test_likelihood_of_pixels_side_by_side_is_that_of_each(rng: np.random.Generator) -> None:
     scene, invalid = _scene(rng, step=0.0, period=0.0, spread=40.0)
     one, many = empty_sums(FRAMES, PIXELS), empty_sums(FRAMES, PIXELS)
-    kernel.any_log_likelihood(*scene, invalid, 1e-6, 0.0, 0.0, *one)
+    kernel.any_log_likelihood(*scene, invalid, RANDOM, 0.0, 0.0, GAUSSIAN, *one)
     chosen = kernel.sort_pixels(scene[1], scene[8], scene[10], invalid, 0.0, 0.0)
     assert chosen.others.size == 0
-    kernel.log_likelihood(scene[0], chosen, *scene[2:], invalid, 1e-6, 0.0, 0.0, *many)
+    kernel.log_likelihood(scene[0], chosen, *scene[2:], invalid, RANDOM, 0.0, 0.0, GAUSSIAN, *many)
     for a, b in zip(one, many, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-9)
 
@@ -60,8 +69,8 @@ def test_likelihood_slope_and_information_equal_the_twins(
     scene, invalid = _scene(rng, step=step, period=period, spread=spread)
     found, wanted = empty_sums(FRAMES, PIXELS), empty_sums(FRAMES, PIXELS)
     chosen = kernel.sort_pixels(scene[1], scene[8], scene[10], invalid, step, period)
-    kernel.log_likelihood(scene[0], chosen, *scene[2:], invalid, 1e-6, step, period, *found)
-    twins.log_likelihood(*scene, invalid, 1e-6, step, period, *wanted)
+    kernel.log_likelihood(scene[0], chosen, *scene[2:], invalid, RANDOM, step, period, GAUSSIAN, *found)
+    twins.log_likelihood(*scene, invalid, RANDOM, step, period, GAUSSIAN, *wanted)
     for got, should in zip(found, wanted, strict=True):
         # In narrow cells the kernel takes density times width, with Sheppard's correction.
         np.testing.assert_allclose(got[:, 0], should[:, 0], rtol=2e-3, atol=2e-2)
@@ -81,14 +90,70 @@ def test_transform_equals_the_twins_and_lies_between_0_and_1(
 ) -> None:
     scene, _ = _scene(rng, step=step, period=period, spread=spread)
     found, wanted = (np.full((FRAMES, PIXELS), 7.0, np.float32) for _ in range(2))
-    kernel.transform(*scene, 0.02, 300.0, 7500.0, step, period, 3, found)
-    twins.transform(*scene, 0.02, 300.0, 7500.0, step, period, 3, wanted)
+    kernel.transform(*scene, 1e4 * RANDOM, 300.0, 7500.0, step, period, GAUSSIAN, 3, found)
+    twins.transform(*scene, 1e4 * RANDOM, 300.0, 7500.0, step, period, GAUSSIAN, 3, wanted)
     np.testing.assert_allclose(found, wanted, atol=1e-6)
     frames = scene[2]
     np.testing.assert_array_equal(np.isnan(found[frames]) | (scene[0][frames] > 0), np.ones_like(found[frames], bool))
     assert np.nanmin(found[frames]) >= 0
     assert np.nanmax(found[frames]) <= 1 + 1e-6
     assert np.isfinite(found[frames]).mean() > 0.5
+
+
+@pytest.mark.parametrize("shape", [skewed(), long_tailed()], ids=["skewed", "long-tailed"])
+@pytest.mark.parametrize("step", [0.0, 7.3])
+@pytest.mark.parametrize("period", [0.0, 7495.0])
+@pytest.mark.parametrize("spread", [0.5, 40.0])
+def test_kernels_with_a_shape_equal_the_twins(
+    rng: np.random.Generator, shape: NoiseShape, step: float, period: float, spread: float
+) -> None:
+    scene, invalid = _scene(rng, step=step, period=period, spread=spread)
+    table = shape_table(shape)
+    found, wanted = empty_sums(FRAMES, PIXELS), empty_sums(FRAMES, PIXELS)
+    chosen = kernel.sort_pixels(scene[1], scene[8], scene[10], invalid, step, period, gaussian=False)
+    kernel.log_likelihood(scene[0], chosen, *scene[2:], invalid, RANDOM, step, period, table, *found)
+    twins.log_likelihood(*scene, invalid, RANDOM, step, period, table, *wanted)
+    for got, should in zip(found, wanted, strict=True):
+        np.testing.assert_allclose(got, should, rtol=1e-6, atol=1e-7)
+    scores, theirs = (np.full((FRAMES, PIXELS), 7.0, np.float32) for _ in range(2))
+    kernel.transform(*scene, 1e4 * RANDOM, 300.0, 7500.0, step, period, table, 3, scores)
+    twins.transform(*scene, 1e4 * RANDOM, 300.0, 7500.0, step, period, table, 3, theirs)
+    np.testing.assert_allclose(scores, theirs, atol=1e-6)
+
+
+def test_slope_with_a_shape_is_that_of_the_log_likelihood(rng: np.random.Generator) -> None:
+    scene, invalid = _scene(rng, step=0.0, period=0.0, spread=40.0)
+    table, moved = shape_table(skewed()), []
+    for bias in (-0.01, 0.0, 0.01):
+        found = empty_sums(FRAMES, PIXELS)
+        shifted = (*scene[:7], scene[7] + bias, *scene[8:])
+        chosen = kernel.sort_pixels(scene[1], scene[8], scene[10], invalid, 0.0, 0.0, gaussian=False)
+        kernel.log_likelihood(shifted[0], chosen, *shifted[2:], invalid, RANDOM, 0.0, 0.0, table, *found)
+        moved.append(found[0])
+    np.testing.assert_allclose(moved[1][:, 1], (moved[2][:, 0] - moved[0][:, 0]) / 0.02, rtol=2e-3, atol=2e-5)
+
+
+def test_gaussian_table_has_the_information_of_a_gaussian_and_moves_its_spread_alone() -> None:
+    z = np.linspace(-9.0, 9.0, 1801)
+    shape = NoiseShape(z, stats.norm.pdf(z))
+    assert shape_table(shape)[4] == pytest.approx(1.0, abs=1e-3)
+    np.testing.assert_allclose(moves(shape), moves(None), atol=0.02)  # up to 4 sigma
+    assert shape_table(None) is GAUSSIAN
+
+
+def test_moves_are_those_of_scores_of_samples_that_are_off_or_wider(rng: np.random.Generator) -> None:
+    shape, more = skewed(), 0.01
+    z = rng.standard_normal(400_000)
+    near, at = np.abs(z) < 3.9, shape.quantile(stats.norm.cdf(z))
+    for moved, expected in zip((at + more, at * np.exp(more)), moves(shape), strict=True):
+        scores = stats.norm.ppf(np.clip(shape.cdf(moved), 1e-12, 1 - 1e-12))
+        change = [float((b - a)[near].mean()) / more for a, b in zip(_orders(z), _orders(scores), strict=True)]
+        np.testing.assert_allclose(change, expected, atol=0.12)  # second orders are some 0.05
+
+
+def _orders(z: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Normalised Hermite polynomials of the orders 1 to 4."""
+    return [hermite_e.hermeval(z, [0] * k + [1]) / math.sqrt(math.factorial(k)) for k in (1, 2, 3, 4)]
 
 
 def test_twins_deviates_are_uniform_and_differ_from_seed_to_seed() -> None:

@@ -121,7 +121,9 @@ def test_parts_of_an_averaged_frame_have_the_noise_of_their_own_time() -> None:
 def test_a_recording_has_the_law_at_its_integration_time() -> None:
     for averaged, tau in ((False, 2.0), (True, 8.5)):
         sensor = recording_sensor(model(), averaged=averaged)
-        with h5py.File(io.BytesIO(hdf5.image_of(partial(hdf5.write_sensor, sensor=sensor))), "r") as root:
+        with h5py.File(
+            io.BytesIO(hdf5.image_of(partial(hdf5.write_sensor, sensor=sensor, image=(8, 12)))), "r"
+        ) as root:
             group = root["sensor"]
             np.testing.assert_allclose(group["noise_amplitude"], np.array([50.0, 200.0, 2000.0]) * tau / 8)
             np.testing.assert_allclose(group["noise_reference_amplitude"], np.array([900.0, 700.0, 500.0]) * tau / 8)

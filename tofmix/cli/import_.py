@@ -121,6 +121,7 @@ def import_(
         shape_of,
         view_of,
     )
+    from tofmix.io.hdf5 import check_background
     from tofmix.io.importers import open_source
     from tofmix.io.importers.axes import check_axes
     from tofmix.io.importers.base import Request
@@ -146,6 +147,7 @@ def import_(
     inputs += [file for folder in inputs if folder.is_dir() for file in folder.iterdir()]
     with claimed(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
         known = frames.sensor if sensor is None and frames.sensor is not None else sensor_of(camera, frames.shape[1:])
+        check_background(known, frames.shape[1:], source if sensor is None else Path(sensor))
         geometry = geometry_of(frames, known, lens, depth_axis, source)
         conversion = Conversion(
             dtype=frames.dtype, unit_mm=unit_mm or frames.unit_mm or 1.0, invalid=(*frames.invalid, *invalid),

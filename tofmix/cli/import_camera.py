@@ -31,6 +31,7 @@ def camera_of(name: str | None) -> "CameraSheet":
     BadInputError
         If there is no such file or built-in sensor, or the file describes none.
     """
+    from tofmix.io.model_file import maps_beside
     from tofmix.io.storage import read_text
     from tofmix.sensors import PROFILES, load_sheet
     from tofmix.sensors.profile_toml import parse_profile
@@ -45,7 +46,9 @@ def camera_of(name: str | None) -> "CameraSheet":
     if not Path(name).exists():
         raise BadInputError(f"--sensor: {name}: no such file, and not a built-in sensor ({', '.join(PROFILES)})")
     text = read_text(Path(name))
-    return (parse_profile if "about" in parse_toml(text, source=name) else parse_sensor)(text, source=name)
+    if "about" in parse_toml(text, source=name):
+        return parse_profile(text, source=name)
+    return parse_sensor(text, source=name, read_map=maps_beside(Path(name)))
 
 
 def sensor_of(camera: "CameraSheet", shape: tuple[int, int]) -> "Sensor":

@@ -181,6 +181,12 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
             f"tofmix: {measured}: the model's fixed_pattern has no map: all that is static is taken as part of it",
             err=True,
         )
+    if scene.sensor.noise.width_spread:
+        click.echo(
+            f"tofmix: {measured}: the model's width_spread does not say which width each pixel has: all by which the"
+            " noise of a pixel differs from the others' is taken as its width",
+            err=True,
+        )
     try:
         return make_evidence(scene, range_mm, time_s=time_s, amplitude=amplitude, temperature_c=temperature_c)
     except BadInputError as error:
@@ -232,11 +238,15 @@ def _maps(result: "Reconciliation") -> "dict[str, FloatArray]":
 
     from tofmix.errors import BadInputError
     from tofmix.reconciliation.workflow import maps_of
+    from tofmix.simulation.model_toml import background_path
 
+    of_effects = (*(e for m in result.models for e in m.effects), *(named.effect for named in result.named))
+    of_noise = ((background_path(m), m.sensor.noise.background) for m in result.models)
+    found = [item for effect in of_effects for item in maps_of(effect).items()]
+    found += [(path, values) for path, values in of_noise if path is not None and values is not None]
     maps: dict[str, FloatArray] = {}
-    for effect in (*(e for m in result.models for e in m.effects), *(named.effect for named in result.named)):
-        for path, values in maps_of(effect).items():
-            if path in maps and not np.array_equal(maps[path], values, equal_nan=True):
-                raise BadInputError(f"map: two models of one camera name different maps {path}")
-            maps[path] = values
+    for path, values in found:
+        if path in maps and not np.array_equal(maps[path], values, equal_nan=True):
+            raise BadInputError(f"map: two models of one camera name different maps {path}")
+        maps[path] = values
     return maps

@@ -20,6 +20,7 @@ from tofmix.io import guard
 from tofmix.io.hdf5_memory import make_room
 from tofmix.io.next_command import next_command
 from tofmix.io.storage import AtomicFile, Sink
+from tofmix.noise_shape import NoiseShape
 from tofmix.projection import (
     DEFAULT_PROJECTION,
     PROJECTIONS,
@@ -29,6 +30,7 @@ from tofmix.projection import (
     number_keys,
     projection_values,
 )
+from tofmix.recording import MOST_PIXELS_A_SIDE
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
 
 FORMAT_VERSION = "1.0"
@@ -59,6 +61,12 @@ _LAW = {
     "noise_amplitude_factor": "factor",
 }
 """Datasets of an `AmplitudeLaw` and its fields, in their order."""
+
+_SHAPE = {"noise_shape_z": "z", "noise_shape_density": "density"}
+"""Datasets of a `NoiseShape` and its fields, in their order."""
+
+_WIDTH_SPREAD, _BACKGROUND = "noise_width_spread", "noise_background"
+_IMAGE_RANK = 2
 
 
 @contextmanager
@@ -163,8 +171,8 @@ def add_nexus_view(root: h5py.File, *, name: str, signal: str, axes: tuple[str, 
         view[link] = h5py.SoftLink(f"/{link}")
 
 
-def write_sensor(root: h5py.File, sensor: Sensor) -> None:
-    """Write the group `sensor`; a number that is not known is NaN."""
+def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> None:
+    """Write the group `sensor` of an image (rows, cols); a number that is not known is NaN."""
     group = add_group(root, "sensor")
     group.attrs["name"] = sensor.name
     for key in _SENSOR_NUMBERS:
@@ -190,6 +198,27 @@ def write_sensor(root: h5py.File, sensor: Sensor) -> None:
             group["noise_reference_amplitude"].dims[0].attach_scale(group["noise_range"])
             group["noise_amplitude"].make_scale("noise_amplitude")
             group["noise_amplitude_factor"].dims[0].attach_scale(group["noise_amplitude"])
+        _write_noise_parts(group, sensor.noise, image)
+
+
+def _write_noise_parts(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
+    """Write what a noise curve has beyond sigma: its shape, its widths, its background."""
+    if noise.shape is not None:
+        for name, key in _SHAPE.items():
+            values = getattr(noise.shape, key)
+            group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True).attrs["units"] = "1"
+        group["noise_shape_z"].make_scale("noise_shape_z")
+        group["noise_shape_density"].dims[0].attach_scale(group["noise_shape_z"])
+    if noise.width_spread:
+        group.attrs[_WIDTH_SPREAD] = float(noise.width_spread)
+    if noise.background is not None:
+        of_each = np.broadcast_to(noise.background, image)
+        options = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
+        share = group.create_dataset(_BACKGROUND, data=of_each, chunks=image, **options)
+        share.attrs["units"] = "1"
+        for axis, name in enumerate(("row", "col")):
+            if name in group.file:
+                share.dims[axis].attach_scale(group.file[name])
 
 
 def read_sensor(root: h5py.File, path: Path) -> Sensor:
@@ -250,22 +279,68 @@ def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:
     if len(present) == 1:
         raise BadInputError(f"{path}: sensor: {present[0]} without its twin; noise_range and noise_sigma go together")
     range_mm, sigma_mm = (_numbers(group, name, path) for name in present)
-    of_law = [name for name in _LAW if name in group]
-    if not of_law:
-        return NoiseCurve(range_mm, sigma_mm)
-    if len(of_law) < len(_LAW):
-        raise BadInputError(f"{path}: sensor: {of_law[0]} alone; {', '.join(_LAW)} go together")
-    return NoiseCurve(range_mm, sigma_mm, AmplitudeLaw(*(_numbers(group, name, path) for name in _LAW)))
+    return NoiseCurve(
+        range_mm,
+        sigma_mm,
+        _read_law(group, path),
+        shape=_read_shape(group, path),
+        width_spread=_number(group, _WIDTH_SPREAD, path) or 0.0,
+        background=_read_background(group, path),
+    )
 
 
-def _numbers(group: h5py.Group, name: str, path: Path) -> NDArray[np.float64]:
+def _read_law(group: h5py.Group, path: Path) -> AmplitudeLaw | None:
+    present = [name for name in _LAW if name in group]
+    if not present:
+        return None
+    if len(present) < len(_LAW):
+        raise BadInputError(f"{path}: sensor: {present[0]} alone; {', '.join(_LAW)} go together")
+    return AmplitudeLaw(*(_numbers(group, name, path) for name in _LAW))
+
+
+def _read_shape(group: h5py.Group, path: Path) -> NoiseShape | None:
+    present = [name for name in _SHAPE if name in group]
+    if not present:
+        return None
+    if len(present) < len(_SHAPE):
+        raise BadInputError(f"{path}: sensor: {present[0]} without its twin; {' and '.join(_SHAPE)} go together")
+    return NoiseShape(*(_numbers(group, name, path) for name in _SHAPE))
+
+
+def _read_background(group: h5py.Group, path: Path) -> NDArray[np.float64] | None:
+    return _numbers(group, _BACKGROUND, path, most=MOST_PIXELS_A_SIDE**2) if _BACKGROUND in group else None
+
+
+def check_background(sensor: Sensor, image: tuple[int, int], path: Path) -> None:
+    """Refuse a map of background shares that is of another image.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The camera that was read from the file.
+    image : (int, int)
+        Rows and columns of the file's image.
+    path : Path
+        The file.
+
+    Raises
+    ------
+    BadInputError
+        If it is.
+    """
+    background = None if sensor.noise is None else sensor.noise.background
+    if background is not None and background.ndim == _IMAGE_RANK and background.shape != tuple(image):
+        raise BadInputError(
+            f"{path}: sensor/{_BACKGROUND}: shape {background.shape} differs from the image {tuple(image)}"
+        )
+
+
+def _numbers(group: h5py.Group, name: str, path: Path, *, most: int = _MOST_POINTS) -> NDArray[np.float64]:
     dataset = guard.checked_dataset(group, name, path)
     if dataset.dtype.kind not in "iuf":
         raise BadInputError(f"{path}: sensor/{name}: expected numbers, got {dataset.dtype}")
-    if dataset.size > _MOST_POINTS:
-        raise BadInputError(
-            f"{path}: sensor/{name}: shape {dataset.shape}; a curve has no more than {_MOST_POINTS} points"
-        )
+    if dataset.size > most:
+        raise BadInputError(f"{path}: sensor/{name}: shape {dataset.shape}; it has no more than {most} values")
     with guard.reading(path, f"sensor/{name}"):
         return np.asarray(dataset[...], dtype=np.float64)
 

@@ -87,7 +87,7 @@ class LayersWriter:
             for spec in LAYER_FIELDS:
                 self._add(spec)
             self._add_windows()
-            hdf5.write_sensor(self._root, self._provenance.sensor)
+            hdf5.write_sensor(self._root, self._provenance.sensor, image=(self._dims["row"], self._dims["col"]))
             hdf5.add_nexus_view(self._root, name="layers", signal="range", axes=_DIMS)
             self._stack = stack.pop_all()
         return self
@@ -169,6 +169,7 @@ class LayersFile:
         self.window_start = _window_bounds(root, "window_start", shape[0], path)
         self.window_stop = _window_bounds(root, "window_stop", shape[0], path)
         self.provenance = read_provenance(root, path)
+        hdf5.check_background(self.provenance.sensor, self.shape[1:], path)
 
     def read_window(self, window: int) -> Layers:
         """Read the layers of one window, of the leading shape (row, col).

@@ -7,9 +7,12 @@ import numpy as np
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
 from tofmix.io.storage import read_text
+from tofmix.sensors.profile_toml import MapReader
 from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_text
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
+
+_IMAGE_RANK = 2
 
 
 def load_model_text(name: str) -> str:
@@ -40,14 +43,20 @@ def load_model(name: str) -> Model:
     if not Path(name).is_file():
         return parse_model(text, source=name)
 
-    def read_map(path: str, shape: tuple[int, int]) -> Float32Array:
-        return _read_map(Path(name).parent, path, shape)
-
-    return parse_model(text, source=name, read_map=read_map)
+    return parse_model(text, source=name, read_map=maps_beside(Path(name)))
 
 
-def _read_map(folder: Path, path: str, shape: tuple[int, int]) -> Float32Array:
-    """Read a map (row, col) that a model names.
+def maps_beside(file: Path) -> MapReader:
+    """What reads the maps that a model or a camera's file names."""
+
+    def read_map(path: str, shape: tuple[int, int] | None) -> Float32Array:
+        return _read_map(file.parent, path, shape)
+
+    return read_map
+
+
+def _read_map(folder: Path, path: str, shape: tuple[int, int] | None) -> Float32Array:
+    """Read a map (row, col) that a model names; without `shape`, of any image.
 
     Its path is relative to the model's folder and does not leave it: a model and its maps are moved, and sent, as one
     folder.
@@ -71,6 +80,8 @@ def _read_map(folder: Path, path: str, shape: tuple[int, int]) -> Float32Array:
         raise ValueError(f'"{path}": expected one array in an .npy file')  # noqa: TRY004  a file's fault
     if array.dtype.kind != "f":
         raise ValueError(f'"{path}": expected float32, got {array.dtype}')
-    if array.shape != shape:
+    if shape is None and array.ndim != _IMAGE_RANK:
+        raise ValueError(f'"{path}": shape {array.shape} is no image')
+    if shape is not None and array.shape != shape:
         raise ValueError(f'"{path}": shape {array.shape} differs from the image {shape}')
     return array.astype(np.float32)

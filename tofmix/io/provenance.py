@@ -22,7 +22,7 @@ def header_image(provenance: Provenance, grid: Grid) -> bytes:
 
     def write(root: h5py.File) -> None:
         write_provenance(root, provenance)
-        hdf5.write_sensor(root, provenance.sensor)
+        hdf5.write_sensor(root, provenance.sensor, image=grid.image)
         plan = grid.windows
         root.attrs["windows"] = [plan.length, plan.stride, plan.count, plan.frames_left_out]
         root.attrs["image"], root.attrs["step"] = grid.image, grid.step

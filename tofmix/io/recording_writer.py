@@ -117,7 +117,7 @@ class RecordingWriter:
             root.attrs.update(self._attributes)
             self._root = root
             self._add_frames(root)
-            hdf5.write_sensor(root, self._sensor)
+            hdf5.write_sensor(root, self._sensor, image=self._shape[1:])
             if self._truth is not None:
                 _write_truth(root, self._truth, self._model_text)
                 self._add_more_truth(root["truth"], self._truth)

@@ -177,7 +177,7 @@ def _faint_pattern(way: Way, found: Sequence[Candidate], near: State, needed: fl
     if pattern is None:
         return None
     parts = fit_part(way.likelihood, way.settings), held_out(way.likelihood, way.settings)
-    mixture = way.likelihood.scene.mixture(near.effects)
+    mixture = way.likelihood.mixture(near)
     bare, patterned = (worth(way.likelihood, near, mixture, parts, patterned=p) for p in (False, True))
     gain = patterned - bare - PRICE_NATS * pattern.parameters
     return pattern if gain > needed else None
@@ -200,7 +200,7 @@ def _with_partner(way: Way, trial: Trial, taken: _Taken, needed: float) -> _Take
     if len(taken.best) > 1 or first.kind not in _PARTNER or first.fitted is None:
         return taken
     likelihood.scene.anchor(first.state.effects)
-    mixture = likelihood.scene.mixture(first.state.effects)
+    mixture = likelihood.mixture(first.state)
     base = likelihood.value(first.state, trial.test_part, mixture)
     now = replace(trial, state=first.state, mixture=mixture, base=base)
     surface = getattr(first.effect, "surface", "")
@@ -298,7 +298,7 @@ def _second(
     """What goes with an effect that a fixed pattern hides: another effect that gains beside both, or the pattern."""
     likelihood = trial.likelihood
     likelihood.scene.anchor(first.state.effects)
-    now = replace(trial, state=first.state, mixture=likelihood.scene.mixture(first.state.effects))
+    now = replace(trial, state=first.state, mixture=likelihood.mixture(first.state))
     near = tolerated(likelihood, first.state, parts[0], way.settings.tolerance)
     rest = [c for c in found if c.kind in STATIC and name_of(c) != name_of(first)]
     beside = best_beside(now, [*way.chosen, first], rest, parts, near)

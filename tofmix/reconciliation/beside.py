@@ -111,15 +111,14 @@ def best_beside(
     fits = _Fits(trial, chosen, parts[0], effect)
     settled = fits.settled()
     alone, tolerable = (
-        worth(likelihood, state, likelihood.scene.mixture(state.effects), unseen, patterned=True)
-        for state in (settled, near)
+        worth(likelihood, state, likelihood.mixture(state), unseen, patterned=True) for state in (settled, near)
     )
     tried: list[tuple[float, Candidate]] = []
     for other in _worth_a_look(others, fits):
         price = PRICE_NATS * other.parameters
         needed = price + _CLEAR_NATS + _CLEAR_SHARE * max(alone - nothing, 0.0)
         likelihood.scene.anchor(other.state.effects)  # a pose has edges of its own
-        mixture = likelihood.scene.mixture(other.state.effects)
+        mixture = likelihood.mixture(other.state)
         value = worth(likelihood, other.state, mixture, unseen, patterned=True)
         if value - alone > needed and value - price > tolerable:
             tried.append((value - price, other))
@@ -135,7 +134,7 @@ def _still_gains(trial: Trial, other: Candidate, unseen: tuple[Part, Part]) -> b
     """Whether a pattern clearly gains beside an effect, which has the numbers for that."""
     likelihood = trial.likelihood
     likelihood.scene.anchor(other.state.effects)
-    mixture = likelihood.scene.mixture(other.state.effects)
+    mixture = likelihood.mixture(other.state)
     without, with_ = (
         worth(likelihood, other.state, mixture, unseen, patterned=patterned) for patterned in (False, True)
     )
@@ -174,7 +173,7 @@ def settled_within(
     *before, last = fits
     value, near = likelihood.value(best, part), best
     for _ in range(_EACH):
-        static = StaticFits(likelihood, near, likelihood.scene.mixture(near.effects), part)
+        static = StaticFits(likelihood, near, likelihood.mixture(near), part)
         _, fitted, others = static.fitted(fits[last], {k: fits[k] for k in before}, place=last)
         fits = {**others, last: fitted}
         effects = tuple(fits[k].effect if k in fits else e for k, e in enumerate(state.effects))

@@ -14,7 +14,7 @@ from tofmix.reconciliation.joint import View, views
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.memory import memory_of, one_surface, whitened
 from tofmix.reconciliation.mixture import Mixture
-from tofmix.reconciliation.panel import Curve, discreteness, invalid, neighbours, panel_axes, shapes
+from tofmix.reconciliation.panel import Curve, discreteness, invalid, neighbours, panel_axes, shapes, widths
 from tofmix.reconciliation.panel_between import bridging
 from tofmix.reconciliation.panel_lines import lines
 from tofmix.reconciliation.panel_time import burst_share, in_time
@@ -54,7 +54,7 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
     mixture : Mixture, optional
         The state's, if it is at hand.
     """
-    m = likelihood.scene.mixture(state.effects) if mixture is None else mixture
+    m = likelihood.mixture(state) if mixture is None else mixture
     memory = memory_of(state)
     scored = (np.arange(likelihood.evidence.shape[0]), part[1]) if memory else part
     z = likelihood.scores(state, scored, seed, m)
@@ -91,6 +91,7 @@ def _curves(z: Float32Array, apart: Float32Array, view: View, state: State) -> I
     evidence, m, part = view.evidence, view.mixture, view.part
     axes = list(panel_axes(evidence, m, part))
     yield from shapes(z, axes, m, state, part)
+    yield from widths(state, view.scene.model.sensor.noise.width_spread)
     yield from in_time(apart, evidence, part, m)
     if state.bursts is not None:
         yield from burst_share(state.disturbed[view.frames], state.bursts)

@@ -105,7 +105,7 @@ def _pattern_gains(way: Way, number: int) -> bool:
     bare, likelihood = _bare(way.state, number), way.likelihood
     likelihood.scene.anchor(bare.effects)
     unseen = held_out(likelihood, way.settings)
-    mixture = likelihood.scene.mixture(bare.effects)
+    mixture = likelihood.mixture(bare)
     alone, patterned = (
         worth(likelihood, bare, mixture, (unseen, unseen), patterned=patterned) for patterned in (False, True)
     )
@@ -127,6 +127,6 @@ def _is_pattern(way: Way, number: int) -> bool:
     values = []
     for each in (bare, rest):
         likelihood.scene.anchor(each.effects)
-        mixture = likelihood.scene.mixture(each.effects)
+        mixture = likelihood.mixture(each)
         values.append(worth(likelihood, each, mixture, (unseen, unseen), patterned=True))
     return values[0] - values[1] < PRICE_NATS * candidate.parameters

@@ -1,9 +1,9 @@
 """Compiled loops over samples: the log-likelihood of a mixture over the latent event, and its normal scores.
 
 A sample is invalid, a random value, or of one component (a surface, or no return) with a normal
-distribution. Means may run with time, and every lit component takes a bias by frame and by
-pixel. Arrays are documented in `tofmix.reconciliation.mixture`; use them through
-`tofmix.reconciliation.likelihood`.
+distribution, or with one of the shape that a table says. Means may run with time, and every lit
+component takes a bias by frame and by pixel. Arrays are documented in
+`tofmix.reconciliation.mixture`; use them through `tofmix.reconciliation.likelihood`.
 """
 
 import math
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.jit import jit
+from tofmix.reconciliation.error_shape import ShapeTable
 from tofmix.reconciliation.smooth_kernel import smooth_log_likelihood
 
 _FLOOR = 1.0e-12  # probability of what the model rules out: one impossible sample must not decide alone
@@ -26,6 +27,34 @@ _FINE = 0.7  # a cell narrower than this many sigma: its probability is density 
 @jit
 def _phi(x: float) -> float:
     return 0.5 * math.erfc(-x / _ROOT2)
+
+
+@jit
+def _below(x: float, table: ShapeTable) -> float:
+    """Chance that an error of the table's shape is below x sigma."""
+    first, step, density, below, _ = table
+    if density.size == 0:
+        return _phi(x)
+    place = (x - first) / step
+    if place <= 0.0:
+        return 0.0
+    if place >= density.size - 1:
+        return 1.0
+    i = int(place)
+    past = place - i
+    return float(below[i] + step * past * (density[i] + 0.5 * past * (density[i + 1] - density[i])))
+
+
+@jit
+def _height(x: float, table: ShapeTable) -> float:
+    """Density at x of the table's shape."""
+    first, step, density, _, _ = table
+    place = (x - first) / step
+    if place <= 0.0 or place >= density.size - 1:
+        return 0.0
+    i = int(place)
+    past = place - i
+    return float((1.0 - past) * density[i] + past * density[i + 1])
 
 
 @jit
@@ -87,12 +116,19 @@ class Sorted:
 
 
 def sort_pixels(
-    pixels: IntArray, weight: FloatArray, sigma: FloatArray, invalid: FloatArray, step: float, period: float
+    pixels: IntArray,
+    weight: FloatArray,
+    sigma: FloatArray,
+    invalid: FloatArray,
+    step: float,
+    period: float,
+    *,
+    gaussian: bool = True,
 ) -> Sorted:
-    """Sort pixels for `log_likelihood`; parameters as there."""
+    """Sort pixels for `log_likelihood`; parameters as there, and whether errors are normal."""
     log_invalid = np.log(np.maximum(invalid, _INVALID_FLOOR))
     there = weight > 0
-    if step > 0 or period > 0:
+    if step > 0 or period > 0 or not gaussian:
         return Sorted(pixels[:0], np.zeros(0, dtype=np.int64), pixels, log_invalid)
     wide = np.asarray((~there | (sigma > 1.0 / _FINE)).all(axis=(0, 1)))[pixels]
     count = there.sum(axis=1).max(axis=0)[pixels[wide]]
@@ -104,8 +140,8 @@ def sort_pixels(
 def log_likelihood(
     samples: NDArray[np.uint16], pixels: Sorted, frames: IntArray, key: IntArray, since: FloatArray,
     frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
-    sigma: FloatArray, rate: FloatArray, lit: BoolArray, invalid: FloatArray, random_density: float, step: float,
-    period: float, by_pixel: FloatArray, by_frame: FloatArray,
+    sigma: FloatArray, rate: FloatArray, lit: BoolArray, invalid: FloatArray, random_density: FloatArray, step: float,
+    period: float, table: ShapeTable, by_pixel: FloatArray, by_frame: FloatArray,
 ) -> None:  # fmt: skip
     """Add up log-likelihoods and their slopes against a bias.
 
@@ -127,8 +163,12 @@ def log_likelihood(
         The mixture; rate in mm/s.
     invalid : (time, pixel) float64
         Probability of an invalid sample.
-    random_density, step, period : float
-        Density of random values, 1/mm; lattice and fold, mm, 0 for none.
+    random_density : (pixel,) float64
+        Density of random values, 1/mm.
+    step, period : float
+        Lattice and fold, mm, 0 for none.
+    table : ShapeTable
+        Shape of the errors.
     by_pixel, by_frame : (pixel, 4), (frame, 4) float64
         Results, added to: log-likelihood, its slope against a bias (1/mm), its information (1/mm2), samples.
     """
@@ -140,7 +180,7 @@ def log_likelihood(
         )  # fmt: skip
     if pixels.others.size:
         any_log_likelihood(
-            samples, pixels.others, frames, *scene, invalid, random_density, step, period, by_pixel, by_frame
+            samples, pixels.others, frames, *scene, invalid, random_density, step, period, table, by_pixel, by_frame
         )
 
 
@@ -148,8 +188,8 @@ def log_likelihood(
 def any_log_likelihood(  # noqa: C901  one pass, kept in one place
     samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
     frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
-    sigma: FloatArray, rate: FloatArray, lit: BoolArray, invalid: FloatArray, random_density: float, step: float,
-    period: float, by_pixel: FloatArray, by_frame: FloatArray,
+    sigma: FloatArray, rate: FloatArray, lit: BoolArray, invalid: FloatArray, random_density: FloatArray, step: float,
+    period: float, table: ShapeTable, by_pixel: FloatArray, by_frame: FloatArray,
 ) -> None:  # fmt: skip
     """As `log_likelihood`, sample by sample, for cells and sigmas of any size."""
     components = weight.shape[1]
@@ -165,7 +205,7 @@ def any_log_likelihood(  # noqa: C901  one pass, kept in one place
             lower, upper = _cell(float(value), step)
             total, slope, information = 0.0, 0.0, 0.0
             if lower < upper:
-                total = random_density * (upper - lower)
+                total = random_density[p] * (upper - lower)
                 centre = 0.5 * (lower + upper)
                 for k in range(components):
                     w = weight[g, k, p]
@@ -179,12 +219,18 @@ def any_log_likelihood(  # noqa: C901  one pass, kept in one place
                             s = math.sqrt(s * s + extra_variance[t])
                         if period > 0.0:
                             turn = np.rint((m - centre) / period) * period
-                    inside = w * _inside(lower + turn, upper + turn, m, s)
+                    precision = 1.0 / (s * s + (upper - lower) ** 2 / 12.0)
+                    if table[2].size == 0:
+                        inside = w * _inside(lower + turn, upper + turn, m, s)
+                        pull = inside * (centre + turn - m) * precision
+                    else:
+                        below, above = (lower + turn - m) / s, (upper + turn - m) / s
+                        inside = w * (_below(above, table) - _below(below, table))
+                        pull = w * (_height(below, table) - _height(above, table)) / s
                     total += inside
                     if lit[g, k, p]:
-                        precision = 1.0 / (s * s + (upper - lower) ** 2 / 12.0)
-                        slope += inside * (centre + turn - m) * precision
-                        information += inside * precision
+                        slope += pull
+                        information += inside * precision * table[4]
             total += _FLOOR
             ll = math.log(total)
             by_pixel[p, 0] += ll
@@ -213,15 +259,15 @@ def _uniform(seed: int, t: int, p: int) -> float:
 
 
 @jit
-def _component_cdf(x: float, m: float, s: float, folds: bool, period: float) -> float:
+def _component_cdf(x: float, m: float, s: float, folds: bool, period: float, table: ShapeTable) -> float:
     if not folds:
-        return _phi((x - m) / s)
+        return _below((x - m) / s, table)
     inside = min(max(x, 0.0), period)
     turn = np.floor(m / period)
     total = 0.0
     for k in range(-1, 2):
         start = (turn + k) * period - m
-        total += _phi((inside + start) / s) - _phi(start / s)
+        total += _below((inside + start) / s, table) - _below(start / s, table)
     return total
 
 
@@ -229,13 +275,13 @@ def _component_cdf(x: float, m: float, s: float, folds: bool, period: float) -> 
 def transform(
     samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
     frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
-    sigma: FloatArray, rate: FloatArray, lit: BoolArray, random_share: float, low: float, high: float, step: float,
-    period: float, seed: int, out: Float32Array,
+    sigma: FloatArray, rate: FloatArray, lit: BoolArray, random_share: FloatArray, low: float, high: float, step: float,
+    period: float, table: ShapeTable, seed: int, out: Float32Array,
 ) -> None:  # fmt: skip
     """Probability integral transform of each sample, drawn within its cell, given that it is valid; NaN where not.
 
-    Parameters as for `log_likelihood`; random values have the share `random_share` between `low` and `high`, and
-    `out` (frame, pixel) float32 takes the results.
+    Parameters as for `log_likelihood`; random values have the share `random_share` (pixel,) between `low` and
+    `high`, and `out` (frame, pixel) float32 takes the results.
     """
     components = weight.shape[1]
     for t in frames:
@@ -250,11 +296,11 @@ def transform(
                 continue
             u = _uniform(seed, t, p)
             x = 0.0
-            whole = random_share
+            whole = random_share[p]
             for end in range(2):
                 at = lower if end == 0 else upper
                 part = u if end == 1 else 1.0 - u
-                total = random_share * min(max((at - low) / (high - low), 0.0), 1.0)
+                total = random_share[p] * min(max((at - low) / (high - low), 0.0), 1.0)
                 for k in range(components):
                     w = weight[g, k, p]
                     if w <= 0.0:
@@ -264,7 +310,7 @@ def transform(
                     if glows:
                         m += rate[g, k, p] * since[t] + frame_bias[t] + pixel_bias[p]
                         s = math.sqrt(s * s + extra_variance[t])
-                    total += w * _component_cdf(at, m, s, glows and period > 0.0, period)
+                    total += w * _component_cdf(at, m, s, glows and period > 0.0, period, table)
                     if end == 0:
                         whole += w
                 x += part * total

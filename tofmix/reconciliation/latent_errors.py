@@ -34,7 +34,7 @@ def latent_errors(likelihood: Likelihood, state: State, effect: Effect, seed: in
         return _bursts(likelihood, state, effect)
     if isinstance(effect, TemporalCorrelation):
         everything = np.arange(frames), np.arange(pixels)
-        mixture = likelihood.scene.mixture(state.effects)
+        mixture = likelihood.mixture(state)
         z = likelihood.scores(state, everything, seed, mixture)
         refitted = fit_memory(likelihood, z, mixture, everything) or effect
         return refitted, {"coefficient": memory_error(likelihood, z, mixture, everything)}
@@ -47,7 +47,7 @@ def _bursts(likelihood: Likelihood, state: State, effect: Interference) -> tuple
     """The share of the frames that were disturbed, and errors of a count and of a curvature."""
     share = float(np.clip(state.disturbed.mean(), 1e-4, 0.99))
     frames = state.disturbed.size
-    mixture = likelihood.scene.mixture(state.effects)
+    mixture = likelihood.mixture(state)
     part = np.flatnonzero(state.disturbed > _LIKELY), np.arange(likelihood.evidence.shape[1])
     step = 0.02 * effect.sigma_mm
     bare = replace(state, effects=tuple(e for e in state.effects if e is not effect))

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 _CHUNKS = 2  # fixed, so that sums do not depend on the number of threads
 _THREADS = 2
+_SIDE, _AWAY = 1 / 6, 3**0.5
+"""Gauss and Hermite's three points: the weight of both sides, and how far they are in standard errors."""
 
 
 @lru_cache(maxsize=1)
@@ -57,6 +59,8 @@ class State:
         Value of stuck pixels, NaN for the others.
     disturbed : (frame,) float64
         Probability that a frame is disturbed; used for scores.
+    log_width, log_width_error : (pixel,) float64
+        Logarithm of each pixel's own width of the noise, and its standard error; 0 where the camera's pixels are alike.
     """
 
     effects: tuple[Effect, ...]
@@ -65,6 +69,8 @@ class State:
     pixel_variance: FloatArray
     stuck_mm: FloatArray
     disturbed: FloatArray
+    log_width: FloatArray
+    log_width_error: FloatArray
 
     @property
     def linking(self) -> tuple[Effect, ...]:
@@ -124,7 +130,14 @@ class Likelihood:
             pixel_variance=np.zeros(pixels),
             stuck_mm=np.full(pixels, np.nan),
             disturbed=np.zeros(frames),
+            log_width=np.zeros(pixels),
+            log_width_error=np.zeros(pixels),
         )
+
+    def mixture(self, state: State) -> Mixture:
+        """What the model and a state's effects predict, pixels' own widths included."""
+        mixture = self.scene.mixture(state.effects)
+        return mixture.widened(state.log_width) if state.log_width.any() else mixture
 
     def sums(
         self, mixture: Mixture, state: State, part: Part, *, variance: FloatArray | None = None,
@@ -152,7 +165,7 @@ class Likelihood:
         shift = state.pixel_bias if bias is None else bias
         density = mixture.outlier / (mixture.high - mixture.low)
         m = mixture
-        chosen = sort_pixels(pixels, m.weight, m.sigma, m.invalid, m.step, m.period)
+        chosen = sort_pixels(pixels, m.weight, m.sigma, m.invalid, m.step, m.period, gaussian=m.shape is None)
         run = partial(self._pass, m, chosen, (added, shift, density))
         results = list(_pool().map(run, np.array_split(frames, _CHUNKS)))
         out = Sums(*empty_sums(*self.evidence.shape))
@@ -166,7 +179,7 @@ class Likelihood:
         by_pixel, by_frame = empty_sums(*self.evidence.shape)
         log_likelihood(
             self.evidence.samples, pixels, frames, m.key, m.since, m.frame_bias, added, shift, m.weight, m.mean,
-            m.sigma, m.rate, m.lit, m.invalid, density, m.step, m.period, by_pixel, by_frame,
+            m.sigma, m.rate, m.lit, m.invalid, density, m.step, m.period, m.table, by_pixel, by_frame,
         )  # fmt: skip
         return by_pixel, by_frame
 
@@ -177,7 +190,7 @@ class Likelihood:
 
     def value(self, state: State, part: Part, mixture: Mixture | None = None) -> float:
         """Log-likelihood of a part; frames' disturbance integrated out."""
-        mixture = self.scene.mixture(state.effects) if mixture is None else mixture
+        mixture = self.mixture(state) if mixture is None else mixture
         if state.bursts is not None:
             return self._with_bursts(mixture, state, part, state.bursts)
         return self.sums(mixture, state, part).total
@@ -203,19 +216,33 @@ class Likelihood:
 
     def scores(self, state: State, part: Part, seed: int, mixture: Mixture | None = None) -> Float32Array:
         """Standard normal scores (frame, pixel) if the model is right; NaN for invalid samples and outside the part."""
-        m = self.scene.mixture(state.effects) if mixture is None else mixture
+        m = self.mixture(state) if mixture is None else mixture
         frames, pixels = part
         pixels = pixels[state.working[pixels]]
         out: Float32Array = np.full(self.evidence.shape, np.nan, dtype=np.float32)
         added = self._variance(state)
 
-        def run(some: IntArray) -> None:
+        def run(m: Mixture, bias: FloatArray, into: Float32Array, some: IntArray) -> None:
             transform(
-                self.evidence.samples, pixels, some, m.key, m.since, m.frame_bias, added, state.pixel_bias, m.weight,
-                m.mean, m.sigma, m.rate, m.lit, m.outlier, m.low, m.high, m.step, m.period, seed, out,
+                self.evidence.samples, pixels, some, m.key, m.since, m.frame_bias, added, bias, m.weight, m.mean,
+                m.sigma, m.rate, m.lit, m.outlier, m.low, m.high, m.step, m.period, m.table, seed, into,
             )  # fmt: skip
 
-        list(_pool().map(run, np.array_split(frames, _CHUNKS)))
+        chunks = np.array_split(frames, _CHUNKS)
+        list(_pool().map(partial(run, m, state.pixel_bias, out), chunks))
+        sides: list[tuple[Mixture, FloatArray]] = []
+        if state.log_width_error.any():
+            sides += [(m.widened(way * state.log_width_error), state.pixel_bias) for way in (-_AWAY, _AWAY)]
+        if m.shape is not None and state.pixel_variance.any():
+            error = np.sqrt(state.pixel_variance)
+            sides += [(m, state.pixel_bias + way * error) for way in (-_AWAY, _AWAY)]
+        if sides:  # the transform's mean over what a pixel's width and bias may be
+            further, aside = np.full_like(out, np.nan), np.zeros_like(out)
+            for mixture_aside, bias in sides:
+                list(_pool().map(partial(run, mixture_aside, bias, further), chunks))
+                aside += further
+            out *= np.float32(1.0 - _SIDE * len(sides))
+            out += np.float32(_SIDE) * aside
         for frame in range(len(out)):  # frame by frame: no second copy in double precision
             out[frame] = ndtri(np.clip(out[frame].astype(np.float64), 1e-9, 1 - 1e-9))
         return out

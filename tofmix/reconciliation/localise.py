@@ -21,7 +21,7 @@ LEAST_SIZE = 0.02
 
 _IN_SIGMA = (
     "bias", "spread", "skew", "tails", "pattern", "spread_pattern", "skew_pattern", "tails_pattern", "common_mode",
-    "bursts", "trend", "memory", "neighbour_correlation",
+    "bursts", "trend", "memory", "neighbour_correlation", "widths",
 )  # fmt: skip
 _SMALLEST_P = 1.0e-300
 _MOST_BINS = 60

@@ -48,8 +48,7 @@ def attenuation(mixture: Mixture) -> FloatArray:
 
 def one_surface(mixture: Mixture, share: float = _MAIN) -> BoolArray:
     """Pixels (pixel,) that see one surface, of whose noise a score speaks and not of which surface was drawn."""
-    total = 1.0 - mixture.invalid[0]
-    return np.asarray(mixture.of_main(mixture.weight) > share * np.maximum(total, 1e-9))
+    return np.asarray(mixture.of_main(mixture.weight) > share * np.maximum(mixture.told, 1e-9))
 
 
 def _pairs(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> _Pairs:
@@ -103,7 +102,7 @@ def memory_left(likelihood: Likelihood, state: State, coefficient: float, seed: 
 
     Noise that is averaged over n frames is left with one at lag n, whatever the coefficient.
     """
-    mixture = likelihood.scene.mixture(state.effects)
+    mixture = likelihood.mixture(state)
     frames, pixels = (np.arange(n) for n in likelihood.evidence.shape)
     z = likelihood.scores(state, (frames, pixels), seed, mixture)
     return max(_left(z[v.frames], v.mixture, coefficient) for v in views(likelihood, mixture, (frames, pixels)))

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.noise_shape import NoiseShape
+from tofmix.reconciliation.error_shape import GAUSSIAN, ShapeTable, shape_table
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -50,14 +52,20 @@ class Mixture:
         Its range before any effect, mm.
     invalid : (time, pixel) float64
         Probability of an invalid sample.
-    outlier, low, high : float
-        Share of random values, and their limits, mm.
+    outlier, background : (pixel,) float64
+        Share of random values; the part of it that is the camera's background.
+    low, high : float
+        Limits of random values, mm.
     step, period : float
         Lattice and fold, mm; 0 for none.
     key, since : (frame,)
         Which time a frame goes by, and the time since then, s.
     frame_bias : (frame,) float64
         Bias of a frame's lit components, mm.
+    shape : NoiseShape or None
+        Density of every component's error in units of its sigma; Gaussian without it.
+    table : ShapeTable
+        The same for the kernels.
     """
 
     weight: FloatArray
@@ -69,7 +77,8 @@ class Mixture:
     amplitude: FloatArray
     true_range: FloatArray
     invalid: FloatArray
-    outlier: float
+    outlier: FloatArray
+    background: FloatArray
     low: float
     high: float
     step: float
@@ -77,6 +86,17 @@ class Mixture:
     key: IntArray
     since: FloatArray
     frame_bias: FloatArray
+    shape: NoiseShape | None = None
+    table: ShapeTable = GAUSSIAN
+
+    def widened(self, log_width: FloatArray) -> "Mixture":
+        """The same with every sigma times the exponential of each pixel's logarithm (pixel,)."""
+        return replace(self, sigma=self.sigma * np.exp(log_width))
+
+    @property
+    def told(self) -> FloatArray:
+        """Share (pixel,) of the samples at the first time that tell of the scene: valid, and no background."""
+        return np.asarray(1.0 - self.invalid[0] - self.background)
 
     def of_frames(self, frames: slice) -> "Mixture":
         """That of one recording by itself, not copied."""
@@ -123,7 +143,9 @@ class Scene:
         self.links = tuple(e for e in model.effects if e.kind in LINKS and not _mapped_bias(e))
         self._moving = tuple(e for e in model.effects if e.kind in _IN_TIME)
         rest = tuple(e for e in model.effects if e not in (*self.links, *self._moving))
-        self._still = replace(model, effects=rest)
+        alike = replace(model.sensor.noise, width_spread=0.0)  # widths are the recording's: a state has them
+        self._still = replace(model, effects=rest, sensor=replace(model.sensor, noise=alike))
+        self._table = shape_table(model.sensor.noise.shape)
         self._cast: dict[tuple[float, ...], Truth] = {}
         self._anchor: list[tuple[float, ...]] = [(0.0,) * len(self.names)]
         self._count = _TIMES
@@ -224,13 +246,17 @@ class Scene:
         for drift in drifts:
             bias += drift.amplitude_mm * -np.expm1(-self.time_s / drift.time_constant_s)
         first, true_range = parts[0], stack("true_range_mm", 1.0)
+        sensor = self.model.sensor
+        share = 0.0 if sensor.noise.background is None else sensor.noise.background
+        background = np.broadcast_to(share, sensor.shape).ravel().astype(np.float64)
         return Mixture(
             weight=stack("weight", 0.0), mean=stack("range_mm", 1.0), sigma=np.maximum(stack("sigma_mm", 1.0), 0.05),
             rate=true_range * np.take_along_axis(velocity[:, None], surface, axis=2), lit=surface >= 0,
             surface=surface, amplitude=stack("amplitude", 0.0), true_range=true_range,
-            invalid=np.stack([p.invalid for p in parts]), outlier=first.outlier, low=first.limits_mm[0],
-            high=first.limits_mm[1], step=first.step_mm, period=first.period_mm or 0.0, key=key,
-            since=self.time_s - times[key], frame_bias=bias,
+            invalid=np.stack([p.invalid for p in parts]), outlier=np.zeros(pixels) + first.outlier,
+            background=background, low=first.limits_mm[0], high=first.limits_mm[1], step=first.step_mm,
+            period=first.period_mm or 0.0, key=key, since=self.time_s - times[key], frame_bias=bias,
+            shape=first.error_shape, table=self._table,
         )  # fmt: skip
 
 

@@ -101,7 +101,7 @@ class Trial:
 
 def begin_trial(likelihood: Likelihood, state: State, split: str, seed: int) -> Trial:
     """Prepare a round."""
-    mixture = likelihood.scene.mixture(state.effects)
+    mixture = likelihood.mixture(state)
     test = likelihood.evidence.part(fit=False, split=split)
     frames, pixels = likelihood.evidence.shape
     whole = np.arange(frames), np.arange(pixels)
@@ -174,7 +174,7 @@ def _shifts(trial: Trial, state: State, gain: float) -> bool:
 
     What makes a surface noisier has many causes, of which a path of just that length is none that we would name.
     """
-    mixture = trial.likelihood.scene.mixture(state.effects)
+    mixture = trial.likelihood.mixture(state)
     if mixture.mean.shape != trial.mixture.mean.shape:
         return True
     unmoved = replace(mixture, mean=trial.mixture.mean)
@@ -315,7 +315,7 @@ def _poses(likelihood: Likelihood, shifts: FloatArray) -> tuple[Effect, ...]:
 
 
 def _newton(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray, tolerance: float) -> FloatArray:
-    m = likelihood.scene.mixture(state.effects)
+    m = likelihood.mixture(state)
     slope, information = np.zeros(shifts.size), np.zeros(shifts.size)
     for view in views(likelihood, m, part):
         sums = likelihood.sums(m, state, view.part_of_all).by_pixel
@@ -334,7 +334,7 @@ def _add_slopes(
 ) -> None:
     """Add what one recording says of the surfaces' shifts."""
     m = view.mixture
-    surface, single = m.of_main(m.surface), m.of_main(m.weight) > 0.9 * (1 - m.invalid[0])
+    surface, single = m.of_main(m.surface), m.of_main(m.weight) > 0.9 * m.told
     for own_number, name in enumerate(view.scene.names):
         own = single & (surface == own_number)
         number = likelihood.scene.names.index(name)

@@ -71,12 +71,10 @@ def better_law(
     others = [c for c in chosen if c.kind != FixedPattern.kind]
     near = settled_within(likelihood, named, others, parts[0], tolerance)
     moved = _KNOWN * PRICE_NATS * (len(near.effects) - len(named.effects))
-    at, about = (
-        worth(likelihood, s, likelihood.scene.mixture(s.effects), parts, patterned=patterned) for s in (named, near)
-    )
+    at, about = (worth(likelihood, s, likelihood.mixture(s), parts, patterned=patterned) for s in (named, near))
     stood = max(at, about - moved) - price
     likelihood.scene.anchor(rest.effects)  # a pose that is left out takes its edges with it
-    mixture = likelihood.scene.mixture(rest.effects)
+    mixture = likelihood.mixture(rest)
     nothing = worth(likelihood, rest, mixture, parts, patterned=False)
     needed = stood + max(CLEARLY_NATS, CLEARLY_SHARE * (stood - nothing))
     found = []

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.reconciliation.error_shape import moves
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood import Part, State
 from tofmix.reconciliation.memory import memory_of, one_surface
@@ -23,6 +24,9 @@ BINS = 12
 
 _ENOUGH = 200  # samples of a bin
 _MANY_BINS = 40
+_FAR_WIDTH = 2.5  # spreads: a pixel that something else widens must not decide for all
+_CLIPPED_MEAN, _CLIPPED_SPREAD = 0.97756, 1.29675  # mean and spread of min(x^2, 2.5^2), x a standard normal number
+_TOLD = 0.5  # part of a pixel's log width, in variance, that its samples tell
 _SMOOTH_MM = 2.0  # a density of this sigma is smooth over three mm
 
 
@@ -169,19 +173,44 @@ def shapes(z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Pa
     count = np.isfinite(z).sum(axis=0)
     sigma = m.of_main(m.sigma)[part[1]]
     unknown = state.pixel_variance[part[1]] / sigma**2  # a map that is measured has errors
+    of_width = state.log_width_error[part[1]] ** 2  # and so have widths
     free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # a memory is taken out where one surface is seen
-    for name, power in zip(SHAPES, hermite(z), strict=True):
+    for name, power, off, wider in zip(SHAPES, hermite(z), *moves(m.shape), strict=True):
+        errors = off**2 * unknown + wider**2 * of_width
         total: FloatArray = np.asarray(np.nansum(power, axis=0, dtype=np.float64))
         for axis in axes:
-            errors = unknown if name == "bias" else np.zeros_like(unknown)
             yield _curve(name, axis, total, (count, errors), sigma_of_lit(m, part))
         enough = (count >= _ENOUGH / 10) & free
         value = total[enough] / count[enough]
         number = part[1][enough].astype(np.float64)
         own = "pattern" if name == "bias" else f"{name}_pattern"
-        spread = 1.0 / count[enough] + (unknown[enough] if name == "bias" else 0.0)
+        spread = 1.0 / count[enough] + errors[enough]
         yield Curve(statistic=own, axis="all", lower=number, upper=number + 1,
                     value=value, variance=spread, unit="1", scale_mm=sigma[enough])  # fmt: skip
+
+
+def widths(state: State, spread: float) -> Iterator[Curve]:
+    """Whether pixels' own widths are spread as the model says: their mean square, those beyond 2.5 spreads as at it.
+
+    Only a camera with a spread of widths has this curve. A width that is found is nearer to the middle than the true
+    one, by what is not known of it.
+
+    Parameters
+    ----------
+    state : State
+        With the widths that were found.
+    spread : float
+        Standard deviation of the log width that the model has.
+    """
+    expected = spread**2 - state.log_width_error**2
+    told = state.working & (state.log_width_error > 0) & (expected > _TOLD * spread**2)
+    if not told.any():
+        return
+    square = np.minimum(state.log_width[told] ** 2 / expected[told], _FAR_WIDTH**2)
+    value = (float(square.mean()) - _CLIPPED_MEAN) / _CLIPPED_SPREAD
+    yield Curve(statistic="widths", axis="all", lower=np.zeros(1), upper=np.ones(1),
+                value=np.array([value]), variance=np.array([1.0 / told.sum()]), unit="1",
+                scale_mm=np.ones(1))  # fmt: skip
 
 
 def sigma_of_lit(m: Mixture, part: Part) -> FloatArray:

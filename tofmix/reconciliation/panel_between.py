@@ -83,6 +83,7 @@ def _between(m: Mixture, image: tuple[int, int], low: FloatArray, high: FloatArr
 
 def _chance(m: Mixture, low: FloatArray, high: FloatArray) -> FloatArray:
     """Probability (pixel,) of a valid sample between the limits."""
-    below, above = (ndtr((edge - m.mean[0]) / m.sigma[0]) for edge in (low, high))
+    chance = ndtr if m.shape is None else m.shape.cdf
+    below, above = (chance((edge - m.mean[0]) / m.sigma[0]) for edge in (low, high))
     inside = (m.weight[0] * (above - below)).sum(axis=0) / np.maximum(m.weight[0].sum(axis=0), 1e-9)
     return np.asarray((1 - m.outlier) * inside + m.outlier * (high - low) / max(m.high - m.low, 1.0))

@@ -44,7 +44,7 @@ def integrated(numbers: Numbers, pattern: FixedPattern) -> float:
     """What fits maximise, the pattern's values integrated out, for its spreads as they are."""
     likelihood, state = numbers.likelihood, numbers.state
     bare = replace(state, pixel_bias=np.zeros_like(state.pixel_bias))
-    mixture = likelihood.scene.mixture(state.effects)
+    mixture = likelihood.mixture(state)
     found = pixel_biases(likelihood, mixture, bare, numbers.part)
     spreads = (pattern.pixel_sigma_mm, pattern.column_sigma_mm, pattern.row_sigma_mm)
     total = likelihood.sums(mixture, bare, numbers.part).total + likelihood.heard(state)

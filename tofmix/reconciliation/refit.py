@@ -13,6 +13,7 @@ from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.name import SLACK, Candidate
 from tofmix.reconciliation.pattern_errors import pattern_of
 from tofmix.reconciliation.standard_errors import polish
+from tofmix.reconciliation.widths import with_widths
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
@@ -116,7 +117,7 @@ def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> Sta
     frames : (n,) int64
         What a pattern's map is made from.
     """
-    mixture = likelihood.scene.mixture(state.effects)
+    mixture = likelihood.mixture(state)
     part = frames, np.arange(likelihood.evidence.shape[1])
     for effect in state.linking:
         own = effect in state.given
@@ -132,7 +133,7 @@ def latent_states(likelihood: Likelihood, state: State, frames: IntArray) -> Sta
             bursts = effect if fitted_bursts is None else fitted_bursts
             disturbed = links.disturbed_frames(likelihood, mixture, state, bursts)
             state = _with(replace(state, disturbed=disturbed), effect, bursts)
-    return state
+    return with_widths(likelihood, state, frames)
 
 
 def _with(state: State, old: Effect, new: Effect) -> State:

@@ -28,8 +28,8 @@ _Now = tuple[FloatArray, FloatArray]
 def smooth_log_likelihood(
     samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
     frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
-    sigma: FloatArray, rate: FloatArray, lit: BoolArray, log_invalid: FloatArray, random_density: float, ends: IntArray,
-    by_pixel: FloatArray, by_frame: FloatArray,
+    sigma: FloatArray, rate: FloatArray, lit: BoolArray, log_invalid: FloatArray, random_density: FloatArray,
+    ends: IntArray, by_pixel: FloatArray, by_frame: FloatArray,
 ) -> None:  # fmt: skip
     """Add up log-likelihoods and their slopes against a bias, for cells of one mm.
 
@@ -98,11 +98,11 @@ def _gather(
 
 
 @jit
-def _begin(samples: NDArray[np.uint16], pixels: IntArray, random_density: float, found: _Found) -> None:
+def _begin(samples: NDArray[np.uint16], pixels: IntArray, random_density: FloatArray, found: _Found) -> None:
     value, total, slope, information = found
     for i in range(len(pixels)):
         value[i] = samples[pixels[i]]
-        total[i] = random_density
+        total[i] = random_density[pixels[i]]
         slope[i] = 0.0
         information[i] = 0.0
 

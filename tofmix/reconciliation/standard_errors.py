@@ -113,7 +113,7 @@ def _better(way: _Way, gain: float) -> Numbers | None:
 
 
 def _under(numbers: Numbers, about: Parabola, pattern: FixedPattern) -> UnderPattern:
-    mixture = numbers.likelihood.scene.mixture(numbers.state.effects)
+    mixture = numbers.likelihood.mixture(numbers.state)
     overstated = inflation(numbers.likelihood, mixture, numbers.state, numbers.part)
     return UnderPattern(numbers, about, pattern, overstated)
 
@@ -166,7 +166,7 @@ def standard_errors(numbers: Numbers) -> dict[int, dict[str, float]]:
 
 def _half_gap(numbers: Numbers, full: float) -> float:
     """Half of the way to the next amplitude in the scene, up or down, where that is far: nothing tells between."""
-    mixture = numbers.likelihood.scene.mixture(numbers.state.effects)
+    mixture = numbers.likelihood.mixture(numbers.state)
     seen = mixture.amplitude[mixture.lit & (mixture.weight > _SEEN)]
     below, above = seen[seen < full * (1 - _NEAR)], seen[seen > full * (1 + _NEAR)]
     ways = [full - below.max() if below.size else 0.0, above.min() - full if above.size else 0.0]

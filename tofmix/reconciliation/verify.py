@@ -24,6 +24,7 @@ from tofmix.reconciliation.panel import Curve
 from tofmix.reconciliation.pattern_shape import smooth, tilted
 from tofmix.reconciliation.refit import begin
 from tofmix.reconciliation.way import EXACT, LOST, Settings, fit_part, held_out
+from tofmix.reconciliation.widths import with_widths
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -223,7 +224,7 @@ def _signed(likelihood: Likelihood, added: Added, floor: Compared, settings: Set
     maps = [e.map for e in added.state.effects if isinstance(e, FixedPattern) and e.map is not None]
     if not maps or not known.any():
         return True
-    mixture = likelihood.scene.mixture(added.state.effects)
+    mixture = likelihood.mixture(added.state)
     held = held_out(likelihood, settings)
     surfaces = [v.mixture.of_main(v.mixture.surface).reshape(known.shape) for v in views(likelihood, mixture, held)]
     values = [m.values.astype(np.float64) for m in maps]
@@ -297,8 +298,10 @@ def _floor(likelihood: Likelihood, state: State, settings: Settings) -> Compared
         samples[frames] = simulate_like(model, frames.stop - frames.start, seed=seed)
     again = Likelihood(replace(evidence, samples=samples), likelihood.scene)
     if state.bursts is not None:
-        mixture = likelihood.scene.mixture(state.effects)
+        mixture = likelihood.mixture(state)
         state = replace(state, disturbed=links.disturbed_frames(again, mixture, state, state.bursts))
+    alike = replace(state, log_width=np.zeros_like(state.log_width), log_width_error=np.zeros_like(state.log_width))
+    state = with_widths(again, alike, fit_part(likelihood, settings)[0])  # a simulation draws its own
     return compare(again, state, held_out(likelihood, settings), seed=settings.seed + 1)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.errors import BadInputError
 from tofmix.reconciliation.add import Added, ways
 from tofmix.reconciliation.aliases import separate_by
 from tofmix.reconciliation.compare import Compared
@@ -27,6 +28,7 @@ from tofmix.reconciliation.way import Settings, fit_part
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.parameter import PixelMap
+from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 from tofmix.simulation.model import Model
 
 DONE = ("agree", "explained")
@@ -199,10 +201,12 @@ def reconcile(
     Raises
     ------
     BadInputError
-        If the models' cameras differ.
+        If the models' cameras differ, or one has a memory and a background.
     """
     recordings = ((model, evidence), *also)
     models = tuple(model for model, _ in recordings)
+    for given in models:
+        _refuse_what_no_prediction_takes(given)
     likelihood = joint_likelihood(recordings)
     added, verified = _searched(likelihood, settings, tick)
     if verified.verdict != "agree":
@@ -218,6 +222,18 @@ def reconcile(
         where = (*left, *where)
     named = tuple(_placed(n, likelihood, models) for n in _named(likelihood, added, verified, settings))
     return Reconciliation(models=models, named=named, where=where, left=left, added=added, verified=verified)
+
+
+def _refuse_what_no_prediction_takes(model: Model) -> None:
+    """A random value has no part in a pixel's memory, and nothing in a sample says for sure that it is one.
+
+    So scores are not normal given those of the frame before. The few of an `outlier_probability` do not show.
+    """
+    if model.sensor.noise.background is not None and any(e.kind == TemporalCorrelation.kind for e in model.effects):
+        raise BadInputError(
+            "[sensor.noise]: background: reconcile has no prediction for a background beside temporal_correlation;"
+            " leave out one of them"
+        )
 
 
 def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]) -> tuple[Added, Verified]:

@@ -21,7 +21,7 @@ from tofmix.report.findings import Finding, count_findings, target_findings
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary import remedy_for
 from tofmix.report.tables import printable
-from tofmix.sensor import Sensor
+from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sheet import CameraSheet
 from tofmix.simulation.model import Model
@@ -288,7 +288,24 @@ def _sensor_section(sensor: Sensor) -> Section:
         section["noise_reference_amplitude"] = noise.law.reference.tolist()
         section["noise_amplitude"] = noise.law.amplitude.tolist()
         section["noise_amplitude_factor"] = noise.law.factor.tolist()
+    if noise is not None:
+        section |= _noise_parts(noise)
     return section
+
+
+def _noise_parts(noise: NoiseCurve) -> Section:
+    """What a noise curve has beyond sigma; nothing where the error is Gaussian and all pixels are alike."""
+    parts: Section = {}
+    if noise.shape is not None:
+        parts["noise_shape_z"] = noise.shape.z.tolist()
+        parts["noise_shape_density"] = noise.shape.density.tolist()
+        parts["noise_shape_skewness"], parts["noise_shape_excess_kurtosis"] = noise.shape.moments()[2:]
+    if noise.width_spread:
+        parts["noise_width_spread"] = noise.width_spread
+    if noise.background is not None:
+        low, middle, high = np.quantile(noise.background, (0.0, 0.5, 1.0))
+        parts |= {"noise_background_least": low, "noise_background_median": middle, "noise_background_most": high}
+    return {key: float(value) if isinstance(value, np.floating) else value for key, value in parts.items()}
 
 
 def _profile_section(camera: SensorProfile | CameraSheet) -> Section:

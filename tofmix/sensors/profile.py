@@ -8,6 +8,9 @@ suffices, which `SensorProfile.sensor` makes.
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from tofmix.arrays import FloatArray
 from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
 from tofmix.projection import Projection
@@ -105,7 +108,26 @@ class SensorProfile:
             raise ValueError(f"outlier_probability: {self.outlier_probability:g} is not in [0, 1)")
         if not (math.isfinite(self.exponent) and self.exponent >= 0):
             raise ValueError(f"exponent: {self.exponent:g} is not a finite number of at least 0")
+        self._check_background()
         self.optics.check(self.shape)
+
+    def _check_background(self) -> None:
+        background = self.noise.background
+        if background is None:
+            return
+        if background.ndim and background.shape != self.shape:
+            raise ValueError(f"background: shape {background.shape} differs from the image {self.shape}")
+        most, rest = float(background.max()), 1.0 - self.outlier_probability
+        if most >= rest:
+            raise ValueError(f"background: {most:g} is not below {rest:g}, 1 less outlier_probability")
+
+    @property
+    def random_share(self) -> float | FloatArray:
+        """Probability of a random value: p(c_r) and the background, of all pixels alike or of each (row, col)."""
+        background = self.noise.background
+        if background is None:
+            return self.outlier_probability
+        return np.broadcast_to(self.outlier_probability + background, self.shape)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -4,11 +4,14 @@ Use `read_sensor` for a model, whose keys may override a built-in camera, `read_
 described, and `parse_profile` for a built-in camera's own file.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.noise_shape import NoiseShape
 from tofmix.projection import DEFAULT_PROJECTION, PROJECTIONS, Projection, list_keys, make_projection, number_keys
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors.profile import SensorProfile
@@ -29,11 +32,25 @@ _NOISE_LISTS = ("range_mm", "sigma_mm")
 _LAW = {"reference_amplitude": "reference", "amplitude": "amplitude", "amplitude_factor": "factor"}
 """Keys of an `AmplitudeLaw` and its fields; they go together."""
 
+_SHAPE = {"shape_z": "z", "shape_density": "density"}
+"""Keys of a `NoiseShape` and its fields; they go together."""
+
+_NOISE_PARTS = (*_SHAPE, "width_spread", "background")
+"""Keys of what a noise curve has beyond sigma."""
+
+_INHERITED = ("shape", "width_spread", "background")
+"""Their fields in a `NoiseCurve`, which a base camera hands on."""
+
+MapReader = Callable[[str, tuple[int, int] | None], Float32Array]
+"""Reads the map at a relative path, of an image (rows, cols) where that is known; ValueError if it cannot."""
+
 _NOISE_NUMBERS = ("reference_integration_time_ms", "exponent")
 _UNNAMED = "unnamed"
 
 
-def read_sheet(table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[str, ...] = ()) -> CameraSheet:
+def read_sheet(
+    table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[str, ...] = (), read_map: MapReader | None = None
+) -> CameraSheet:
     """Read ``[sensor]`` and ``[sensor.noise]``, none of whose keys is needed; they override `base`.
 
     Parameters
@@ -44,6 +61,8 @@ def read_sheet(table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[s
         What stands where a key is left out.
     more_keys : tuple of str
         Keys that the caller reads itself.
+    read_map : callable, optional
+        Reads the .npy file that `background` may name. Without it a table that names one is refused.
 
     Raises
     ------
@@ -53,31 +72,35 @@ def read_sheet(table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[s
     noise = table.table("noise")
     optics = {"projection", *_optics_keys()}
     table.refuse_unknown({*_WHOLE, *_NUMBERS, *_MAY_BE_LEFT_OUT, "name", "noise", *optics, *more_keys})
-    noise.refuse_unknown({*_NOISE_LISTS, *_LAW, *_NOISE_NUMBERS})
+    noise.refuse_unknown({*_NOISE_LISTS, *_LAW, *_NOISE_PARTS, *_NOISE_NUMBERS})
     settings: dict[str, Any] = {"name": _UNNAMED} if base is None else base.known()
     if "name" in table:
         settings["name"] = table.text("name")
     settings |= {key: table.integer(key) for key in _WHOLE if key in table}
     settings |= {key: table.number(key) for key in (*_NUMBERS, *_MAY_BE_LEFT_OUT) if key in table}
     settings |= {key: noise.number(key) for key in _NOISE_NUMBERS if key in noise}
-    if any(key in noise for key in (*_NOISE_LISTS, *_LAW)):
-        settings["noise"] = _noise_curve(noise, settings.get("noise"))
+    if any(key in noise for key in (*_NOISE_LISTS, *_LAW, *_NOISE_PARTS)):
+        rows, cols = settings.get("rows"), settings.get("cols")
+        image = None if rows is None or cols is None else (rows, cols)
+        settings["noise"] = _noise_curve(noise, settings.get("noise"), _background(noise, image, read_map))
     settings["projection"] = _projection(table, base)
     if settings["projection"] is not None:
         settings |= dict.fromkeys(_VIEW)  # it says where the pixels look; a field of view beside it says nothing
     try:
         return CameraSheet(**settings)
     except ValueError as error:
-        where = noise if str(error).startswith(("reference", "exponent", "noise curve")) else table
+        where = noise if str(error).startswith(("reference", "exponent", "noise curve", "background")) else table
         raise where.error(str(error)) from None
 
 
-def read_sensor(table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[str, ...] = ()) -> SensorProfile:
+def read_sensor(
+    table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[str, ...] = (), read_map: MapReader | None = None
+) -> SensorProfile:
     """Read ``[sensor]`` and ``[sensor.noise]`` of a camera that is simulated; their keys override `base`.
 
     Parameters
     ----------
-    table, base, more_keys
+    table, base, more_keys, read_map
         As for `read_sheet`.
 
     Raises
@@ -88,7 +111,7 @@ def read_sensor(table: TomlTable, base: CameraSheet | None, *, more_keys: tuple[
     noise = table.table("noise")
     if base is None:
         _refuse_missing(table, noise, seen=_projection(table, None) is not None)
-    sheet = read_sheet(table, base, more_keys=more_keys)
+    sheet = read_sheet(table, base, more_keys=more_keys, read_map=read_map)
     if lacking := sheet.missing():
         keys = ", ".join("noise.range_mm, noise.sigma_mm" if key == "noise" else key for key in lacking)
         raise table.error(f"missing {keys}; the profile of {sheet.name} does not know them: give them")
@@ -135,15 +158,49 @@ def _refuse_missing(table: TomlTable, noise: TomlTable, *, seen: bool) -> None:
         raise table.error(f'missing {", ".join(missing)}; give them, or profile = "sr3000" for what is left out')
 
 
-def _noise_curve(noise: TomlTable, base: NoiseCurve | None) -> NoiseCurve:
+def _noise_curve(noise: TomlTable, base: NoiseCurve | None, background: FloatArray | None) -> NoiseCurve:
     lists = {} if base is None else {"range_mm": base.range_mm, "sigma_mm": base.sigma_mm}
     given: dict[str, Any] = {key: noise.numbers(key) for key in _NOISE_LISTS if key in noise}
     if lacking := [key for key in _NOISE_LISTS if key not in lists | given]:
         raise noise.error(f"missing {lacking[0]}; range_mm and sigma_mm go together")
+    parts: dict[str, Any] = {} if base is None else {key: getattr(base, key) for key in _INHERITED}
+    if "width_spread" in noise:
+        parts["width_spread"] = noise.number("width_spread")
+    if background is not None:
+        parts["background"] = background
     try:
-        return NoiseCurve(**(lists | given), law=_amplitude_law(noise, base))
+        parts |= _shape(noise)
+        return NoiseCurve(**(lists | given), law=_amplitude_law(noise, base), **parts)
     except ValueError as error:
-        raise noise.error(str(error).removeprefix("noise curve: ")) from None
+        raise noise.error(str(error).removeprefix("noise curve: ").removeprefix("noise shape: ")) from None
+
+
+def _shape(noise: TomlTable) -> dict[str, NoiseShape]:
+    """The shape of the error under its field's name; nothing where none is given."""
+    present = [key for key in _SHAPE if key in noise]
+    if not present:
+        return {}
+    if len(present) < len(_SHAPE):
+        raise noise.error(f"{present[0]} alone; {' and '.join(_SHAPE)} go together")
+    try:
+        return {"shape": NoiseShape(**{name: np.array(noise.numbers(key)) for key, name in _SHAPE.items()})}
+    except ValueError as error:
+        raise noise.error(str(error).removeprefix("noise shape: "), " and ".join(_SHAPE)) from None
+
+
+def _background(noise: TomlTable, image: tuple[int, int] | None, read_map: MapReader | None) -> FloatArray | None:
+    """The share of uniform background, of all pixels () or of each (row, col); None where the key is left out."""
+    if "background" not in noise:
+        return None
+    if not isinstance(noise.values["background"], str):
+        return np.array(noise.number("background"))
+    path = noise.text("background")
+    if read_map is None:
+        raise noise.error("a camera without a file of its own has no map beside it; give a number", "background")
+    try:
+        return read_map(path, image).astype(np.float64)
+    except ValueError as error:
+        raise noise.error(" ".join(str(error).split()), "background") from None
 
 
 def _amplitude_law(noise: TomlTable, base: NoiseCurve | None) -> AmplitudeLaw | None:

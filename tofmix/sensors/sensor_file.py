@@ -5,14 +5,16 @@ Use it where a user names a camera by file; `load_sheet` has the built-in ones.
 
 from tofmix.errors import BadInputError
 from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.profile_toml import read_sensor, read_sheet
+from tofmix.sensors.profile_toml import MapReader, read_sensor, read_sheet
 from tofmix.sensors.registry import load_sheet
 from tofmix.sensors.sheet import CameraSheet
 from tofmix.toml_table import TomlTable, parse_toml
 
 
-def sensor_of(root: TomlTable) -> SensorProfile:
+def sensor_of(root: TomlTable, *, read_map: MapReader | None = None) -> SensorProfile:
     """Read the table ``[sensor]``, whose key ``profile`` names a built-in camera that its other keys override.
+
+    `read_map` is as for `read_sheet`.
 
     Raises
     ------
@@ -20,7 +22,7 @@ def sensor_of(root: TomlTable) -> SensorProfile:
         If a key is unknown, missing, of a wrong type or outside its bounds.
     """
     table = root.table("sensor")
-    return read_sensor(table, _base_of(table), more_keys=("profile",))
+    return read_sensor(table, _base_of(table), more_keys=("profile",), read_map=read_map)
 
 
 def _base_of(table: TomlTable) -> CameraSheet | None:
@@ -33,7 +35,7 @@ def _base_of(table: TomlTable) -> CameraSheet | None:
         raise table.error(str(error), "profile") from None
 
 
-def parse_sensor(text: str, *, source: str) -> CameraSheet:
+def parse_sensor(text: str, *, source: str, read_map: MapReader | None = None) -> CameraSheet:
     """Read what a TOML file knows of a camera; tables of a model beside ``[sensor]`` are passed over.
 
     Parameters
@@ -42,6 +44,8 @@ def parse_sensor(text: str, *, source: str) -> CameraSheet:
         The file's text.
     source : str
         Its name, for messages.
+    read_map : callable, optional
+        As for `read_sheet`.
 
     Raises
     ------
@@ -52,4 +56,4 @@ def parse_sensor(text: str, *, source: str) -> CameraSheet:
     if "sensor" not in root:
         raise root.error("no table [sensor], so no camera")
     table = root.table("sensor")
-    return read_sheet(table, _base_of(table), more_keys=("profile",))
+    return read_sheet(table, _base_of(table), more_keys=("profile",), read_map=read_map)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.errors import BadInputError
+from tofmix.noise_shape import NoiseShape
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.events import EventTable, draw
 
@@ -71,8 +72,8 @@ def exposure_times(sensor: SensorProfile) -> tuple[float, ...]:
     return (tau,) * whole + ((rest,) if rest > _NEGLIGIBLE * tau else ())
 
 
-def exposures(table: EventTable, sensor: SensorProfile) -> tuple[Exposure, ...]:
-    """The samples within the on-board integration, each with its noise.
+def exposures(table: EventTable, sensor: SensorProfile, width: FloatArray | None = None) -> tuple[Exposure, ...]:
+    """The samples within the on-board integration, each with its noise, times the pixels' own widths (pixel,).
 
     The shorter last one has the noise of its own time by the tau law. Its weight in the mean is its time, so that
     with the exponent 0.5 of shot noise the mean has exactly the noise of the whole time.
@@ -85,12 +86,17 @@ def exposures(table: EventTable, sensor: SensorProfile) -> tuple[Exposure, ...]:
     times = exposure_times(sensor)
     whole = sensor.integration_time_ms
     parts = {time: replace(table, amplitude=table.amplitude * np.float32(time / whole)) for time in set(times)}
-    sigma = {time: part.sigma(sensor.noise_at(time)) for time, part in parts.items()}
+    sigma = {time: part.sigma(sensor.noise_at(time), width) for time, part in parts.items()}
     return tuple(Exposure(fraction=time / sensor.integration_time_ms, sigma_mm=sigma[time]) for time in times)
 
 
 def average_frame(
-    table: EventTable, parts: tuple[Exposure, ...], *, turn_mm: float, rng: np.random.Generator
+    table: EventTable,
+    parts: tuple[Exposure, ...],
+    *,
+    turn_mm: float,
+    rng: np.random.Generator,
+    shape: NoiseShape | None = None,
 ) -> tuple[FloatArray, Float32Array]:
     """Draw one frame as on-board integration returns it.
 
@@ -104,6 +110,8 @@ def average_frame(
         Unambiguous range d_u, mm, above 0.
     rng : numpy.random.Generator
         The frame's random stream; advanced.
+    shape : NoiseShape, optional
+        Of each sample's error; Gaussian without it.
 
     Returns
     -------
@@ -116,7 +124,7 @@ def average_frame(
 
     def samples() -> Iterator[tuple[float, FloatArray, Float32Array]]:
         for part in parts:
-            drawn = draw(table, sigma_mm=part.sigma_mm, rng=rng)
+            drawn = draw(table, sigma_mm=part.sigma_mm, rng=rng, shape=shape)
             yield part.fraction, drawn.range_mm, drawn.amplitude
 
     return phasor_mean(samples(), turn_mm=turn_mm)

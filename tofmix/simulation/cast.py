@@ -224,11 +224,11 @@ def _truth(model: Model, seen: _Seen) -> Truth:
         out[row, col, layer] = values[order]
         return out
 
-    returned = 1.0 - model.outlier_share
+    returned = (1.0 - np.broadcast_to(model.outlier_share, image)).ravel()
     return Truth(
         n_modes=counts.reshape(image).astype(np.uint8),
         range_true=spread(seen.range_mm, np.nan, np.float32),
-        weight_true=spread(seen.share * returned, np.nan, np.float32),
+        weight_true=spread(seen.share * returned[seen.pixel], np.nan, np.float32),
         weight_no_return=(seen.nothing * returned).reshape(image).astype(np.float32),
         surface=spread(seen.surface, -1, np.int16),
         amplitude=spread(_amplitude(model, seen), 0.0, np.float32),

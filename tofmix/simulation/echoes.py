@@ -98,7 +98,7 @@ class FrameSamples(Echoes):
     Parameters
     ----------
     noise : (pixel,) float64
-        Standardised noise.
+        Standardised noise, of the camera's shape.
     outlier_mm : (pixel,) float64
         Value of each random sample, mm; NaN where the sample is none.
     lost : (pixel,) bool

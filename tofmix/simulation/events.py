@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.noise_shape import NoiseShape
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors.profile import SensorProfile
+from tofmix.simulation.noise import shaped
 from tofmix.simulation.truth import Truth
 
 
@@ -41,9 +43,14 @@ class EventTable:
         """Number of the event c_r."""
         return len(self.range_mm) - 1
 
-    def sigma(self, noise: NoiseCurve) -> FloatArray:
-        """Sigma (L + 2, pixel) in mm of each event: sigma(r) at its range and amplitude, 0 for a random value."""
+    def sigma(self, noise: NoiseCurve, width: FloatArray | None = None) -> FloatArray:
+        """Sigma (L + 2, pixel) in mm of each event: sigma(r) at its range and amplitude, 0 for a random value.
+
+        With the pixels' own widths (pixel,): times these.
+        """
         sigma = noise.sigma(self.range_mm, self.amplitude)
+        if width is not None:
+            sigma *= width
         sigma[self.random_value] = 0.0  # equation (1): c_r has a flat density, without noise on top
         return sigma
 
@@ -67,7 +74,7 @@ class Samples:
     event: IntArray
 
 
-def event_table(truth: Truth, sensor: SensorProfile, *, outlier_share: float | None = None) -> EventTable:
+def event_table(truth: Truth, sensor: SensorProfile, *, outlier_share: float | FloatArray | None = None) -> EventTable:
     """Prepare the events of a scene for drawing.
 
     Parameters
@@ -76,9 +83,9 @@ def event_table(truth: Truth, sensor: SensorProfile, *, outlier_share: float | N
         What `tofmix.simulation.cast.cast_scene` returned.
     sensor : SensorProfile
         The camera it was cast for.
-    outlier_share : float, optional
-        What the truth's shares and 1 differ by, where effects add random values to p(c_r); the table is of equation
-        (1) all the same.
+    outlier_share : float or (row, col), optional
+        What the truth's shares and 1 differ by, where effects add random values to the camera's; the table is of
+        equation (1), background included, all the same.
 
     Raises
     ------
@@ -93,27 +100,28 @@ def event_table(truth: Truth, sensor: SensorProfile, *, outlier_share: float | N
         raise ValueError(f"truth: expected an image of {(sensor.rows, sensor.cols)}, got {truth.n_modes.shape}")
     pixels, layers = truth.n_modes.size, truth.range_true.shape[2]
     surfaces = truth.range_true.reshape(pixels, layers).T
-    scale = 1.0 if outlier_share is None else (1.0 - sensor.outlier_probability) / (1.0 - outlier_share)
+    returned = 1.0 - np.broadcast_to(sensor.random_share, sensor.shape).ravel()
+    scale = 1.0 if outlier_share is None else returned / (1.0 - np.broadcast_to(outlier_share, sensor.shape).ravel())
     return EventTable(
-        threshold=_thresholds(truth, 1.0 - sensor.outlier_probability, scale),
+        threshold=_thresholds(truth, returned, scale),
         range_mm=np.vstack([np.nan_to_num(surfaces), np.full((1, pixels), sensor.range_max_mm), np.zeros((1, pixels))]),
         amplitude=np.vstack([truth.amplitude.reshape(pixels, layers).T, np.zeros((2, pixels), dtype=np.float32)]),
         range_limits_mm=(sensor.range_min_mm, sensor.range_max_mm),
     )
 
 
-def _thresholds(truth: Truth, returned: float, scale: float) -> FloatArray:
-    """Cumulative p(c_1) .. p(c_L), then 1 - p(c_r).
+def _thresholds(truth: Truth, returned: FloatArray, scale: FloatArray | float) -> FloatArray:
+    """Cumulative p(c_1) .. p(c_L), then 1 - p(c_r), which is `returned` (pixel,).
 
     The truth is in float32: where a pixel has no gap, its last surface gets what rounding left, so that it never
     draws a no-return. Padded layers have a share of 0, thus the threshold of the layer before: u skips them.
     """
     pixels, layers = truth.n_modes.size, truth.range_true.shape[2]
     share = np.nan_to_num(truth.weight_true.reshape(pixels, layers).T.astype(np.float64)) * scale
-    threshold = np.vstack([np.cumsum(share, axis=0), np.full((1, pixels), returned)])
+    threshold = np.vstack([np.cumsum(share, axis=0), returned[np.newaxis]])
     number = np.arange(layers + 1)[:, np.newaxis]
     last = (truth.weight_no_return.ravel() == 0) & (number >= truth.n_modes.ravel().astype(np.int64) - 1)
-    threshold[last] = returned
+    threshold = np.where(last, returned, threshold)
     limited: FloatArray = np.minimum(threshold, returned)
     return limited
 
@@ -134,7 +142,9 @@ def frame_generator(seed: int, frame: int) -> np.random.Generator:
     return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(frame,))))
 
 
-def draw(table: EventTable, *, sigma_mm: FloatArray, rng: np.random.Generator) -> Samples:
+def draw(
+    table: EventTable, *, sigma_mm: FloatArray, rng: np.random.Generator, shape: NoiseShape | None = None
+) -> Samples:
     """Draw one sample of each pixel from equation (1).
 
     Parameters
@@ -145,6 +155,8 @@ def draw(table: EventTable, *, sigma_mm: FloatArray, rng: np.random.Generator) -
         Noise of each event, mm: `EventTable.sigma` at the sample's integration time.
     rng : numpy.random.Generator
         The frame's random stream; advanced.
+    shape : NoiseShape, optional
+        Of the error; Gaussian without it.
 
     Returns
     -------
@@ -153,7 +165,7 @@ def draw(table: EventTable, *, sigma_mm: FloatArray, rng: np.random.Generator) -
     """
     drawn = draw_events(table, rng=rng)
     index = drawn.event * drawn.event.size + np.arange(drawn.event.size)
-    range_mm = drawn.noise
+    range_mm = shaped(drawn.noise, shape)
     range_mm *= sigma_mm.take(index)
     range_mm += table.range_mm.take(index)
     range_mm[drawn.random] = drawn.random_mm
@@ -171,7 +183,7 @@ class Drawn:
     event : (pixel,) int64
         Which event of the `EventTable`.
     noise : (pixel,) float64
-        Standardised noise.
+        Standard normal noise.
     random : (n,) int64
         Pixels whose event is a random value.
     random_mm : (n,) float64

@@ -31,7 +31,19 @@ def _camera(model: Model) -> Iterator[str]:
     middle = math.sqrt(max(sensor.range_min_mm, 1.0) * sensor.range_max_mm)
     sigma = float(sensor.noise_at(sensor.integration_time_ms).sigma(middle))
     law = "" if sensor.noise.law is None else "; less where a sample is bright, more where it is faint"
-    yield f"noise: Gaussian, sigma(r) of the camera, such as {sigma:.3g} mm at {middle:.0f} mm{law}"
+    kind = (
+        "Gaussian"
+        if sensor.noise.shape is None
+        else f"of its own shape, skewness {sensor.noise.shape.moments()[2]:.2g}"
+    )
+    yield f"noise: {kind}, sigma(r) of the camera, such as {sigma:.3g} mm at {middle:.0f} mm{law}"
+    if sensor.noise.width_spread:
+        spread = f"{sensor.noise.width_spread:g}"
+        yield f"widths: each pixel's noise has a factor of its own, of the median 1, its logarithm spread by {spread}"
+    if sensor.noise.background is not None:
+        low, high = 100 * float(sensor.noise.background.min()), 100 * float(sensor.noise.background.max())
+        share = f"{low:.3g} %" if low == high else f"{low:.3g} to {high:.3g} %, by pixel,"
+        yield f"background: {share} of the samples are random values, beside those of outlier_probability"
     yield (
         f"recording: {counted(recording.frames, 'frame')} at {recording.frame_rate_hz:g} Hz, "
         f"{recording.frames / recording.frame_rate_hz:g} s in all, seed {recording.seed}"

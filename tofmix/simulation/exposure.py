@@ -20,6 +20,7 @@ from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level
 from tofmix.simulation.events import Drawn, EventTable, draw_events, event_table, events_behind, frame_generator
 from tofmix.simulation.model import Model
+from tofmix.simulation.noise import drawn_widths, shaped
 from tofmix.simulation.prediction import equation_1
 from tofmix.simulation.truth import Truth
 
@@ -77,6 +78,8 @@ class Exposer:
         start = Context(sensor=model.sensor, surfaces=names, seed=seed)
         self._contexts = tuple(replace(start, prepared=effect.prepare(start, n_frames)) for effect in self._effects)
         self._turn_mm = start.turn_mm
+        self._shape = model.sensor.noise.shape
+        self._width = drawn_widths(model.sensor, seed=seed)
         self._still = self._scene(truth, 0.0)
         self._caster = MovingCaster(model) if model.moves else None
         if self._caster is not None:
@@ -99,7 +102,7 @@ class Exposer:
         surface[:layers] = truth.surface.reshape(pixels, layers).T
         return StillScene(
             table=table,
-            sigma_mm=table.sigma(model.sensor.noise_at(model.sensor.integration_time_ms)),
+            sigma_mm=table.sigma(model.sensor.noise_at(model.sensor.integration_time_ms), self._width),
             surface=surface,
             expected=self._expect(truth, time_s),
             range_true=truth.range_true,
@@ -123,7 +126,7 @@ class Exposer:
         return draw_events(scene.table, rng=frame_generator(self._seed, frame))
 
     def colour(self, noise: FloatArray, before: FloatArray | None) -> FloatArray:
-        """A frame's noise with the memory that effects give it; `before` is what this returned for the frame before."""
+        """A frame's normal noise with the memory that effects give it; `before` is what this gave the frame before."""
         if before is None:
             return noise
         for effect in self._effects:
@@ -142,9 +145,9 @@ class Exposer:
         drawn : Drawn
             What `draw` returned for it.
         noise : (pixel,) float64
-            Standardised noise, with its memory.
+            Standard normal noise, with its memory.
         """
-        samples = _samples(scene, drawn, noise, scene.sigma_mm, self._turn_mm)
+        samples = _samples(scene, drawn, shaped(noise, self._shape), scene.sigma_mm, self._turn_mm)
         self._act(samples, frame, scene, read_out=False)
         samples.measure()
         self._act(samples, frame, scene, read_out=True)
@@ -159,9 +162,9 @@ class Exposer:
         rng = frame_generator(self._seed, frame)
 
         def exposed() -> Iterator[tuple[float, FloatArray, Float32Array]]:
-            for number, part in enumerate(exposures(scene.table, self._model.sensor)):
+            for number, part in enumerate(exposures(scene.table, self._model.sensor, self._width)):
                 drawn = draw_events(scene.table, rng=rng)
-                samples = _samples(scene, drawn, drawn.noise, part.sigma_mm, self._turn_mm)
+                samples = _samples(scene, drawn, shaped(drawn.noise, self._shape), part.sigma_mm, self._turn_mm)
                 self._act(samples, frame, scene, read_out=False, part=number)
                 samples.measure()
                 yield part.fraction, samples.measured_mm, recorded_amplitude(samples)
@@ -217,10 +220,18 @@ def _read(range_mm: FloatArray, amplitude: Float32Array, turn_mm: float) -> Fram
 
 
 def drawn_truth(model: Model, *, seed: int, n_frames: int) -> tuple[EffectTruth, ...]:
-    """What effects draw once for a recording of this seed and length: patterns, defects, bursts."""
+    """What is drawn once for a recording of this seed and length: patterns, defects, bursts, pixels' own widths."""
     start = Context(sensor=model.sensor, surfaces=tuple(surface.name for surface in model.surfaces), seed=seed)
     shape = {"row": model.sensor.rows, "col": model.sensor.cols, "frame": n_frames}
-    drawn = (truth for effect in model.acting() for truth in effect.truth(effect.prepare(start, n_frames)))
+    drawn = [truth for effect in model.acting() for truth in effect.truth(effect.prepare(start, n_frames))]
+    width = drawn_widths(model.sensor, seed=seed)
+    if width is not None:
+        drawn.append(
+            EffectTruth(
+                name="noise_width", dims=("row", "col"), values=width.astype(np.float32), unit="1",
+                long_name="pixel's own width, a factor on sigma",
+            )
+        )  # fmt: skip
     return tuple(replace(truth, values=truth.values.reshape([shape[dim] for dim in truth.dims])) for truth in drawn)
 
 

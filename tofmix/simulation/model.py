@@ -145,6 +145,9 @@ class Model:
             if name in names[:k]:
                 raise ValueError(f'surfaces {names.index(name) + 1} and {k + 1} are both named "{name}"')
         self._check_effects(tuple(names))
+        most = float(np.max(self.outlier_share))
+        if self.sensor.noise.background is not None and most >= 1.0:
+            raise ValueError(f"[sensor.noise]: background: with all other random values it is {most:g}, not below 1")
 
     def _check_effects(self, names: tuple[str, ...]) -> None:
         seen: dict[tuple[str, str], int] = {}
@@ -167,9 +170,9 @@ class Model:
         return tuple(sorted(self.effects, key=lambda effect: effect.level))
 
     @property
-    def outlier_share(self) -> float:
-        """Probability of a random value: the sensor's, and what effects add."""
-        return self.sensor.outlier_probability + sum(effect.outlier_share for effect in self.effects)
+    def outlier_share(self) -> float | FloatArray:
+        """Probability of a random value: the sensor's and what effects add; (row, col) where there is a background."""
+        return self.sensor.random_share + sum(effect.outlier_share for effect in self.effects)
 
     @property
     def moves(self) -> bool:

@@ -5,19 +5,15 @@ Reading the file itself is left to the caller, and the built-in models to
 """
 
 import json
-from collections.abc import Callable
 from typing import Any
 
-from tofmix.arrays import Float32Array
 from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.profile_toml import MapReader
 from tofmix.sensors.sensor_file import sensor_of
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.model import Model, RecordingSettings, Surface
 from tofmix.toml_table import TomlTable, nearest, parse_toml
-
-MapReader = Callable[[str, tuple[int, int]], Float32Array]
-"""Reads the map at a relative path for an image of (rows, cols). Raises ValueError, with the reason, if it cannot."""
 
 
 def parse_model(text: str, *, source: str, read_map: MapReader | None = None) -> Model:
@@ -30,7 +26,7 @@ def parse_model(text: str, *, source: str, read_map: MapReader | None = None) ->
     source : str
         The file's name, for messages.
     read_map : callable, optional
-        Reads the .npy files that effects name. Without it a model that names one is refused.
+        Reads the .npy files that effects and the noise name. Without it a model that names one is refused.
 
     Returns
     -------
@@ -44,7 +40,7 @@ def parse_model(text: str, *, source: str, read_map: MapReader | None = None) ->
     """
     root = parse_toml(text, source=source)
     root.refuse_unknown({"sensor", "recording", "surface", "effect"})
-    sensor = sensor_of(root)
+    sensor = sensor_of(root, read_map=read_map)
     surfaces = tuple(_read_surface(table, number) for number, table in enumerate(root.tables("surface"), 1))
     recording = _read_recording(root.table("recording"))
     effects = tuple(_read_effect(table, sensor, read_map) for table in root.tables("effect"))
@@ -52,7 +48,15 @@ def parse_model(text: str, *, source: str, read_map: MapReader | None = None) ->
         return Model(sensor=sensor, surfaces=surfaces, recording=recording, text=text, effects=effects)
     except ValueError as error:
         message = _one_line(str(error))
-        raise root.error(message, "" if message.startswith("[[effect]]") else "[[surface]]") from None
+        raise root.error(message, "" if message.startswith(("[[effect]]", "[sensor")) else "[[surface]]") from None
+
+
+def background_path(model: Model) -> str | None:
+    """Where, relative to a model's file, its map of background shares is; None where it has none."""
+    if not model.text:
+        return None
+    noise = parse_toml(model.text, source="").table("sensor").table("noise")
+    return noise.text("background") if isinstance(noise.values.get("background"), str) else None
 
 
 def _one_line(text: str) -> str:

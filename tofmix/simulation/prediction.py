@@ -8,6 +8,7 @@ bursts of frames, neighbours) is named by each effect and not here.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +16,13 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from tofmix.arrays import BoolArray, FloatArray
+from tofmix.noise_shape import NoiseShape
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Level
 from tofmix.simulation.events import stored_range
 from tofmix.simulation.model import Model
+from tofmix.simulation.noise import drawn_widths
 from tofmix.simulation.truth import Truth
 
 _LOWEST, _HIGHEST = 1.0, 65_534.0  # what a recording can store
@@ -38,22 +41,25 @@ class Prediction(Echoes):
         Probability that a sample is valid and of this component; 0 for padding.
     invalid : (pixel,) float64
         Probability that a sample is invalid.
-    outlier : float
-        Probability of a random value.
+    outlier : float or (pixel,) float64
+        Probability of a random value, background included.
     limits_mm : (float, float)
         A random value is uniform between these.
     step_mm : float
         Ranges are rounded to multiples of this before they are stored; 0 for none.
     stuck_mm : (pixel,) float64
         The one value that a stuck pixel returns; NaN where the pixel works.
+    error_shape : NoiseShape or None
+        Density of each component's error in units of its sigma; Gaussian without it.
     """
 
     weight: FloatArray
     invalid: FloatArray
-    outlier: float
+    outlier: float | FloatArray
     limits_mm: tuple[float, float]
     step_mm: float = 0.0
     stuck_mm: FloatArray
+    error_shape: NoiseShape | None = None
 
     def area(self) -> FloatArray:
         """Area shares (component, pixel) of the surfaces, as light effects need them; 0 for no return."""
@@ -108,12 +114,16 @@ class Prediction(Echoes):
 
     def _component_cdf(self, k: int, range_mm: FloatArray) -> FloatArray:
         mean, sigma = self.range_mm[k], np.maximum(self.sigma_mm[k], 1.0e-6)
-        plain: FloatArray = ndtr((range_mm - mean) / sigma)
+        below = ndtr if self.error_shape is None else self.error_shape.cdf
+        plain: FloatArray = below((range_mm - mean) / sigma)
         folds = (self.weight[k] > 0) & self.returned[k]
         if self.period_mm is None or not folds.any():
             return plain
-        span = (mean - _SIGMAS * sigma)[folds].min(), (mean + _SIGMAS * sigma)[folds].max()
-        return np.where(folds, _folded_cdf(range_mm, mean, sigma, self.period_mm, span), plain)
+        first, last = (
+            (-_SIGMAS, _SIGMAS) if self.error_shape is None else (self.error_shape.z[0], self.error_shape.z[-1])
+        )
+        span = (mean + first * sigma)[folds].min(), (mean + last * sigma)[folds].max()
+        return np.where(folds, _folded_cdf(range_mm, mean, sigma, self.period_mm, span, below), plain)
 
     def cell(self, stored_mm: NDArray[np.generic]) -> tuple[FloatArray, FloatArray]:
         """The ranges that are stored as a value: ``[lower, upper)`` in mm before any rounding.
@@ -185,14 +195,19 @@ class Prediction(Echoes):
 
 
 def _folded_cdf(
-    range_mm: FloatArray, mean: FloatArray, sigma: FloatArray, period_mm: float, span_mm: tuple[float, float]
+    range_mm: FloatArray,
+    mean: FloatArray,
+    sigma: FloatArray,
+    period_mm: float,
+    span_mm: tuple[float, float],
+    below: Callable[[FloatArray], FloatArray],
 ) -> FloatArray:
-    """Sum of the normal's pieces of one period each, over the turns that `span_mm` touches."""
+    """Sum of the error's pieces of one period each, over the turns that `span_mm` touches."""
     inside = np.clip(range_mm, 0.0, period_mm)
     total = np.zeros(np.broadcast_shapes(range_mm.shape, mean.shape))
     for turn in range(math.floor(span_mm[0] / period_mm), math.floor(span_mm[1] / period_mm) + 1):
         start = turn * period_mm - mean
-        total += ndtr((inside + start) / sigma) - ndtr(start / sigma)
+        total += below((inside + start) / sigma) - below(start / sigma)
     return total
 
 
@@ -222,7 +237,9 @@ def equation_1(truth: Truth, model: Model) -> Prediction:
     ranges = np.vstack([np.nan_to_num(truth.range_true.reshape(pixels, layers).T.astype(np.float64)), far])
     seen = np.nan_to_num(truth.weight_true.reshape(pixels, layers).T)
     weight = np.vstack([seen, truth.weight_no_return.reshape(1, pixels)]).astype(np.float64)
-    weight *= (1.0 - sensor.outlier_probability) / weight.sum(axis=0)
+    random = sensor.random_share
+    random = random if isinstance(random, float) else random.ravel()
+    weight *= (1.0 - random) / weight.sum(axis=0)
     amplitude = np.vstack([truth.amplitude.reshape(pixels, layers).T.astype(np.float64), np.zeros((1, pixels))])
     return Prediction(
         turn_mm=Context(sensor=sensor, surfaces=(), seed=0).turn_mm,
@@ -233,9 +250,10 @@ def equation_1(truth: Truth, model: Model) -> Prediction:
         sigma_mm=noise.sigma(ranges, amplitude),
         weight=weight,
         invalid=np.zeros(pixels),
-        outlier=sensor.outlier_probability,
+        outlier=random,
         limits_mm=(sensor.range_min_mm, sensor.range_max_mm),
         stuck_mm=np.full(pixels, np.nan),
+        error_shape=noise.shape,
     )
 
 
@@ -251,7 +269,7 @@ def predict(model: Model, truth: Truth | None = None, *, time_s: float = 0.0, se
     time_s : float
         Time since the first frame, s.
     seed : int, optional
-        Seed of the recording, which decides what is drawn once (patterns); the model's own if it is left out.
+        Seed of the recording, which decides what is drawn once (patterns, widths); the model's own if it is left out.
 
     Returns
     -------
@@ -261,9 +279,11 @@ def predict(model: Model, truth: Truth | None = None, *, time_s: float = 0.0, se
     truth = cast_scene(model, time_s=time_s) if truth is None else truth
     prediction = equation_1(truth, model)
     names = tuple(surface.name for surface in model.surfaces)
-    start = Context(
-        sensor=model.sensor, surfaces=names, seed=model.recording.seed if seed is None else seed, time_s=time_s
-    )
+    seed = model.recording.seed if seed is None else seed
+    width = drawn_widths(model.sensor, seed=seed)
+    if width is not None:
+        prediction.sigma_mm = prediction.sigma_mm * width
+    start = Context(sensor=model.sensor, surfaces=names, seed=seed, time_s=time_s)
     for effect in model.acting():
         if effect.level is not Level.GEOMETRY:
             context = replace(start, prepared=effect.prepare(start, 1))

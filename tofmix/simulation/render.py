@@ -19,6 +19,7 @@ from tofmix.simulation.averaging import average_frame, exposure_times, exposures
 from tofmix.simulation.events import Drawn, draw, event_table, frame_generator, stored_range
 from tofmix.simulation.exposure import Exposer, StillScene, check_averages, recorded_amplitude
 from tofmix.simulation.model import Model
+from tofmix.simulation.noise import drawn_widths
 from tofmix.simulation.truth import Truth
 
 _FRAMES_AT_ONCE = 16  # held in memory with all that their samples carry
@@ -76,7 +77,8 @@ def recording_sensor(model: Model, *, averaged: bool = False) -> Sensor:
     model : Model
         The model.
     averaged : bool
-        Whether the frames are on-board averages: then integration time and noise are those of the default time.
+        Whether the frames are on-board averages: then integration time and noise are those of the default time. The
+        shape and the background are those of single samples: a mean has others, of which the recording says nothing.
 
     Raises
     ------
@@ -89,7 +91,8 @@ def recording_sensor(model: Model, *, averaged: bool = False) -> Sensor:
     model.sensor.turn_mm("--averaged")  # the mean is one of phasors
     check_averages(model)
     exposure_times(model.sensor)
-    return replace(model.sensor, integration_time_ms=model.sensor.default_integration_time_ms).sensor()
+    noise = replace(model.sensor.noise, shape=None, background=None)
+    return replace(model.sensor, noise=noise, integration_time_ms=model.sensor.default_integration_time_ms).sensor()
 
 
 def render_blocks(
@@ -163,10 +166,11 @@ def render_blocks(
 
 def _single(model: Model, truth: Truth, seed: int) -> _DrawFrame:
     table = event_table(truth, model.sensor)
-    sigma_mm = table.sigma(model.sensor.noise_at(model.sensor.integration_time_ms))
+    noise, width = model.sensor.noise_at(model.sensor.integration_time_ms), drawn_widths(model.sensor, seed=seed)
+    sigma_mm = table.sigma(noise, width)
 
     def frame(number: int) -> _Frame:
-        samples = draw(table, sigma_mm=sigma_mm, rng=frame_generator(seed, number))
+        samples = draw(table, sigma_mm=sigma_mm, rng=frame_generator(seed, number), shape=noise.shape)
         return _Frame(number, stored_range(samples.range_mm), samples.amplitude)
 
     return frame
@@ -175,11 +179,12 @@ def _single(model: Model, truth: Truth, seed: int) -> _DrawFrame:
 def _averaged(model: Model, truth: Truth, seed: int) -> _DrawFrame:
     table = event_table(truth, model.sensor)
     turn_mm = model.sensor.turn_mm("--averaged")
-    parts = exposures(table, model.sensor)
+    parts = exposures(table, model.sensor, drawn_widths(model.sensor, seed=seed))
+    shape = model.sensor.noise.shape
 
     def frame(number: int) -> _Frame:
         rng = frame_generator(seed, number)
-        range_mm, amplitude = average_frame(table, parts, turn_mm=turn_mm, rng=rng)
+        range_mm, amplitude = average_frame(table, parts, turn_mm=turn_mm, rng=rng, shape=shape)
         return _Frame(number, stored_range(range_mm), amplitude)
 
     return frame

@@ -22,7 +22,7 @@ from tofmix.io.importers.units import unit_mm_of
 from tofmix.io.layers_file import FORMAT as LAYERS_FORMAT
 
 _RANGE, _AMPLITUDE, _TIME = "range", "amplitude", "time"
-_OF_OUR_OWN = ("truth/",)
+_OF_OUR_OWN = ("truth/", "sensor/noise_")
 """Groups of a recording whose datasets are no samples."""
 
 

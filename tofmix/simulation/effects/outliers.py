@@ -41,10 +41,10 @@ class Outliers(Effect):
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:  # noqa: ARG002
         """Refuse to leave no sample to the surfaces."""
-        rest = 1 - sensor.outlier_probability
+        rest = 1 - float(np.max(sensor.random_share))
         if self.probability >= rest:
             raise ValueError(
-                f"probability: {self.probability:g} is not below {rest:g}, 1 less the sensor's outlier_probability"
+                f"probability: {self.probability:g} is not below {rest:g}, 1 less the sensor's random values"
             )
 
     def explain(self) -> str:
@@ -54,7 +54,8 @@ class Outliers(Effect):
     def sample(self, samples: FrameSamples, context: Context) -> None:
         """Put random values in the place of what is no random value yet."""
         rng, sensor = context.frame_rng(self), context.sensor
-        hit = rng.random(samples.shape) * (1 - sensor.outlier_probability) < self.probability
+        others = 1 - np.broadcast_to(sensor.random_share, sensor.shape).ravel()
+        hit = rng.random(samples.shape) * others < self.probability
         value = rng.uniform(sensor.range_min_mm, sensor.range_max_mm, samples.shape)
         replaced = hit & ~samples.outlier
         samples.outlier_mm = np.where(replaced, value, samples.outlier_mm)

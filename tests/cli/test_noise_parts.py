@@ -1,0 +1,197 @@
+"""Noise with a shape, widths and a background through the files: simulate, info, verify, import, estimate."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+from commandline import Tofmix
+from noise_parts import model_text, shape_keys, skewed
+
+from tofmix.errors import ExitCode
+from tofmix.io.layers_file import open_layers
+from tofmix.io.recording_file import open_recording
+
+CONTRACT = Path(__file__).parents[3] / "shared" / "check_contract.py"
+PARTS = shape_keys(skewed()) + "width_spread = 0.2\n"
+
+
+@pytest.fixture
+def recording(tofmix: Tofmix, tmp_path: Path) -> Path:
+    np.save(tmp_path / "share.npy", np.linspace(0.0, 0.3, 96, dtype=np.float32).reshape(8, 12))
+    (tmp_path / "model.toml").write_text(model_text(PARTS + 'background = "share.npy"\n'))
+    path = tmp_path / "a.h5"
+    outcome = tofmix("simulate", tmp_path / "model.toml", "-o", path)
+    assert outcome.code == 0, outcome.err
+    return path
+
+
+def test_recording_has_the_parts_under_the_names_of_the_contract(recording: Path) -> None:
+    with h5py.File(recording) as root:
+        group, shape = root["sensor"], skewed()
+        np.testing.assert_array_equal(group["noise_shape_z"], shape.z)
+        np.testing.assert_array_equal(group["noise_shape_density"], shape.density)
+        assert group.attrs["noise_width_spread"] == 0.2
+        share = group["noise_background"]
+        np.testing.assert_allclose(share, np.linspace(0.0, 0.3, 96).reshape(8, 12), atol=1e-7)
+        assert [share.dims[axis][0].name for axis in (0, 1)] == ["/row", "/col"]
+        assert root["truth/effects/noise_width"].shape == (8, 12)
+    with xarray.open_dataset(recording, group="sensor", engine="h5netcdf") as opened:
+        assert opened["noise_background"].shape == (8, 12)
+
+
+def test_one_background_of_all_pixels_is_written_as_a_map(tofmix: Tofmix, tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(model_text("background = 0.05"))
+    assert tofmix("simulate", tmp_path / "model.toml", "-o", tmp_path / "a.h5").code == 0
+    with h5py.File(tmp_path / "a.h5") as root:
+        np.testing.assert_array_equal(root["sensor/noise_background"], np.full((8, 12), 0.05))
+        assert "noise_shape_z" not in root["sensor"]
+        assert "noise_width_spread" not in root["sensor"].attrs
+
+
+@pytest.mark.skipif(not CONTRACT.exists(), reason="the shared contract checker is not beside this checkout")
+def test_files_fit_the_contract(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    assert tofmix("estimate", recording, "-o", tmp_path / "a.layers.h5", "--noise", "file").code == 0
+    for path in (recording, tmp_path / "a.layers.h5"):
+        checked = subprocess.run([sys.executable, CONTRACT, path], capture_output=True, text=True, check=False)
+        assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
+def test_layers_file_keeps_the_noise_that_was_used_and_is_the_same_again(
+    tofmix: Tofmix, recording: Path, tmp_path: Path
+) -> None:
+    layers = tmp_path / "a.layers.h5"
+    assert tofmix("estimate", recording, "-o", layers, "--noise", "file").code == 0
+    with open_recording(recording) as given, open_layers(layers) as made:
+        assert given.sensor.noise is not None
+        assert made.provenance.sensor.noise is not None
+        assert made.provenance.sensor.noise.same_as(given.sensor.noise)
+    parts = []
+    for number in (1, 2):
+        parts.append(tmp_path / f"part{number}")
+        said = tofmix("estimate", recording, "-o", parts[-1], "--noise", "file", "--shard", f"{number}/2")
+        assert said.code == 0, said.err
+    merged = tofmix("merge", *parts, "-o", tmp_path / "merged.layers.h5")
+    assert merged.code == 0, merged.err
+    assert (tmp_path / "merged.layers.h5").read_bytes() == layers.read_bytes()
+
+
+def test_info_says_the_parts_and_verify_passes(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    for path in (recording, tmp_path / "model.toml"):
+        said = tofmix("info", path, "--json")
+        assert said.code == 0, said.err
+        camera = json.loads(said.out)["sensor"]
+        assert camera["noise_width_spread"] == 0.2
+        assert camera["noise_background_median"] == pytest.approx(0.15, abs=1e-6)
+        assert camera["noise_background_most"] == pytest.approx(0.3, abs=1e-6)
+        assert camera["noise_shape_skewness"] == pytest.approx(1.0, abs=0.02)
+        assert len(camera["noise_shape_z"]) == len(camera["noise_shape_density"]) == 121
+        assert tofmix("verify", path).code == 0
+        assert "noise_width_spread" in tofmix("info", path).out
+
+
+def test_import_of_a_recording_keeps_the_parts(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    said = tofmix("import", recording, "-o", tmp_path / "again.h5", "--dataset", "range")
+    assert said.code == 0, said.err
+    with open_recording(recording) as given, open_recording(tmp_path / "again.h5") as made:
+        assert given.sensor.noise is not None
+        assert made.sensor.noise is not None
+        assert made.sensor.noise.same_as(given.sensor.noise)
+
+
+def test_import_takes_the_parts_from_a_camera_file(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    np.save(tmp_path / "frames.npy", np.full((30, 8, 12), 1500, dtype=np.uint16))
+    arguments = ("import", tmp_path / "frames.npy", "--units", "mm", "--sensor", tmp_path / "model.toml")
+    said = tofmix(*arguments, "-o", tmp_path / "b.h5")
+    assert said.code == 0, said.err
+    with open_recording(tmp_path / "b.h5") as made:
+        assert made.sensor.noise is not None
+        assert made.sensor.noise.width_spread == 0.2
+        assert made.sensor.noise.background is not None
+        assert made.sensor.noise.background.shape == (8, 12)
+    np.save(tmp_path / "frames.npy", np.full((30, 6, 12), 1500, dtype=np.uint16))
+    said = tofmix(*arguments, "-o", tmp_path / "c.h5")
+    assert said.code == ExitCode.BAD_INPUT
+    assert "shape (8, 12) differs from the image (6, 12)" in said.err
+    assert recording.exists()
+    assert not (tmp_path / "c.h5").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "reason"),
+    [
+        ("noise_shape_z", None, "noise_shape_density without its twin"),
+        ("noise_shape_z", np.linspace(9.0, -9.0, 121), "its z do not ascend"),
+        ("noise_shape_z", np.linspace(-9.0, 9.0, 121), "its median is"),
+        ("noise_shape_density", np.full(121, -1.0), "a density must be at least 0"),
+        ("noise_shape_density", np.full(120, 1.0), "two lists of one length"),
+        ("noise_background", np.full((8, 12), 1.0), "background must be"),
+        ("noise_background", np.full((8, 12), np.nan), "background must be"),
+        ("noise_background", np.zeros((12, 8)), r"shape (12, 8) differs from the image (8, 12)"),
+        ("noise_background", np.array([b"a"]), "expected numbers"),
+    ],
+)
+@pytest.mark.parametrize("kind", ["recording", "layers"])
+def test_unfit_datasets_are_refused_in_one_line(
+    tofmix: Tofmix, recording: Path, tmp_path: Path, kind: str, name: str, values: np.ndarray | None, reason: str
+) -> None:
+    path = recording
+    if kind == "layers":
+        path = tmp_path / "a.layers.h5"
+        assert tofmix("estimate", recording, "-o", path, "--noise", "file").code == 0
+    with h5py.File(path, "r+") as root:
+        group = root["sensor"]
+        if name == "noise_shape_z":
+            group["noise_shape_density"].dims[0].detach_scale(group[name])
+        del group[name]
+        if values is not None:
+            group[name] = values
+    said = tofmix("info", path)
+    assert said.code == ExitCode.BAD_INPUT
+    assert reason in said.err
+    assert said.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("value", [-0.1, 2.5, np.nan, "wide"])
+def test_unfit_width_spread_is_refused_in_one_line(tofmix: Tofmix, recording: Path, value: float | str) -> None:
+    with h5py.File(recording, "r+") as root:
+        root["sensor"].attrs["noise_width_spread"] = value
+    said = tofmix("info", recording)
+    assert said.code == ExitCode.BAD_INPUT
+    assert "noise_width_spread" in said.err or "width_spread" in said.err
+    assert said.err.count("\n") == 1
+
+
+def test_reconcile_hands_the_parts_on_with_their_map(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    said = tofmix("reconcile", tmp_path / "model.toml", recording, "-o", tmp_path / "gap", "--effects", "range_offset")
+    assert said.code == 0, said.err
+    assert "all by which the noise of a pixel differs from the others' is taken as its width" in said.err
+    assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "agree"
+    np.testing.assert_array_equal(np.load(tmp_path / "gap" / "share.npy"), np.load(tmp_path / "share.npy"))
+    assert tofmix("simulate", tmp_path / "gap" / "model.toml", "-o", tmp_path / "b.h5").code == 0
+    with open_recording(recording) as given, open_recording(tmp_path / "b.h5") as made:
+        every = slice(0, None)
+        np.testing.assert_array_equal(given.read_range(every, every), made.read_range(every, every))
+
+
+def test_reconcile_refuses_a_background_beside_a_memory(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    path = tmp_path / "memory.toml"
+    path.write_text(model_text("background = 0.1", '[[effect]]\nkind = "temporal_correlation"\ncoefficient = 0.5\n'))
+    said = tofmix("reconcile", path, recording, "-o", tmp_path / "gap")
+    assert said.code == ExitCode.BAD_INPUT
+    assert "no prediction for a background beside temporal_correlation" in said.err
+    assert not (tmp_path / "gap").exists()
+
+
+def test_models_of_cameras_with_other_noise_do_not_go_together(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+    (tmp_path / "other.toml").write_text(model_text(PARTS))
+    said = tofmix(
+        "reconcile", tmp_path / "model.toml", recording, "-o", tmp_path / "gap", "--also", tmp_path / "other.toml",
+        recording,
+    )  # fmt: skip
+    assert said.code == ExitCode.BAD_INPUT
+    assert "the noise curves differ" in said.err

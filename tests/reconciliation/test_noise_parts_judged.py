@@ -1,0 +1,139 @@
+"""Noise with a shape, widths and a background: reconcile judges with them, and finds what else is there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from noise_parts import long_tailed, skewed
+from recordings import MAKE, recorded, simulated
+
+from tofmix.errors import BadInputError
+from tofmix.reconciliation.joint import joint_likelihood
+from tofmix.reconciliation.localise import disagreements
+from tofmix.reconciliation.refit import begin
+from tofmix.reconciliation.way import Settings, fit_part
+from tofmix.reconciliation.workflow import Reconciliation, reconcile
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.model import Model
+from tofmix.simulation.noise import drawn_widths
+
+RIVALS = ("range_offset", "surface_pose", "excess_noise", "fixed_pattern", "outliers", "temperature_drift")
+PARTS: dict[str, dict[str, object]] = {
+    "shape": {"shape": skewed()},
+    "background": {"background": np.array(0.05)},
+    "widths": {"width_spread": 0.2},
+    "all": {"shape": skewed(), "background": np.array(0.05), "width_spread": 0.2},
+    "all, strong": {
+        "shape": long_tailed(), "background": np.linspace(0.0, 0.6, 252).reshape(14, 18), "width_spread": 0.4,
+    },
+}  # fmt: skip
+
+
+def with_noise(model: Model, **parts: object) -> Model:
+    return replace(model, sensor=replace(model.sensor, noise=replace(model.sensor.noise, **parts)))
+
+
+def outcome(
+    model: Model, real: Model, *hidden: Effect, seed: int = 5, kinds: tuple[str, ...] = RIVALS
+) -> Reconciliation:
+    """Hold a recording of one model, which has these effects, against another."""
+    evidence = simulated(real, hidden, seed, real.recording.frames)
+    return reconcile(model, evidence, Settings(kinds=kinds))
+
+
+@pytest.mark.parametrize("name", list(PARTS))
+def test_recording_agrees_with_a_model_that_has_its_noise(small: Model, name: str) -> None:
+    has = with_noise(small, **PARTS[name])
+    result = outcome(has, has)
+    assert result.verified.verdict == "agree"
+    assert result.verified.before.gap < 1.3  # 1 by chance
+    assert result.verified.floor.gap < 1.3
+
+
+@pytest.mark.parametrize(
+    ("model", "real", "statistics"),
+    [
+        ({}, PARTS["shape"], {"skew"}),
+        (PARTS["shape"], {}, {"skew"}),
+        ({}, PARTS["widths"], {"spread_pattern"}),
+        (PARTS["widths"], {"width_spread": 0.4}, {"widths"}),
+        (PARTS["widths"], {}, {"widths"}),
+        (PARTS["all"], PARTS["all"] | {"shape": None}, {"skew"}),
+    ],
+)
+def test_model_with_other_noise_does_not_agree(
+    small: Model, model: dict[str, object], real: dict[str, object], statistics: set[str]
+) -> None:
+    result = outcome(with_noise(small, **model), with_noise(small, **real))
+    assert result.verified.verdict == "unexplained"
+    loud = {curve.statistic for curve in disagreements(result.verified.before, 0.01)}
+    assert statistics <= loud
+
+
+def test_background_that_the_model_lacks_is_named_as_outliers(small: Model) -> None:
+    result = outcome(small, with_noise(small, **PARTS["background"]))
+    assert result.verified.verdict == "explained"
+    (named,) = result.named
+    assert named.effect.kind == "outliers"
+    assert named.parameters["probability"] == pytest.approx(0.05, abs=4 * named.stderr["probability"])
+
+
+@pytest.mark.parametrize(
+    ("hidden", "name"),
+    [
+        (MAKE["range_offset"](offset_mm=8.0), "offset_mm"),
+        (MAKE["interference"](probability=0.3, sigma_mm=30.0, burst_frames=3.0), "sigma_mm"),
+        (MAKE["outliers"](probability=0.03), "probability"),
+    ],
+    ids=lambda value: getattr(value, "kind", value),
+)
+def test_effect_beside_all_parts_is_found_with_its_number(small: Model, hidden: Effect, name: str) -> None:
+    has = with_noise(small, **PARTS["all"])
+    result = outcome(has, has, hidden, kinds=(*RIVALS, "interference"))
+    assert result.verified.verdict == "explained"
+    (named,) = result.named
+    assert named.effect.kind == hidden.kind
+    assert named.parameters[name] == pytest.approx(getattr(hidden, name), abs=4 * named.stderr[name])
+
+
+def test_noise_of_all_pixels_is_no_matter_of_their_widths(small: Model) -> None:
+    has, factor = with_noise(small, **PARTS["all"]), 1.3
+    (named,) = outcome(has, has, MAKE["excess_noise"](factor=factor)).named
+    mean = 0.2 / np.sqrt(252)  # standard error of the mean log width, which a recording cannot tell from the factor
+    error = np.hypot(named.stderr["factor"], factor * mean)
+    assert named.parameters["factor"] == pytest.approx(factor, abs=4 * error)
+
+
+@pytest.mark.parametrize("name", ["widths", "all, strong"])
+def test_widths_are_found_with_their_errors(small: Model, name: str) -> None:
+    has = with_noise(small, **PARTS[name])
+    likelihood = joint_likelihood(((has, recorded(has, seed=9)),))
+    state = begin(likelihood, fit_part(likelihood, Settings(kinds=RIVALS))[0], 0.1)
+    true = np.log(drawn_widths(has.sensor, seed=9))
+    off = (state.log_width - true) / state.log_width_error
+    assert abs(off.mean()) < 4 / np.sqrt(off.size)
+    assert off.std() == pytest.approx(1.0, abs=0.15)  # a standard error is 0.045
+    assert state.log_width_error.max() <= 1.01 * has.sensor.noise.width_spread
+    assert np.corrcoef(state.log_width, true)[0, 1] > 0.8
+
+
+def test_gaussian_model_has_no_widths_and_no_table(small: Model) -> None:
+    likelihood = joint_likelihood(((small, recorded(small)),))
+    state = begin(likelihood, fit_part(likelihood, Settings(kinds=RIVALS))[0], 0.1)
+    assert not state.log_width.any()
+    assert not state.log_width_error.any()
+    mixture = likelihood.mixture(state)
+    assert mixture.shape is None
+    assert not mixture.background.any()
+    np.testing.assert_array_equal(mixture.told, 1.0 - mixture.invalid[0])
+
+
+def test_background_beside_a_memory_is_refused(small: Model) -> None:
+    has = replace(with_noise(small, **PARTS["background"]), effects=(MAKE["temporal_correlation"](coefficient=0.5),))
+    with pytest.raises(BadInputError, match="no prediction for a background beside temporal_correlation"):
+        reconcile(has, recorded(small), Settings(kinds=RIVALS))
+
+
+def test_shape_with_a_memory_agrees(small: Model) -> None:
+    has = replace(with_noise(small, **PARTS["shape"]), effects=(MAKE["temporal_correlation"](coefficient=0.5),))
+    assert outcome(has, has, *has.effects, kinds=("range_offset", "temporal_correlation")).verified.verdict == "agree"

@@ -1,0 +1,100 @@
+"""Each pixel's own width of the noise, where the model's camera has a spread of widths: what it is in a recording.
+
+A model says how widths are spread, not which they are. They are found in the frames that fits may see, as a fixed
+pattern's map is, and what a pixel's noise has more or less than its neighbours' is then taken as its width.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.reconciliation.likelihood import Likelihood, State
+
+_GRID = np.linspace(-3.5, 3.5, 8)
+"""Starts, in spreads from the middle: one log-normal number in two thousand lies beyond."""
+
+_AROUND = np.linspace(-3.5, 3.5, 9)
+"""Where what a width may be is weighed, in standard errors from the likeliest one."""
+
+_TURNS = 5
+_NUDGE = 0.02  # of the log width: a Gaussian's log-likelihood is a parabola over that to 1e-3
+_FARTHEST = 0.5
+"""Longest step of a log width: the log-likelihood is no parabola over more."""
+
+_LEAST_TOLD = 1e-3
+"""Share of a pixel's width that its samples must tell, rather than the other pixels."""
+
+_COMMON = 3.0
+"""Standard errors by which the mean log width of all pixels may differ from 0: beyond, the noise is another."""
+
+
+def with_widths(likelihood: Likelihood, state: State, frames: IntArray) -> State:
+    """The state with the pixels' own widths and their standard errors; itself where the camera has no spread of them.
+
+    Widths are where the log-likelihood of the frames and the log-normal distribution together have their mean. That the
+    noise of all pixels is wider than the model's is no matter of widths: a mean that chance does not give is taken out.
+
+    Parameters
+    ----------
+    likelihood, state
+        As they stand; the state's own widths are where the search begins.
+    frames : (n,) int64
+        What the widths are found in.
+    """
+    spread = likelihood.scene.model.sensor.noise.width_spread
+    if not spread:
+        return state
+    part = frames, np.arange(likelihood.evidence.shape[1])
+    mixture = likelihood.scene.mixture(state.effects)
+
+    def value(log_width: FloatArray) -> FloatArray:
+        return np.asarray(likelihood.sums(mixture.widened(log_width), state, part).by_pixel[:, 0])
+
+    at = state.log_width
+    if not state.log_width_error.any():
+        starts = spread * _GRID
+        values = [value(np.full(at.size, start)) - 0.5 * (start / spread) ** 2 for start in starts]
+        at = starts[np.argmax(values, axis=0)]
+    found, mean = _climbed(value, at, spread, free=False)
+    free = abs(float(found[0].mean())) > _COMMON * spread / np.sqrt(at.size)
+    if free:
+        found, mean = _climbed(value, found[0], spread, free=True)
+    middle, error = _weighed(value, *found, spread, mean)
+    return replace(state, log_width=middle - middle.mean() if free else middle, log_width_error=error)
+
+
+def _climbed(
+    value: Callable[[FloatArray], FloatArray], at: FloatArray, spread: float, *, free: bool
+) -> tuple[tuple[FloatArray, FloatArray], float]:
+    """Go up by Newton's steps from log widths (pixel,), whose mean is 0 or, if it is `free`, follows them.
+
+    Returns the widths with their errors, and the mean.
+    """
+    error, mean = np.full(at.size, spread), 0.0
+    for _ in range(_TURNS):
+        low, middle, high = (value(at + step) for step in (-_NUDGE, 0.0, _NUDGE))
+        variance = 1.0 / (np.maximum((2 * middle - low - high) / _NUDGE**2, 0.0) + 1.0 / spread**2)
+        slope = (high - low) / (2 * _NUDGE)
+        if free:  # where the mean of all log widths is after this step, the steps included
+            told = max(1.0 - float(variance.mean()) / spread**2, _LEAST_TOLD)
+            mean = float((at + variance * (slope - at / spread**2)).mean()) / told
+        at = at + np.clip(variance * (slope - (at - mean) / spread**2), -_FARTHEST, _FARTHEST)
+        error = np.sqrt(variance)
+    return (at, error), mean
+
+
+def _weighed(
+    value: Callable[[FloatArray], FloatArray], at: FloatArray, error: FloatArray, spread: float, mean: float
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and standard deviation (pixel,) of what a log width may be, near its likeliest value.
+
+    Of few samples the likeliest width is no mean: of n Gaussian ones it is less by 1 / (2 n) in the log.
+    """
+    places = np.stack([at + far * error for far in _AROUND])
+    height = np.stack([value(place) - 0.5 * ((place - mean) / spread) ** 2 for place in places])
+    weight = np.exp(height - height.max(axis=0))
+    weight /= weight.sum(axis=0)
+    middle = (weight * places).sum(axis=0)
+    return middle, np.sqrt((weight * (places - middle) ** 2).sum(axis=0))
