@@ -215,6 +215,9 @@ class Sensor:
     no_return_mm : float or None
         The one value that the camera returns where there is no surface, mm; None: samples without a return scatter
         around `range_max_mm` as those of a surface there do.
+    sample_min_mm, sample_max_mm : float or None
+        Least and largest valid sample of the recording, where `range_max_mm` is not known: random values spread
+        between them (`tofmix.estimation.sample_span`). None: not looked for.
     noise : NoiseCurve or None
         sigma(r) at `integration_time_ms`.
 
@@ -234,6 +237,8 @@ class Sensor:
     projection: Projection | None = None
     outlier_probability: float = DEFAULT_OUTLIER_PROBABILITY
     no_return_mm: float | None = None
+    sample_min_mm: float | None = None
+    sample_max_mm: float | None = None
     noise: NoiseCurve | None = None
 
     def __post_init__(self) -> None:
@@ -248,8 +253,10 @@ class Sensor:
             raise ValueError(f"range_min_mm: {self.range_min_mm} is not finite")
         if self.range_max_mm is not None and (self.range_min_mm or 0.0) >= self.range_max_mm:
             raise ValueError(f"range_min_mm: {self.range_min_mm} is not below range_max_mm {self.range_max_mm}")
-        if self.no_return_mm is not None and not math.isfinite(self.no_return_mm):
-            raise ValueError(f"no_return_mm: {self.no_return_mm} is not finite")
+        for key in ("no_return_mm", "sample_min_mm", "sample_max_mm"):
+            value = getattr(self, key)
+            if value is not None and not math.isfinite(value):
+                raise ValueError(f"{key}: {value} is not finite")
         if not 0 <= self.outlier_probability < 1:
             raise ValueError(f"outlier_probability: {self.outlier_probability} is not in [0, 1)")
 

@@ -217,6 +217,7 @@ def estimate(
         If the samples scatter otherwise than the noise curve says, or drift within a window.
     """
     from tofmix.estimation.no_return import no_return_constant
+    from tofmix.estimation.sample_span import sensor_with_span
     from tofmix.estimation.sequence import estimate_layers
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.windows import plan_windows
@@ -230,6 +231,8 @@ def estimate(
         )
     windows = plan_windows(source.shape[0], window=window, stride=stride)
     asked = noise if noise is not None else AUTO if source.sensor.noise is None else FILE
+    with source.opened() as samples:
+        source = source.with_sensor(sensor_with_span(samples, options.unambiguous_range_mm))
     sensor = _sensor(source, asked, outliers, options)
     source = source.with_sensor(sensor)
     of_samples = windows.of_samples(max(1, source.targets))

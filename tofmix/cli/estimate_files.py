@@ -205,9 +205,12 @@ def _estimate(
 
 def _settled(source: "RecordingFile", request: Request, noise: str, bar: "tqdm[Any]") -> "EstimateOptions":
     """Give the recording the sensor that is asked for; return the options with its own unambiguous range."""
+    from tofmix.estimation.sample_span import sensor_with_span
+
     options = request.options
     if request.wrap:
         options = replace(options, unambiguous_range_mm=circle_of(source))
+    source.sensor = sensor_with_span(source, options.unambiguous_range_mm)
     with bar.external_write_mode(file=sys.stderr):
         source.sensor = sensor_for(
             source, noise=noise, outliers=request.outliers, circle_mm=options.unambiguous_range_mm

@@ -136,11 +136,13 @@ def sensor_for(
 
 def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_mm: float | None) -> None:
     from tofmix.circle import has_no_return
+    from tofmix.estimation.beam import outlier_interval
 
     if circle_mm is None and sensor.range_max_mm is None and sensor.noise is not None:
+        low, high = outlier_interval(sensor, sensor.noise)
         click.echo(
             f"tofmix: {source.path}: sensor: no range_max_mm: there is no share without a return, and random values are"
-            f" taken to spread up to the noise curve's end, {sensor.noise.range_mm[-1]:.0f} mm",
+            f" taken to spread from {low:.0f} to {high:.0f} mm, where the recording's samples end",
             err=True,
         )
     if circle_mm is not None and sensor.range_max_mm is not None and not has_no_return(sensor, circle_mm):

@@ -8,13 +8,16 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
 from tofmix.jit import borrowing
-from tofmix.sensor import Sensor
+from tofmix.sensor import NoiseCurve, Sensor
 
 NO_RETURN_REACH = 6.0
 """Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""
 
 CONSTANT_SIGMA_MM = 0.5
 """Spread of c_0, mm, where the camera returns one value for it: half a step of whole mm."""
+
+SPAN_SIGMAS = 6.0
+"""Random values between extreme samples spread over this many sigma at least: as far as those of one surface do."""
 
 _SMALLEST_OUTLIER_PROBABILITY = 1.0e-12
 
@@ -84,11 +87,42 @@ def reaches_no_return(samples: FloatArray, beam: Beam) -> bool:
     return j >= 0 and samples[j] > beam.range_max - reach
 
 
+def outlier_interval(sensor: Sensor, curve: NoiseCurve) -> tuple[float, float]:
+    """Where random values spread, mm, if ranges are on a line.
+
+    It is the working range. Where `range_max_mm` is not known, it ends at the recording's largest sample, and begins
+    at `range_min_mm`, or without one at the least sample. A sensor that says neither is no recording's: it ends at the
+    last range of the curve then, and begins at `range_min_mm` or 0.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The camera.
+    curve : NoiseCurve
+        sigma(r): between samples, the interval is at least `SPAN_SIGMAS` wide.
+
+    Returns
+    -------
+    float, float
+        Its ends; the second is not above the first where `range_min_mm` does not fit the curve.
+    """
+    low = sensor.range_min_mm or 0.0
+    if sensor.range_max_mm is not None:
+        return low, sensor.range_max_mm
+    least, largest = sensor.sample_min_mm, sensor.sample_max_mm
+    if least is None or largest is None:
+        return low, float(curve.range_mm[-1])
+    if sensor.range_min_mm is not None and sensor.range_min_mm < largest:
+        least = sensor.range_min_mm
+    lacking = max(0.0, SPAN_SIGMAS * float(curve.sigma(largest)) - (largest - least))
+    return least - 0.5 * lacking, largest + 0.5 * lacking
+
+
 def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fold: bool = True) -> Beam:
     """Take the fixed part of equation (1) from a sensor.
 
-    Without `range_max_mm`, the random values spread up to the last range of the noise curve; on a circle, over all
-    of it. The working range of a circle is one turn from `range_min_mm` on.
+    Where random values spread, `outlier_interval` says; on a circle without `range_max_mm`, over all of it. The
+    working range of a circle is one turn from `range_min_mm` on.
 
     Parameters
     ----------
@@ -109,8 +143,7 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fol
         return _circular_beam(sensor, unambiguous_range_mm, at_fold=at_fold)
     if sensor.noise is None:
         raise ValueError("the sensor has no noise curve sigma(r)")
-    low = sensor.range_min_mm or 0.0
-    high = float(sensor.noise.range_mm[-1]) if sensor.range_max_mm is None else sensor.range_max_mm
+    low, high = outlier_interval(sensor, sensor.noise)
     if high <= low:
         raise ValueError(f"range_min_mm {low:g} is not below the last range {high:g} of the noise curve")
     range_max = np.inf if sensor.range_max_mm is None else sensor.range_max_mm

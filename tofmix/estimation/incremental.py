@@ -9,6 +9,7 @@ grid points in its kernel's reach, whatever came before.
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -140,7 +141,9 @@ class IncrementalDensity:
         if pixels < 1:
             raise ValueError(f"pixels: {pixels} is not at least 1")
         self._length = unambiguous_range_mm
-        beam = beam_of(sensor, unambiguous_range_mm)
+        # The grid is no interval of random values: extreme samples may lie anywhere, and each place takes memory.
+        known = replace(sensor, sample_min_mm=None, sample_max_mm=None)
+        beam = beam_of(known, unambiguous_range_mm)
         curve = beam.curve_range, beam.curve_sigma
         if unambiguous_range_mm is None:
             below = SIGMAS_BEYOND * float(np.interp(beam.range_min, *curve))

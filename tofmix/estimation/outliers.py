@@ -9,6 +9,7 @@ range, as weak surfaces lie at few ranges and outliers everywhere.
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.estimation.beam import outlier_interval
 from tofmix.estimation.noise_series import SeriesStatistics
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -46,7 +47,7 @@ def measure_outliers(
     curve : NoiseCurve
         The measured sigma(r).
     sensor : Sensor
-        For the working range; without `range_max_mm` random values spread to the curve's end, as in the estimator.
+        For the interval of random values, as in the estimator (`tofmix.estimation.beam.outlier_interval`).
     amplitude : (series,) float64, optional
         Amplitude of each series, for a curve with a law.
 
@@ -57,8 +58,7 @@ def measure_outliers(
     int
         k.
     """
-    low = sensor.range_min_mm or 0.0
-    high = float(curve.range_mm[-1]) if sensor.range_max_mm is None else sensor.range_max_mm
+    low, high = outlier_interval(sensor, curve)
     top = high if sensor.range_max_mm is None else high - FAR_SIGMAS * float(curve.sigma(high))
     sigma = curve.sigma(statistics.range_mm, amplitude)
     one = (statistics.kept > 0) & (np.sqrt(statistics.variance) < _SUSPECT_FACTOR * sigma)

@@ -15,6 +15,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.reading import PIECE_SAMPLES, Group, ReadPlan, plan_reading, read_groups
+from tofmix.estimation.sample_span import sensor_with_span
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.layers import LAYER_FIELDS, Layers
@@ -43,7 +44,8 @@ def estimate_cells(
     Parameters
     ----------
     source : SampleSource
-        The recording; its sensor must have a noise curve. It is read by one other thread.
+        The recording; its sensor must have a noise curve. It is read by one other thread. Without `range_max_mm` and
+        `sample_max_mm`, it is read once more before that, for its extreme samples.
     grid : Grid
         From `tofmix.grid.plan_grid`.
     options : EstimateOptions
@@ -71,11 +73,14 @@ def estimate_cells(
     """
     if workers < 1:
         raise ValueError(f"workers: {workers} is not at least 1")
+    sensor = source.sensor
+    if sensor.sample_max_mm is None:
+        sensor = sensor_with_span(source, options.unambiguous_range_mm)
     plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers)
     # Compile or load the kernels before there are threads: several at once would wait for each other.
     warm_up(options)
     groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted)
-    run = _Run(groups, plan, _Work(source.sensor, grid, options, finish), workers)
+    run = _Run(groups, plan, _Work(sensor, grid, options, finish), workers)
     with closing(run.results()) as results:
         yield from results
 

@@ -55,6 +55,9 @@ _SENSOR_NUMBERS = (
     "outlier_probability",
 )
 
+_SENSOR_EXTRAS = ("no_return_mm", "sample_min_mm", "sample_max_mm")
+"""Numbers that are left out where they are not known."""
+
 _LAW = {
     "noise_reference_amplitude": "reference",
     "noise_amplitude": "amplitude",
@@ -178,8 +181,10 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
     for key in _SENSOR_NUMBERS:
         value = getattr(sensor, key)
         group.attrs[key] = np.nan if value is None else float(value)
-    if sensor.no_return_mm is not None:
-        group.attrs["no_return_mm"] = sensor.no_return_mm
+    for key in _SENSOR_EXTRAS:
+        extra = getattr(sensor, key)
+        if extra is not None:
+            group.attrs[key] = float(extra)
     if sensor.projection is not None:
         group.attrs["projection"] = sensor.projection.name
         for key, value in projection_values(sensor.projection).items():
@@ -234,7 +239,7 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
         return Sensor(name="unknown")
     if not isinstance(group, h5py.Group):
         raise BadInputError(f"{path}: sensor: expected a group, got a dataset")
-    numbers = {key: _number(group, key, path) for key in (*_SENSOR_NUMBERS, "no_return_mm")}
+    numbers = {key: _number(group, key, path) for key in (*_SENSOR_NUMBERS, *_SENSOR_EXTRAS)}
     # NaN: not known; inf: no such limit, as for a stereo camera's [686, inf).
     known = {key: value for key, value in numbers.items() if value is not None and np.isfinite(value)}
     known.setdefault("outlier_probability", DEFAULT_OUTLIER_PROBABILITY)
