@@ -46,7 +46,21 @@ LAYER_FIELDS: tuple[LayerField, ...] = (
     LayerField(name="n_iter", dtype="u2", units="1", long_name="EM iterations"),
     LayerField(name="status", dtype="u1", units="1", long_name="outcome of the estimator"),
 )
-"""Every dataset with a pixel dimension, in the order of the file."""
+"""Every dataset with a pixel dimension that all layers files have, in the order of the file."""
+
+NOISE_WIDTH = LayerField(
+    name="noise_width", dtype="f4", units="1", long_name="width of the pixel's own noise over the common one"
+)
+"""Where pixels have widths of their own."""
+
+OPTIONAL_FIELDS = (NOISE_WIDTH,)
+"""Datasets that some layers files have, after the others."""
+
+
+def layer_fields(sensor: Sensor) -> tuple[LayerField, ...]:
+    """Datasets of the layers that are estimated with a sensor."""
+    own = sensor.learnt is not None and sensor.noise is not None and sensor.noise.width_spread > 0
+    return (*LAYER_FIELDS, NOISE_WIDTH) if own else LAYER_FIELDS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -72,12 +86,15 @@ class Layers:
     n_samples: NDArray[np.uint32]
     n_iter: NDArray[np.uint16]
     status: NDArray[np.uint8]
+    noise_width: NDArray[np.float32] | None = None
 
     @classmethod
-    def empty(cls, shape: tuple[int, ...], max_layers: int) -> Self:
-        """Layers without a surface: counts 0, numbers NaN."""
+    def empty(
+        cls, shape: tuple[int, ...], max_layers: int, fields: tuple[LayerField, ...] = LAYER_FIELDS
+    ) -> Self:
+        """Layers without a surface, with the given datasets: counts 0, numbers NaN."""
         arrays: dict[str, Any] = {}
-        for spec in LAYER_FIELDS:
+        for spec in fields:
             full = (*shape, max_layers) if spec.per_layer else shape
             arrays[spec.name] = np.full(full, np.nan if spec.dtype.startswith("f") else 0, dtype=spec.dtype)
         return cls(**arrays)
@@ -92,6 +109,11 @@ class Layers:
         """Length of the layer axis."""
         return int(self.range.shape[-1])
 
+    @property
+    def fields(self) -> tuple[LayerField, ...]:
+        """The datasets that are there, in the order of the file."""
+        return (*LAYER_FIELDS, *(spec for spec in OPTIONAL_FIELDS if getattr(self, spec.name) is not None))
+
     def arrays(self) -> tuple[NDArray[Any], ...]:
         """The arrays in the order of `LAYER_FIELDS`, for a kernel to fill."""
         return tuple(getattr(self, spec.name) for spec in LAYER_FIELDS)
@@ -99,7 +121,7 @@ class Layers:
     def reshaped(self, shape: tuple[int, ...]) -> "Layers":
         """The same pixels in another arrangement, as `numpy.reshape`; arrays are shared."""
         arrays: dict[str, Any] = {}
-        for spec in LAYER_FIELDS:
+        for spec in self.fields:
             full = (*shape, self.max_layers) if spec.per_layer else shape
             arrays[spec.name] = getattr(self, spec.name).reshape(full)
         return Layers(**arrays)
@@ -133,5 +155,5 @@ class Provenance:
         return float(value) if isinstance(value, int | float) and 0 < value < math.inf else None
 
 
-if tuple(f.name for f in fields(Layers)) != tuple(spec.name for spec in LAYER_FIELDS):
-    raise AssertionError("Layers and LAYER_FIELDS differ")
+if tuple(f.name for f in fields(Layers)) != tuple(spec.name for spec in (*LAYER_FIELDS, *OPTIONAL_FIELDS)):
+    raise AssertionError("Layers and its lists of datasets differ")

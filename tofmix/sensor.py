@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.equiangular import Equiangular
+from tofmix.learnt_noise import LearntNoise
 from tofmix.noise_shape import NoiseShape
 from tofmix.projection import Projection
 from tofmix.wording import counted
@@ -220,6 +221,8 @@ class Sensor:
         between them (`tofmix.estimation.sample_span`). None: not looked for.
     noise : NoiseCurve or None
         sigma(r) at `integration_time_ms`.
+    learnt : LearntNoise or None
+        What the recording taught of its pixels beside the curve. With it, surfaces are counted under the learnt noise.
 
     Raises
     ------
@@ -240,6 +243,7 @@ class Sensor:
     sample_min_mm: float | None = None
     sample_max_mm: float | None = None
     noise: NoiseCurve | None = None
+    learnt: LearntNoise | None = None
 
     def __post_init__(self) -> None:
         for key in _POSITIVE:

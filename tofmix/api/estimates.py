@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tofmix import __version__
 from tofmix.api.recordings import Recording
 from tofmix.errors import BadInputError, DoubtWarning
-from tofmix.layers import LAYER_FIELDS, Layers, Provenance
+from tofmix.layers import Layers, Provenance
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ class Estimate(Layers):
 
     def window(self, number: int) -> Layers:
         """Layers of one window, of the leading shape (row, col); arrays are not copied."""
-        return Layers(**{spec.name: getattr(self, spec.name)[number] for spec in LAYER_FIELDS})
+        return Layers(**{spec.name: getattr(self, spec.name)[number] for spec in self.fields})
 
     def to_xarray(self) -> "Dataset":
         """The same as an xarray dataset with named dimensions, units and descriptions.
@@ -110,7 +110,7 @@ class Estimate(Layers):
                 _DIMS if spec.per_layer else _DIMS[:3], getattr(self, spec.name),
                 {"units": spec.units, "long_name": spec.long_name},
             )
-            for spec in LAYER_FIELDS
+            for spec in self.fields
         }  # fmt: skip
         for name, text in (("start", "first frame of the window"), ("stop", "one past the last frame of the window")):
             attributes = {"units": "1", "long_name": text}
@@ -156,7 +156,7 @@ class Estimate(Layers):
         with writer:
             for cell in grid.cells():
                 place = cell.windows, cell.rows
-                part = Layers(**{spec.name: getattr(self, spec.name)[place] for spec in LAYER_FIELDS})
+                part = Layers(**{spec.name: getattr(self, spec.name)[place] for spec in self.fields})
                 writer.write_chunks(cell.windows, cell.rows, encode_cell(part, (*grid.step, image[1])).chunks)
         return target
 

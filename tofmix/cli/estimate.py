@@ -23,6 +23,7 @@ tofmix estimate sample_data/three_boards.h5 -o boards.layers.h5
 tofmix estimate long.h5 --window 100 --stride 50 --resume
 tofmix estimate monday/*.h5 --output-dir layers
 tofmix estimate foreign.h5 --noise auto --outliers auto
+tofmix estimate foreign.h5 --noise auto --noise-shape gaussian --noise-widths common
 tofmix estimate foreign.h5 --noise sr3000 --sigma tied
 tofmix estimate folded.h5 --wrap
 tofmix estimate boards.h5 --counter cpdf --bins 30 -o cpdf.layers.h5
@@ -48,6 +49,14 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
     "--noise", metavar="file|auto|PROFILE",
     help="Where the noise curve comes from: the file, its samples (auto), or a built-in sensor such as sr3000."
     "  [default: file; auto where the file has no curve]",
+)  # fmt: skip
+@click.option(
+    "--noise-shape", type=click.Choice(["gaussian", "auto"]), default="auto", show_default=True,
+    help="Shape of the error where noise is measured: a Gaussian's, or the one that the samples show.",
+)  # fmt: skip
+@click.option(
+    "--noise-widths", type=click.Choice(["common", "own", "auto"]), default="auto", show_default=True,
+    help="Whether each pixel has a width of its own where noise is measured; auto asks the samples.",
 )  # fmt: skip
 @click.option(
     "--outliers", default="file", show_default=True, metavar="file|auto|P",
@@ -142,6 +151,8 @@ def estimate(
     stride: int | None,
     noise: str | None,
     outliers: str,
+    noise_shape: str,
+    noise_widths: str,
     unambiguous_range: float | None,
     wrap: bool,
     workers: int | None,
@@ -187,6 +198,8 @@ def estimate(
         stride=stride,
         noise=noise,
         outliers=outlier_choice(outliers),
+        noise_shape=noise_shape,
+        noise_widths=noise_widths,
         workers=workers or default_workers(),
         memory_bytes=memory,
         shard=shard,

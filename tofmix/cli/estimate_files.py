@@ -14,7 +14,7 @@ import click
 
 from tofmix.cli.options import is_quiet, note, progress_bar
 from tofmix.cli.recording_check import check_not_averaged, findings_of_samples, opened_recording
-from tofmix.cli.sensor_choice import circle_of, noise_choice, sensor_for
+from tofmix.cli.sensor_choice import AUTO, FILE, Learning, circle_of, noise_choice, sensor_for
 from tofmix.errors import ExitCode, StorageError, TofmixError, UsageError, os_error_text
 from tofmix.wording import counted
 
@@ -44,6 +44,8 @@ class Request:
     stride: int | None
     noise: str | None
     outliers: str | float
+    noise_shape: str
+    noise_widths: str
     workers: int
     memory_bytes: int
     shard: tuple[int, int] | None
@@ -173,13 +175,16 @@ def _estimate(
         if not request.resume:
             check_output(target, overwrite=request.overwrite, inputs=(recording,))
         noise = noise_choice(source, request.noise)
-        options = _settled(source, request, noise, bar)
         windows = _windows(source, request)
+        given = source.sensor.noise
+        options = _settled(source, request, noise, windows, bar)
+        if noise == FILE and source.sensor.noise is not given:
+            noise = AUTO  # the samples contradicted the file
         remedy = Remedy(recording=str(recording), noise=noise, window_frames=windows.length, windows=windows.count)
         with bar.external_write_mode(file=sys.stderr), announced():
             findings = findings_of_samples(source, source.sensor, options.unambiguous_range_mm, remedy)
         say_findings(recording, findings, say)
-        job = plan_job(source, windows, options, {"noise": noise, "outliers": request.outliers})
+        job = plan_job(source, windows, options, _of_sensor(request, noise))
         engine: Engine
         if cluster is not None:
             engine = cluster
@@ -203,7 +208,9 @@ def _estimate(
     return describe(outcome, findings, request.shard)
 
 
-def _settled(source: "RecordingFile", request: Request, noise: str, bar: "tqdm[Any]") -> "EstimateOptions":
+def _settled(
+    source: "RecordingFile", request: Request, noise: str, windows: "Windows", bar: "tqdm[Any]"
+) -> "EstimateOptions":
     """Give the recording the sensor that is asked for; return the options with its own unambiguous range."""
     from tofmix.estimation.sample_span import sensor_with_span
 
@@ -213,11 +220,33 @@ def _settled(source: "RecordingFile", request: Request, noise: str, bar: "tqdm[A
     source.sensor = sensor_with_span(source, options.unambiguous_range_mm)
     with bar.external_write_mode(file=sys.stderr):
         source.sensor = sensor_for(
-            source, noise=noise, outliers=request.outliers, circle_mm=options.unambiguous_range_mm
-        )
+            source, noise=noise, outliers=request.outliers, circle_mm=options.unambiguous_range_mm,
+            learning=_learning(request, windows, options),
+        )  # fmt: skip
         if options.unambiguous_range_mm is None and not options.paper:
             source.sensor = replace(source.sensor, no_return_mm=_no_return(source))
     return options
+
+
+def _of_sensor(request: Request, noise: str) -> dict[str, str | float]:
+    """Options by which the sensor was chosen, for the record; those of learning where they are not the usual ones."""
+    said: dict[str, str | float] = {"noise": noise, "outliers": request.outliers}
+    if request.noise_shape != AUTO:
+        said["noise_shape"] = request.noise_shape
+    if request.noise_widths != AUTO:
+        said["noise_widths"] = request.noise_widths
+    return said
+
+
+def _learning(request: Request, windows: "Windows", options: "EstimateOptions") -> Learning | None:
+    """How noise is learnt; None where the options know a Gaussian alone."""
+    if options.paper or options.refine == "none" or options.sigma == "free":
+        return None
+    return Learning(
+        window_frames=windows.length, stride_frames=windows.stride, shape=request.noise_shape,
+        widths=request.noise_widths, min_samples=options.min_samples, workers=request.workers,
+        asked=request.noise is not None, circle_mm=options.unambiguous_range_mm,
+    )  # fmt: skip
 
 
 def _no_return(source: "RecordingFile") -> float | None:

@@ -1,20 +1,29 @@
 """The camera that an estimate uses: the recording's, with the noise curve and outlier share that were asked for."""
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import note
+from tofmix.cli.options import note, progress_bar
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
+    from tqdm import tqdm
+
+    from tofmix.estimation.learnt.recordings import FoundNoise
     from tofmix.estimation.noise import MeasuredNoise
     from tofmix.io.recording_file import RecordingFile
-    from tofmix.sensor import Sensor
+    from tofmix.recording import SampleSource
+    from tofmix.sensor import NoiseCurve, Sensor
     from tofmix.sensors import SensorProfile
 
 FILE, AUTO = "file", "auto"
+
+QUESTIONED_PIXELS = 1000
+"""Pixels by which a file's curve is held against the samples."""
 
 TOLERANCE = 0.10
 """Relative difference of the file's curve and the measured one that is worth a word."""
@@ -77,10 +86,47 @@ def circle_of(source: "RecordingFile") -> float:
     return unambiguous_range_mm(frequency)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Learning:
+    """How a recording's noise is learnt.
+
+    Parameters
+    ----------
+    window_frames, stride_frames : int
+        The windows, in frames.
+    shape : str
+        ``gaussian`` or ``auto``.
+    widths : str
+        ``common``, ``own`` or ``auto``.
+    min_samples : int
+        Fewest samples of a pixel.
+    workers : int
+        Threads.
+    asked : bool
+        Whether --noise was given: else a file's curve is held against the samples.
+    circle_mm : float or None
+        Unambiguous range, mm, at which readings are folded.
+    """
+
+    window_frames: int
+    stride_frames: int
+    shape: str = "auto"
+    widths: str = "auto"
+    min_samples: int = 3
+    workers: int = 1
+    asked: bool = True
+    circle_mm: float | None = None
+
+
 def sensor_for(
-    source: "RecordingFile", *, noise: str, outliers: str | float, circle_mm: float | None = None
+    source: "RecordingFile",
+    *,
+    noise: str,
+    outliers: str | float,
+    circle_mm: float | None = None,
+    learning: Learning | None = None,
 ) -> "Sensor":
-    """The recording's sensor with the chosen noise curve and p(c_r).
+    """The recording's sensor with the chosen noise and p(c_r).
 
     Parameters
     ----------
@@ -92,6 +138,8 @@ def sensor_for(
         What `outlier_choice` returned.
     circle_mm : float, optional
         Unambiguous range, mm, at which readings are folded.
+    learning : Learning, optional
+        How the noise is learnt; without it only a Gaussian's sigma is measured, and no curve is questioned.
 
     Raises
     ------
@@ -112,17 +160,20 @@ def sensor_for(
             f"{source.path}: sensor/noise_sigma: no noise curve; measure it with --noise auto,"
             f" or choose a built-in one with --noise PROFILE ({', '.join(profiles_with_noise())})"
         )
-    measured = _measured(source, circle_mm) if AUTO in (noise, outliers) else None
-    if noise == AUTO and measured is not None:
-        _say_what_was_measured(source, measured)
-        _warn_where_they_differ(source, measured)
-        sensor = replace(sensor, noise=measured.curve)
-    elif noise != FILE:
-        sensor = _with_profile(source, sensor, noise)
-    if outliers == AUTO and measured is not None:
-        sensor = replace(sensor, outlier_probability=measured.outlier_probability)
-    elif isinstance(outliers, float):
+    if isinstance(outliers, float):
         sensor = replace(sensor, outlier_probability=outliers)
+    if noise not in (FILE, AUTO):
+        sensor = _with_profile(source, sensor, noise)
+    source.sensor = sensor
+    if learning is None:
+        sensor = _with_measured(source, noise, outliers, circle_mm)
+    elif noise == AUTO:
+        sensor = _with_learnt(source, outliers, learning)
+    else:
+        if outliers == AUTO:
+            sensor = replace(sensor, outlier_probability=_measured(source, circle_mm).outlier_probability)
+            source.sensor = sensor
+        sensor = _as_the_file_says(source, learning, question=noise == FILE and not learning.asked)
     if circle_mm is not None and sensor.noise is not None and sensor.noise.law is not None:
         sensor = replace(sensor, noise=replace(sensor.noise, law=None))
         click.echo(f"tofmix: {source.path}: noise: on a wrapped range axis sigma goes by range alone", err=True)
@@ -132,6 +183,116 @@ def sensor_for(
         raise BadInputError(f"{source.path}: sensor: {error}") from error
     _say_where_c_0_is_missing(source, sensor, circle_mm)
     return sensor
+
+
+def _with_measured(
+    source: "RecordingFile", noise: str, outliers: str | float, circle_mm: float | None
+) -> "Sensor":
+    """The sensor with the sigma and the share of outliers that single surfaces tell, where they are asked for."""
+    sensor = replace(source.sensor, learnt=None)
+    if AUTO not in (noise, outliers):
+        return sensor
+    measured = _measured(source, circle_mm)
+    if noise == AUTO:
+        _say_what_was_measured(source, measured)
+        _warn_where_they_differ(source, measured)
+        sensor = replace(sensor, noise=measured.curve)
+    if outliers == AUTO:
+        sensor = replace(sensor, outlier_probability=measured.outlier_probability)
+    return sensor
+
+
+def _with_learnt(source: "RecordingFile", outliers: str | float, learning: Learning) -> "Sensor":
+    """The sensor with all that the recording teaches of its noise; said in a line."""
+    found = _learnt(source, learning, None)
+    sensor = found.sensor
+    if outliers == AUTO:
+        if found.measured is None:
+            raise BadInputError(f"{source.path}: outliers: no pixels of one surface to count them in; give --outliers P")
+        sensor = replace(sensor, outlier_probability=found.measured.outlier_probability)
+    note(f"{source.path}: noise: {found.line()}")
+    if found.measured is not None and found.lesson.kept_start:
+        if source.has_amplitude:
+            note(f"{source.path}: noise: {_amplitude_text(found.measured)}")
+        _warn_where_they_differ(source, found.measured)
+    return sensor
+
+
+def _as_the_file_says(source: "RecordingFile", learning: Learning, *, question: bool) -> "Sensor":
+    """The sensor with the file's noise, or, where it may be questioned and the samples contradict it, the learnt one."""
+    from tofmix.estimation.learnt.curve_check import doubts
+    from tofmix.estimation.learnt.recordings import calibrated, has_parts, pixels_of
+    from tofmix.recording import samples_a_frame
+
+    sensor = source.sensor
+    if sensor.noise is None:
+        return sensor
+    ranges = _ranges(source, learning)
+    if has_parts(sensor.noise):
+        with calibration_bar() as progress:
+            return calibrated(
+                ranges, window_frames=learning.window_frames, min_samples=learning.min_samples,
+                workers=learning.workers, progress=progress,
+            )  # fmt: skip
+    if not question:
+        return sensor
+    targets = samples_a_frame(source)
+    frames = learning.window_frames * targets
+    pixels = pixels_of(ranges, frames, learning.stride_frames * targets, most=QUESTIONED_PIXELS)
+    if not doubts(pixels, sensor):
+        return sensor
+    found = _learnt(source, learning, sensor.noise)
+    if found.lesson.given_holds:
+        return sensor
+    note(
+        f"{source.path}: noise: the samples contradict the file's curve; learnt instead: {found.line()}"
+        " (--noise file insists on the file's)"
+    )
+    return found.sensor
+
+
+def _ranges(source: "RecordingFile", learning: Learning) -> "SampleSource":
+    from tofmix.estimation.unrolling import UnrolledSource
+
+    return source if learning.circle_mm is None else UnrolledSource(source, learning.circle_mm)
+
+
+def _learnt(source: "RecordingFile", learning: Learning, instead_of: "NoiseCurve | None") -> "FoundNoise":
+    from tofmix.estimation.learnt.recordings import learn_noise
+
+    try:
+        with calibration_bar() as progress:
+            return learn_noise(
+                _ranges(source, learning),
+                window_frames=learning.window_frames,
+                stride_frames=learning.stride_frames,
+                shape=learning.shape == "auto",
+                widths=None if learning.widths == "auto" else learning.widths == "own",
+                drift=learning.circle_mm is None,
+                instead_of=instead_of,
+                min_samples=learning.min_samples,
+                workers=learning.workers,
+                progress=progress,
+            )
+    except ValueError as error:
+        raise BadInputError(f"{source.path}: {error}; choose a curve with --noise PROFILE") from error
+
+
+@contextmanager
+def calibration_bar() -> Iterator[Callable[[int, int], None]]:
+    """A progress bar for the calibration of learnt noise; it shows once there is something to calibrate."""
+    bars: list[tqdm[Any]] = []
+
+    def progress(done: int, of: int) -> None:
+        if not bars:
+            bars.append(progress_bar(of, "noise", "step"))
+        bars[0].update(done - bars[0].n)
+
+    try:
+        yield progress
+    finally:
+        for bar in bars:
+            bar.close()
 
 
 def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_mm: float | None) -> None:

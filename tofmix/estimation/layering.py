@@ -41,6 +41,7 @@ from tofmix.estimation.counting import (
 )
 from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.false_alarms import chance_of, gain_table, least_gain
+from tofmix.estimation.learnt.block_layers import counts_with_learnt, layers_with_learnt
 from tofmix.estimation.mixture import (
     ROOT_TWO_PI,
     draw_sigmas,
@@ -60,7 +61,7 @@ from tofmix.estimation.uncertainty import standard_errors
 from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.flags import Status
 from tofmix.jit import borrowing, jit
-from tofmix.layers import LAYER_FIELDS, Layers
+from tofmix.layers import Layers, layer_fields
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.vector import product_of
 
@@ -283,7 +284,7 @@ def layer_pixels(
         raise ValueError(f"range: expected (frame, pixel) or (frame, row, col), got shape {samples.shape}")
     options = options or EstimateOptions()
     block = np.ascontiguousarray(samples).reshape(samples.shape[0], math.prod(samples.shape[1:]))
-    out = Layers.empty((block.shape[1],), options.max_layers)
+    out = Layers.empty((block.shape[1],), options.max_layers, layer_fields(sensor))
     ordered = sort_samples(block)
     if options.paper and isinstance(options.counter, Kde):
         out = paper_pixels(
@@ -296,7 +297,10 @@ def layer_pixels(
                 raise ValueError(f"amplitude: shape {amplitude.shape} differs from range {samples.shape}")
             amplitudes = np.asarray(amplitude, np.float32).reshape(block.shape)
             beam = beam._replace(own=own_curves(block, amplitudes, sensor.noise))
-        _layers_on_line(ordered, beam, options, out)
+        if counts_with_learnt(sensor, options):
+            layers_with_learnt(np.ascontiguousarray(block.T), beam, sensor, options, out)
+        else:
+            _layers_on_line(ordered, beam, options, out)
     else:
         _layers_on_circle(ordered, sensor, options, options.unambiguous_range_mm, out)
     return out.reshaped(samples.shape[1:])
@@ -311,9 +315,12 @@ def _layers_on_circle(
     samples: SortedSamples, sensor: Sensor, options: EstimateOptions, length: float, out: Layers
 ) -> None:
     for part in unrolled(samples, sensor, length):
-        found = Layers.empty((len(part.pixels),), options.max_layers)
-        _layers_on_line(part.samples, part.beam, options, found)
-        for spec in LAYER_FIELDS:
+        found = Layers.empty((len(part.pixels),), options.max_layers, out.fields)
+        if counts_with_learnt(sensor, options):
+            layers_with_learnt(part.samples.values.astype(np.float32), part.beam, sensor, options, found)
+        else:
+            _layers_on_line(part.samples, part.beam, options, found)
+        for spec in out.fields:
             getattr(out, spec.name)[part.pixels] = getattr(found, spec.name)
     fold_layers(out, length)
 

@@ -18,7 +18,7 @@ from tofmix.estimation.reading import PIECE_SAMPLES, Group, ReadPlan, plan_readi
 from tofmix.estimation.sample_span import sensor_with_span
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import Cell, Grid, plan_grid
-from tofmix.layers import LAYER_FIELDS, Layers
+from tofmix.layers import Layers, layer_fields
 from tofmix.recording import SampleSource
 from tofmix.sensor import Sensor
 from tofmix.windows import Windows
@@ -95,7 +95,7 @@ class _Work(Generic[T]):
         """Estimate a cell of a group."""
         rows, cols = cell.rows.stop - cell.rows.start, self._grid.image[1]
         count = cell.windows.stop - cell.windows.start
-        out = Layers.empty((count, rows, cols), self._options.max_layers)
+        out = Layers.empty((count, rows, cols), self._options.max_layers, layer_fields(self._sensor))
         for window in range(count):
             frames = self._grid.frames(slice(cell.windows.start + window, cell.windows.start + window + 1))
             for piece_rows, piece_cols in self._pieces(cell.rows):
@@ -103,7 +103,7 @@ class _Work(Generic[T]):
                 light = group.amplitudes(frames, piece_rows, piece_cols)
                 layers = layer_pixels(samples, self._sensor, self._options, amplitude=light)
                 place = slice(piece_rows.start - cell.rows.start, piece_rows.stop - cell.rows.start)
-                for spec in LAYER_FIELDS:
+                for spec in out.fields:
                     getattr(out, spec.name)[window, place, piece_cols] = getattr(layers, spec.name)
         return self._finish(out)
 
@@ -189,9 +189,9 @@ def estimate_layers(
     frames, rows, cols = source.shape
     windows = windows or Windows(length=frames, stride=frames, count=1, frames_left_out=0)
     grid = plan_grid(windows, (rows, cols), row_step=source.row_step)
-    out = Layers.empty((windows.count, rows, cols), options.max_layers)
+    out = Layers.empty((windows.count, rows, cols), options.max_layers, layer_fields(source.sensor))
     cells = estimate_cells(source, grid, options, lambda layers: layers, workers=workers, buffer_bytes=buffer_bytes)
     for cell, layers in cells:
-        for spec in LAYER_FIELDS:
+        for spec in out.fields:
             getattr(out, spec.name)[cell.windows, cell.rows] = getattr(layers, spec.name)
     return out

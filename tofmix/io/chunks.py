@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.layers import LAYER_FIELDS, LayerField, Layers
+from tofmix.layers import LayerField, Layers
 
 COMPRESSION_LEVEL = 1
 """The fastest that gzip has: packing must not hold up the kernels."""
 
 
 class EncodedCell(NamedTuple):
-    """One chunk for each of `LAYER_FIELDS`, and how many pixels have 0, 1, 2, ... surfaces."""
+    """One chunk for each dataset of the layers, and how many pixels have 0, 1, 2, ... surfaces."""
 
     tally: tuple[int, ...]
     chunks: tuple[bytes, ...]
@@ -50,7 +50,7 @@ def fill_of(spec: LayerField) -> float:
 
 
 def _chunks(layers: Layers, shape: tuple[int, int, int]) -> Iterator[bytes]:
-    for spec in LAYER_FIELDS:
+    for spec in layers.fields:
         values = np.ascontiguousarray(getattr(layers, spec.name), dtype=np.dtype(spec.dtype).newbyteorder("<"))
         if values.shape[:3] != shape:
             whole = np.full((*shape, *values.shape[3:]), fill_of(spec), dtype=values.dtype)

@@ -10,16 +10,19 @@ import io
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.io import guard
 from tofmix.io.hdf5_memory import make_room
 from tofmix.io.next_command import next_command
 from tofmix.io.storage import AtomicFile, Sink
+from tofmix.learnt_noise import LearntNoise
 from tofmix.noise_shape import NoiseShape
 from tofmix.projection import (
     DEFAULT_PROJECTION,
@@ -67,6 +70,17 @@ _LAW = {
 
 _SHAPE = {"noise_shape_z": "z", "noise_shape_density": "density"}
 """Datasets of a `NoiseShape` and its fields, in their order."""
+
+_LEARNT = {
+    "noise_drift": "drift_mm",
+    "noise_gain_samples": "gain_samples",
+    "noise_gain_background": "gain_background",
+    "noise_gain_of_one_more": "gain_more",
+    "noise_gain_of_first": "gain_first",
+}
+"""Datasets of what a recording taught of its pixels, and the fields of `LearntNoise`."""
+
+_PRIOR, _MEMORY = "noise_background_prior", "noise_memory"
 
 _WIDTH_SPREAD, _BACKGROUND = "noise_width_spread", "noise_background"
 _IMAGE_RANK = 2
@@ -204,6 +218,43 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
             group["noise_amplitude"].make_scale("noise_amplitude")
             group["noise_amplitude_factor"].dims[0].attach_scale(group["noise_amplitude"])
         _write_noise_parts(group, sensor.noise, image)
+    if sensor.learnt is not None:
+        _write_learnt(group, sensor.learnt)
+
+
+def _write_learnt(group: h5py.Group, learnt: LearntNoise) -> None:
+    """Write what a recording taught of its pixels."""
+    group.attrs[_MEMORY] = float(learnt.memory)
+    arrays = {name: np.asarray(getattr(learnt, key)) for name, key in _LEARNT.items()}
+    if learnt.background is not None:
+        arrays[_PRIOR] = np.array(learnt.background)
+    for name, values in arrays.items():
+        dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+        dataset.attrs["units"] = "mm" if name == "noise_drift" else "nat" if name.startswith("noise_gain_of") else "1"
+
+
+def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
+    if not any(name in group for name in _LEARNT):
+        return None
+    arrays: dict[str, FloatArray] = {}
+    for name in (*_LEARNT, _PRIOR):
+        if name in group:
+            with guard.reading(path, f"sensor/{name}"):
+                arrays[name] = np.asarray(group[name], dtype=np.float64)
+        elif name != _PRIOR:
+            raise BadInputError(f"{path}: sensor/{name}: missing; what was learnt of the noise goes together")
+    prior = arrays.pop(_PRIOR, None)
+    if prior is not None and prior.shape != (2,):
+        raise BadInputError(f"{path}: sensor/{_PRIOR}: shape {prior.shape}; two numbers are expected")
+    values: dict[str, Any] = {_LEARNT[name]: array for name, array in arrays.items()}
+    try:
+        return LearntNoise(
+            background=None if prior is None else (float(prior[0]), float(prior[1])),
+            memory=float(group.attrs.get(_MEMORY, 0.0)),
+            **values,
+        )
+    except (TypeError, ValueError) as error:
+        raise BadInputError(f"{path}: sensor: {error}") from error
 
 
 def _write_noise_parts(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
@@ -245,7 +296,10 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
     known.setdefault("outlier_probability", DEFAULT_OUTLIER_PROBABILITY)
     try:
         noise, projection = _read_noise(group, path), _read_projection(group, path)
-        return Sensor(name=text_attribute(group, "name") or "unknown", noise=noise, projection=projection, **known)
+        learnt = _read_learnt(group, path)
+        return Sensor(
+            name=text_attribute(group, "name") or "unknown", noise=noise, projection=projection, learnt=learnt, **known
+        )
     except ValueError as error:
         raise BadInputError(f"{path}: sensor: {error}") from error
 

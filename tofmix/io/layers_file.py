@@ -1,6 +1,6 @@
 """Layers files (`*.layers.h5`): what `estimate` writes and `report` reads.
 
-The datasets are those of `tofmix.layers.LAYER_FIELDS`. The same layers and the
+The datasets are those of `tofmix.layers.layer_fields`. The same layers and the
 same provenance give the same bytes, in whatever blocks they are written.
 """
 
@@ -20,7 +20,15 @@ from tofmix.grid import Grid
 from tofmix.io import guard, hdf5
 from tofmix.io.provenance import header_image, read_provenance, write_provenance
 from tofmix.io.storage import AtomicFile
-from tofmix.layers import LAYER_FIELDS, MAX_LAYERS_LIMIT, LayerField, Layers, Provenance
+from tofmix.layers import (
+    LAYER_FIELDS,
+    MAX_LAYERS_LIMIT,
+    OPTIONAL_FIELDS,
+    LayerField,
+    Layers,
+    Provenance,
+    layer_fields,
+)
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.windows import Windows
 
@@ -84,7 +92,7 @@ class LayersWriter:
             write_provenance(self._root, self._provenance)
             for name, length in self._dims.items():
                 hdf5.add_scale(self._root, name, length)
-            for spec in LAYER_FIELDS:
+            for spec in layer_fields(self._provenance.sensor):
                 self._add(spec)
             self._add_windows()
             hdf5.write_sensor(self._root, self._provenance.sensor, image=(self._dims["row"], self._dims["col"]))
@@ -124,7 +132,7 @@ class LayersWriter:
         StorageError
             If the disk is full or fails.
         """
-        for spec in LAYER_FIELDS:
+        for spec in layers.fields:
             self._root[spec.name][windows, rows] = getattr(layers, spec.name)
         self._file.check()
 
@@ -136,7 +144,7 @@ class LayersWriter:
         StorageError
             If the disk is full or fails.
         """
-        for spec, data in zip(LAYER_FIELDS, chunks, strict=True):
+        for spec, data in zip(layer_fields(self._provenance.sensor), chunks, strict=True):
             place = (windows.start, rows.start, 0, 0)[: 4 if spec.per_layer else 3]
             self._root[spec.name].id.write_direct_chunk(place, data)
         self._file.check()
@@ -152,7 +160,8 @@ class LayersFile:
 
     def __init__(self, root: h5py.File, path: Path) -> None:
         self.path = path
-        self._datasets = {spec.name: _checked(root, spec, path) for spec in LAYER_FIELDS}
+        present = (*LAYER_FIELDS, *(spec for spec in OPTIONAL_FIELDS if spec.name in root))
+        self._datasets = {spec.name: _checked(root, spec, path) for spec in present}
         shape = self._datasets["range"].shape
         self.shape: tuple[int, int, int] = shape[:3]
         self.max_layers = int(shape[3])
@@ -186,6 +195,11 @@ class LayersFile:
         return Layers(**arrays)
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the datasets of the layers, in their order."""
+        return tuple(self._datasets)
+
+    @property
     def step(self) -> tuple[int, int]:
         """Windows and rows of a stored chunk."""
         chunks = self._datasets["range"].chunks
@@ -199,11 +213,11 @@ class LayersFile:
         BadInputError
             If they cannot be read.
         """
-        arrays: dict[str, Any] = {spec.name: self.read_dataset(spec.name, windows, rows) for spec in LAYER_FIELDS}
+        arrays: dict[str, Any] = {name: self.read_dataset(name, windows, rows) for name in self._datasets}
         return Layers(**arrays)
 
     def read_dataset(self, name: str, windows: slice, rows: slice) -> NDArray[Any]:
-        """Read one dataset of `LAYER_FIELDS` for some windows and rows.
+        """Read one dataset for some windows and rows.
 
         Raises
         ------
@@ -214,7 +228,7 @@ class LayersFile:
             return np.asarray(self._datasets[name][windows, rows])
 
     def read_field(self, name: str, window: int) -> NDArray[Any]:
-        """Read one dataset of `LAYER_FIELDS` for one window, (row, col) or (row, col, layer).
+        """Read one dataset for one window, (row, col) or (row, col, layer).
 
         Raises
         ------

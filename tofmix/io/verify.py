@@ -25,7 +25,7 @@ from tofmix.io.recording_file import RecordingFile
 from tofmix.io.storage import read_text
 from tofmix.io.verify_recording import verify_recording
 from tofmix.io.verify_storage import check_storage
-from tofmix.layers import LAYER_FIELDS
+from tofmix.layers import LAYER_FIELDS, OPTIONAL_FIELDS
 from tofmix.wording import counted
 
 _VERDICTS = ("agree", "explained", "partly_explained", "unexplained")
@@ -78,8 +78,9 @@ def _verify_layers(root: h5py.File, path: Path, findings: Findings) -> None:
     with guard.reading(path, "header"):
         hdf5.check_format(root, path, kind=layers_file.FORMAT, required=True)
         layers = LayersFile(root, path)
-    units = {spec.name: spec.units for spec in LAYER_FIELDS} | {"window_start": "1", "window_stop": "1"}
-    for name, unit in units.items():
+    units = {spec.name: spec.units for spec in (*LAYER_FIELDS, *OPTIONAL_FIELDS)} | {"window_start": "1", "window_stop": "1"}
+    for name in (*layers.names, "window_start", "window_stop"):
+        unit = units[name]
         with guard.reading(path, name):
             found = hdf5.text_attribute(root[name], "units")
             if found != unit:
@@ -115,7 +116,7 @@ def _check_block(layers: LayersFile, windows: slice, rows: slice, findings: Find
     try:
         block = layers.read_block(windows, rows)
     except BadInputError as error:
-        for name in (spec.name for spec in LAYER_FIELDS):
+        for name in layers.names:
             try:
                 layers.read_dataset(name, windows, rows)
             except BadInputError as damaged:

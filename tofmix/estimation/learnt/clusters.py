@@ -29,8 +29,10 @@ from tofmix.estimation.learnt.fitting import (
     maximise,
     mix,
 )
-from tofmix.estimation.learnt.law import DRIFTS, Law
+from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.pixel_noise import beam_of_pixel
 from tofmix.jit import jit
+from tofmix.learnt_noise import DRIFTS
 
 WINDOW = 12.0
 """A cluster's window reaches this many sigma to either side of its densest place."""
@@ -74,7 +76,7 @@ class ClusterFits(NamedTuple):
 
 
 @jit
-def find_clusters(samples: Float32Array, curve_range: FloatArray, curve_sigma: FloatArray) -> Clusters:
+def find_clusters(samples: Float32Array, beam: Beam) -> Clusters:
     """Find the clusters of pixels (pixel, frame)."""
     pixels, frames = samples.shape
     most = pixels * MOST_IN_PIXEL
@@ -82,6 +84,8 @@ def find_clusters(samples: Float32Array, curve_range: FloatArray, curve_sigma: F
     value, time, left = np.empty(frames), np.empty(frames), np.empty(frames)
     for pixel in range(pixels):
         n = take_samples(samples[pixel], value, time)
+        own = beam_of_pixel(beam, pixel)
+        curve_range, curve_sigma = own.curve_range, own.curve_sigma
         rest = n
         left[:n] = value[:n]
         for _ in range(MOST_IN_PIXEL):
@@ -135,7 +139,7 @@ def _clear(
 
 
 @jit
-def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam, second: bool) -> ClusterFits:  # noqa: FBT001  a kernel's flag
+def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam, second: bool) -> ClusterFits:
     """Fit one surface on uniform background to each cluster; with `second`, also find what a second surface gains."""
     count, frames = len(clusters.pixel), samples.shape[1]
     place, sigma, log_width, support = np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count)
@@ -155,15 +159,16 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
             stop += 1
         n = stop - first
         data = Samples(value[first:stop], time[first:stop])
+        common = beam_of_pixel(beam, clusters.pixel[c])
         own = Beam(
-            beam.curve_range, beam.curve_sigma, np.inf, 1.0, np.inf, np.inf, np.inf, beam.p_outlier, beam.outlier_density,
+            common.curve_range, common.curve_sigma, np.inf, 1.0, np.inf, np.inf, np.inf, beam.p_outlier, beam.outlier_density,
             clusters.low[c], clusters.high[c], beam.own,
         )  # fmt: skip
         fill_times(data, room)
         for row in range(ROWS):
             fit[row, :] = 0.0
         middle = 0.5 * (clusters.low[c] + clusters.high[c])
-        fit[MEAN, 0], fit[SIGMA, 0] = middle, sigma_at(middle, beam.curve_range, beam.curve_sigma)
+        fit[MEAN, 0], fit[SIGMA, 0] = middle, sigma_at(middle, own.curve_range, own.curve_sigma)
         fit[OWN, BACKGROUND] = 0.05
         fit[WEIGHT, 0] = 0.95
         maximise(data, 1, fit, law, own, _MAX_ITER, _TOL, room)

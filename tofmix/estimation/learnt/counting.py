@@ -46,9 +46,10 @@ from tofmix.estimation.learnt.fitting import (
     slope_row,
     value_of,
 )
-from tofmix.estimation.learnt.law import DRIFTS, Law, at_table
+from tofmix.estimation.learnt.law import Law, at_table
 from tofmix.estimation.learnt.steps import jumps
 from tofmix.jit import borrowing, jit
+from tofmix.learnt_noise import DRIFTS
 
 COUNT_ITER, COUNT_TOL = 60, 1.0e-2
 """Most iterations of a trial, and how near to its end, in sigmas, it may stop: the likelihood is flat there."""

@@ -33,8 +33,9 @@ from tofmix.estimation.learnt.fitting import (
     no_return_row,
     slope_row,
 )
-from tofmix.estimation.learnt.law import DRIFTS, Law, precision_of_t
+from tofmix.estimation.learnt.law import Law, precision_of_t
 from tofmix.jit import jit
+from tofmix.learnt_noise import DRIFTS
 
 _SINGULAR = 1.0e-10
 """A pivot below this, of a matrix with a unit diagonal, is rounding."""

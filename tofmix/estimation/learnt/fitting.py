@@ -23,9 +23,10 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.learnt.law import DRIFTS, MOST_LOG_WIDTH, REACH, STEPS, Law, log_prior_t, precision_of_t
+from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, REACH, STEPS, Law, log_prior_t, precision_of_t
 from tofmix.estimation.mixture import gaussians
 from tofmix.jit import borrowing, jit
+from tofmix.learnt_noise import DRIFTS
 from tofmix.vector import log_of
 
 MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, OWN, PLACE, FIRST, SECOND, THIRD = 0, 1, 2, 3, 4, 5, 6, 7, 10, 13

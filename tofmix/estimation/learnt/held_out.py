@@ -7,9 +7,10 @@ from tofmix.estimation.beam import Beam
 from tofmix.estimation.false_alarms import FALSE_ALARMS
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_work
-from tofmix.estimation.learnt.fitting import Samples, fill_times, maximise, mix
 from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
+from tofmix.estimation.learnt.fitting import Samples, fill_times, maximise, mix
 from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.pixel_noise import beam_of_pixel
 from tofmix.jit import jit
 
 LEAST_GAIN = 7.0
@@ -47,6 +48,7 @@ def held_out_scores(
     work = new_work(max_layers + 1, frames, _CHANCES)
     rules = Rules(1.0e-3, 4.0, max_layers)
     for pixel in range(pixels):
+        own = beam_of_pixel(beam, pixel)
         total, count = 0.0, 0
         for half in range(2):
             for frame in range(frames):
@@ -56,8 +58,8 @@ def held_out_scores(
                 continue
             data = Samples(value[:n], time[:n])
             fill_times(data, work.room)
-            k, law = count_surfaces(data, work, laws, beam, thresholds, rules)
-            maximise(data, k, work.fit, law, beam, _MAX_ITER, _TOL, work.room)
+            k, law = count_surfaces(data, work, laws, own, thresholds, rules)
+            maximise(data, k, work.fit, law, own, _MAX_ITER, _TOL, work.room)
             found[pixel] += 0.5 * k
             for frame in range(frames):
                 part[frame] = samples[pixel, frame] if frame % 2 != half else np.nan
@@ -66,7 +68,7 @@ def held_out_scores(
                 continue
             seen = Samples(value[:m], time[:m])
             fill_times(seen, work.room)
-            mix(seen, k, work.fit, law, beam, work.room)
+            mix(seen, k, work.fit, law, own, work.room)
             for j in range(m):
                 total += np.log(max(work.room[TOTAL_ROW, j], 1.0e-12))
             count += m

@@ -7,6 +7,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.jit import borrowing
+from tofmix.learnt_noise import DRIFTS
 from tofmix.noise_shape import NoiseShape
 
 STEPS = 32
@@ -23,9 +24,6 @@ TAIL_DEGREES = 4.0
 
 MOST_LOG_WIDTH = 1.5
 """A pixel's width is between exp(-1.5) and exp(1.5) times the common one."""
-
-DRIFTS = 3
-"""Polynomials of time, of the degrees 1 to 3, that a pixel's ranges may follow within a window."""
 
 
 class Law(NamedTuple):

@@ -18,10 +18,12 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import LEAST_GAIN, flat_thresholds, held_out_scores
-from tofmix.estimation.learnt.law import DRIFTS
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
+from tofmix.estimation.learnt.shares import background_shares
+from tofmix.estimation.pixel_noise import own_curves
+from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import NoiseCurve, Sensor
 
 SURE = 3.0
@@ -44,6 +46,9 @@ SCALES = (1.0, 0.5, 0.25, 0.125)
 MAX_LAYERS = 4
 """Most surfaces that a pixel is given while the noise is learnt."""
 
+FIRST_PRIOR = (0.5, 2.0)
+"""Pseudo-counts of background and of the rest before any pixel has told."""
+
 _FREE_WIDTH = 0.5
 """Spread of log width while widths are measured: wide enough to leave each to its own samples."""
 
@@ -59,8 +64,8 @@ _WIDE_BIN = 0.12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LearntNoise:
-    """What `learn_noise` found.
+class Lesson:
+    """What `learn_pixel_noise` found.
 
     Parameters
     ----------
@@ -72,43 +77,67 @@ class LearntNoise:
         Ranges of the clusters, mm: where the recording has surfaces.
     clusters : int
         Clusters that stand clear, of one surface.
+    kept_start : bool
+        Whether no other curve predicts better than the one that was given to start from.
+    given_holds : bool
+        Whether the curve to beat predicts as well as what was learnt.
     """
 
     noise: PixelNoise
     pixels: int
     ranges_mm: FloatArray
     clusters: int
+    kept_start: bool
+    given_holds: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Pixels:
+    """Pixels to learn from: `samples` (pixel, frame) float32, mm, in the order of frames, NaN where invalid, and their
+    amplitudes, of the same shape, where they are known.
+    """
+
+    samples: Float32Array
+    amplitude: Float32Array | None = None
+
+    def chosen(self, which: BoolArray) -> "Pixels":
+        """Some of them."""
+        light = None if self.amplitude is None else np.ascontiguousarray(self.amplitude[which])
+        return Pixels(samples=np.ascontiguousarray(self.samples[which]), amplitude=light)
 
 
 class _Learner:
     """Pixels to learn from, pixels to judge by, and the camera."""
 
-    def __init__(self, learn: Float32Array, judge: Float32Array, sensor: Sensor) -> None:
-        self.learn, self.judge = np.ascontiguousarray(learn), np.ascontiguousarray(judge)
-        self._sensor = sensor
+    def __init__(self, learn: Pixels, judge: Pixels, sensor: Sensor) -> None:
+        self.learn, self.judge, self._sensor = learn, judge, sensor
 
-    def beam(self, noise: PixelNoise) -> Beam:
-        plain = NoiseCurve(noise.curve.range_mm, noise.curve.sigma_mm)
-        return beam_of(replace(self._sensor, noise=plain))
+    def beam(self, noise: PixelNoise, pixels: Pixels) -> Beam:
+        beam = beam_of(replace(self._sensor, noise=noise.curve))
+        if noise.curve.law is not None and pixels.amplitude is not None and len(pixels.samples):
+            beam = beam._replace(own=own_curves(pixels.samples.T, pixels.amplitude.T, noise.curve))
+        return beam
 
     def scores(self, noise: PixelNoise) -> FloatArray:
         """Held-out log likelihood (pixel,) of the judging pixels, nat."""
-        found, _ = held_out_scores(self.judge, noise.laws(), self.beam(noise), flat_thresholds(), MAX_LAYERS)
+        beam = self.beam(noise, self.judge)
+        found, _ = held_out_scores(self.judge.samples, noise.laws(), beam, flat_thresholds(), MAX_LAYERS)
         return found
 
     def clusters(self, noise: PixelNoise) -> Clusters:
-        return find_clusters(self.learn, np.array(noise.curve.range_mm), np.array(noise.curve.sigma_mm))
+        return find_clusters(self.learn.samples, self.beam(noise, self.learn))
 
     def fits(self, noise: PixelNoise, clusters: Clusters, *, second: bool = False) -> ClusterFits:
         free = replace(noise, background=noise.background or (0.5, 5.0))
-        return fit_clusters(self.learn, clusters, free.laws()[0], self.beam(noise), second)
+        return fit_clusters(self.learn.samples, clusters, free.laws()[0], self.beam(noise, self.learn), second)
 
 
-def _folds(samples: Float32Array, sensor: Sensor) -> list[_Learner]:
+def _folds(pixels: Pixels, sensor: Sensor) -> list[_Learner]:
     """Every third pixel judges what the others teach; where pixels are few, each third in turn."""
-    part = np.arange(len(samples)) % _FOLDS
-    turns = range(_FOLDS) if len(samples) < MANY_PIXELS else [_FOLDS - 1]
-    return [_Learner(samples[part != turn], samples[part == turn], sensor) for turn in turns]
+    count = len(pixels.samples)
+    part = np.arange(count) % _FOLDS
+    turns = range(_FOLDS) if count < MANY_PIXELS else [_FOLDS - 1]
+    return [_Learner(pixels.chosen(part != turn), pixels.chosen(part == turn), sensor) for turn in turns]
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,54 +175,83 @@ def better_by(one: FloatArray, other: FloatArray) -> tuple[float, float]:
     return float(away.mean()), float(away.std() / math.sqrt(away.size)) + 1e-12
 
 
-def learn_pixel_noise(samples_mm: Float32Array, sensor: Sensor, start: NoiseCurve | None) -> LearntNoise:
-    """Learn the noise from pixels of one window.
+def learn_pixel_noise(
+    pixels: Pixels,
+    sensor: Sensor,
+    start: NoiseCurve | None,
+    *,
+    shape: bool = True,
+    widths: bool | None = None,
+    drift: bool = True,
+    instead_of: NoiseCurve | None = None,
+) -> Lesson:
+    """Learn the noise from pixels of some windows.
 
     Parameters
     ----------
-    samples_mm : (pixel, frame) float32
-        Samples in the order of frames, mm, NaN where invalid; with the step of stored ranges smoothed over.
+    pixels : Pixels
+        What teaches and what judges; with the step of stored ranges smoothed over.
     sensor : Sensor
         For the working range and p(c_r).
     start : NoiseCurve or None
         A curve measured in another way, which is tried first.
+    shape : bool
+        Whether the error may have a shape other than a Gaussian's.
+    widths : bool, optional
+        Whether pixels have widths of their own; None: as the samples say.
+    drift : bool
+        Whether a pixel's ranges may drift within a window.
+    instead_of : NoiseCurve, optional
+        A Gaussian curve that what is learnt must beat on pixels that no fit has seen.
 
     Returns
     -------
-    LearntNoise
-        It depends on the samples, the sensor and `start` alone.
+    Lesson
+        It depends on the samples, the sensor and the options alone.
 
     Raises
     ------
     ValueError
         If nothing of the noise can be told.
     """
-    folds = _folds(samples_mm, sensor)
-    whole = _Learner(samples_mm, samples_mm[:0], sensor)
-    curves = _first_curves(samples_mm, start)
+    barred = {"shape": not shape, "widths": widths is not None, "drift": not drift}
+    parts = tuple(part for part in _PARTS if not barred.get(part, False))
+    folds = _folds(pixels, sensor)
+    whole = _Learner(pixels, pixels.chosen(np.zeros(len(pixels.samples), dtype=np.bool_)), sensor)
+    curves = _first_curves(pixels.samples, start)
     if not curves:
         raise ValueError("noise: no two samples of a pixel differ, or none is valid")
     best: _Trial | None = None
-    chosen, parts = curves[0], list[str]()
+    chosen, added = curves[0], list[str]()
     for curve in curves:
-        found, added = _with_parts(folds, PixelNoise.gaussian(curve, sensor.outlier_probability))
-        if best is None or _helps(found, best) > 0.0:
-            best, chosen, parts = found, curve, added
+        first = PixelNoise.gaussian(curve, sensor.outlier_probability)
+        found, own = _with_parts(folds, first, parts, insisted=("widths",) if widths else ())
+        if found is not None and (best is None or _helps(found, best) > 0.0):
+            best, chosen, added = found, curve, own
+    given_holds = False
+    if instead_of is not None and best is not None:
+        given = PixelNoise.gaussian(instead_of, sensor.outlier_probability)
+        trial = _tried(folds, [given] * len(folds))
+        given_holds = trial is not None and _helps(best, trial) == 0.0
     noise = _with_curve(whole, PixelNoise.gaussian(chosen, sensor.outlier_probability))
-    for part in parts:
+    for part in added:
         noise = _learn(whole, noise, part) or noise
-    clusters = whole.clusters(noise)
-    fits = whole.fits(noise, clusters)
+    fits = whole.fits(noise, whole.clusters(noise))
     noise = replace(noise, memory=_memory(fits))
-    ranges = fits.place if len(fits.place) else np.array([float(np.nanmedian(samples_mm))])
-    return LearntNoise(
-        noise=noise, pixels=len(samples_mm), ranges_mm=np.asarray(ranges), clusters=len(fits.place)
+    ranges = fits.place if len(fits.place) else np.array([float(np.nanmedian(pixels.samples))])
+    return Lesson(
+        noise=noise,
+        pixels=len(pixels.samples),
+        ranges_mm=np.asarray(ranges),
+        clusters=len(fits.place),
+        kept_start=chosen is curves[0] and start is not None,
+        given_holds=given_holds,
     )
 
 
 def _first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[NoiseCurve]:
     """Curves to start from: the given one, that of the differences, and smaller ones."""
-    curves = [] if start is None else [NoiseCurve(start.range_mm, start.sigma_mm)]
+    curves = [] if start is None else [start]
     found = sigma_from_differences(samples)
     if found is not None:
         ranges, sigmas = found
@@ -205,7 +263,7 @@ def _first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[Noise
         ranges, sigmas = np.array([float(np.nanmedian(samples))]), np.array([spread])
     for scale in SCALES:
         curve = NoiseCurve(ranges, sigmas * scale)
-        if all(abs(math.log(_ratio(curve, other))) > math.log(1.1) for other in curves):  # noqa: PLR2004
+        if all(abs(math.log(_ratio(curve, other))) > math.log(1.1) for other in curves):
             curves.append(curve)
     return curves
 
@@ -215,14 +273,25 @@ def _ratio(one: NoiseCurve, other: NoiseCurve) -> float:
     return float(np.exp(np.median(np.log(one.sigma_mm / other.sigma(one.range_mm)))))
 
 
-def _with_parts(folds: Sequence[_Learner], noise: PixelNoise) -> tuple[_Trial, list[str]]:
-    """Add the parts that pixels which no fit has seen ask for, the most helpful first; then drop those not needed."""
+def _with_parts(
+    folds: Sequence[_Learner], noise: PixelNoise, parts: Sequence[str], *, insisted: Sequence[str] = ()
+) -> tuple[_Trial | None, list[str]]:
+    """Add the parts that pixels which no fit has seen ask for, the most helpful first; then drop those not needed.
+
+    Parts that are insisted on come first, and stay.
+    """
     best = _tried(folds, [_with_curve(fold, noise) for fold in folds])
-    assert best is not None  # noqa: S101  a curve is always there
+    if best is None:
+        return None, []
     have: list[str] = []
-    while len(have) < len(_PARTS):
+    for part in insisted:
+        trial = _tried(folds, [_learn(fold, one, part) for fold, one in zip(folds, best.noises, strict=True)])
+        if trial is not None:
+            best = trial
+            have.append(part)
+    while len(have) < len(parts) + len(insisted):
         most, chosen = 0.0, None
-        for part in _PARTS:
+        for part in parts:
             if part in have:
                 continue
             trial = _tried(folds, [_learn(fold, one, part) for fold, one in zip(folds, best.noises, strict=True)])
@@ -234,7 +303,7 @@ def _with_parts(folds: Sequence[_Learner], noise: PixelNoise) -> tuple[_Trial, l
         have.append(chosen[0])
         best = chosen[1]
     for part in tuple(have):
-        if len(have) > 1:
+        if len(have) > 1 and part not in insisted:
             trial = _tried(folds, [_without(noise, part) for noise in best.noises])
             if trial is not None and _helps(best, trial) == 0.0:
                 best = trial
@@ -291,8 +360,7 @@ def _with_curve(learner: _Learner, noise: PixelNoise) -> PixelNoise:
             return noise
         free = replace(noise, curve=replace(noise.curve, width_spread=_FREE_WIDTH))
         fits = learner.fits(free, clusters)
-        log_width = fits.log_width + _bias(noise, fits)
-        curve = _curve_through(fits, log_width, noise.curve)
+        curve = _curve_through(fits, fits.log_width + _bias(noise, fits), noise.curve)
         change = abs(math.log(_ratio(curve, noise.curve)))
         noise = replace(noise, curve=curve)
         if change < 0.01:  # noqa: PLR2004  1 % of sigma is below what samples tell of it
@@ -309,7 +377,8 @@ def _bias(noise: PixelNoise, fits: ClusterFits) -> FloatArray:
 def _curve_through(fits: ClusterFits, log_width: FloatArray, curve: NoiseCurve) -> NoiseCurve:
     """Curve through the median widths of bins of range."""
     order = np.argsort(fits.place, kind="stable")
-    place, wide = fits.place[order], (log_width + np.log(fits.sigma))[order]
+    place = fits.place[order]
+    wide = log_width[order] + np.log(curve.sigma(place))
     ranges, sigmas, first = [], [], 0
     while first < len(place):
         stop = max(first + _LEAST_BIN, int(np.searchsorted(place, place[first] * (1.0 + _WIDE_BIN) + 1e-9, side="right")))
@@ -319,7 +388,10 @@ def _curve_through(fits: ClusterFits, log_width: FloatArray, curve: NoiseCurve) 
         sigmas.append(float(np.exp(np.median(wide[first:stop]))))
         first = stop
     at, where = np.unique(np.round(np.array(ranges), 3), return_index=True)
-    return replace(curve, range_mm=at, sigma_mm=np.array(sigmas)[where], law=None)
+    law = curve.law
+    if law is not None:
+        law = replace(law, reference=np.interp(at, curve.range_mm, law.reference))
+    return replace(curve, range_mm=at, sigma_mm=np.array(sigmas)[where], law=law)
 
 
 def _with_drift(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise:
@@ -341,7 +413,7 @@ def _with_drift(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> Pix
 def _with_widths(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
     """Measure how far the widths of pixels differ beyond chance."""
     fits = learner.fits(replace(noise, curve=replace(noise.curve, width_spread=_FREE_WIDTH)), clusters)
-    away = fits.log_width - np.log(noise.curve.sigma(fits.place) / fits.sigma)
+    away = fits.log_width
     chance = float(np.median(1.0 / (noise.laws()[0].width_information * np.maximum(fits.support, 1.0))))
     spread = _MAD * float(np.median(np.abs(away - np.median(away))))
     square = spread**2 - chance
@@ -372,19 +444,21 @@ def _errors(error: FloatArray) -> FloatArray:
 
 def _with_background(learner: _Learner, noise: PixelNoise) -> PixelNoise:
     """Learn the prior of each pixel's background: a Beta density with the moments of what pixels have."""
-    from tofmix.estimation.learnt.shares import background_shares
-
-    prior = noise.background or (0.5, 2.0)
+    prior = noise.background or FIRST_PRIOR
     for _ in range(_ROUNDS):
         trial = replace(noise, background=prior)
-        share, n = background_shares(learner.learn, trial.laws(), learner.beam(trial), flat_thresholds(), MAX_LAYERS)
-        prior = _beta(share, n)
+        share, n = background_shares(
+            learner.learn.samples, trial.laws(), learner.beam(trial, learner.learn), flat_thresholds(), MAX_LAYERS
+        )
+        prior = beta_prior(share, n)
     return replace(noise, background=prior)
 
 
-def _beta(share: FloatArray, n: FloatArray) -> tuple[float, float]:
+def beta_prior(share: FloatArray, n: FloatArray) -> tuple[float, float]:
     """Pseudo-counts of a Beta density with the mean and the spread of the shares, chance taken off."""
     share, n = share[n > 0], n[n > 0]
+    if share.size == 0:
+        return FIRST_PRIOR
     mean = min(max(float(share.mean()), 1e-4), 0.99)
     chance = float(np.mean(mean * (1.0 - mean) / n))
     square = max(float(share.var()) - chance, 1e-4 * mean * (1.0 - mean))

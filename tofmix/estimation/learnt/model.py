@@ -1,17 +1,14 @@
 """What is learnt of a recording's noise: what the estimator is given, and what a layers file keeps of it."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.learnt.law import DRIFTS, Law, law_of
-from tofmix.sensor import NoiseCurve
-
-if TYPE_CHECKING:
-    from tofmix.estimation.learnt.counting import Thresholds
-
+from tofmix.estimation.learnt.counting import Thresholds
+from tofmix.estimation.learnt.law import Law, law_of
+from tofmix.learnt_noise import DRIFTS, LearntNoise
+from tofmix.sensor import NoiseCurve, Sensor
 
 SURE_SAMPLES = 1000.0
 """Where pixels have no background of their own, p(c_r) is as sure as if so many samples had told it."""
@@ -70,10 +67,46 @@ class PixelNoise:
         )
         return law, law._replace(drift_mm=np.zeros(DRIFTS))
 
+    @classmethod
+    def of(cls, sensor: Sensor) -> "PixelNoise":
+        """The noise that a sensor carries.
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CalibratedNoise:
-    """A recording's noise with the gains that it reaches by chance (`tofmix.estimation.learnt.thresholds`)."""
+        Raises
+        ------
+        ValueError
+            If it has no noise curve.
+        """
+        if sensor.noise is None:
+            raise ValueError("the sensor has no noise curve")
+        learnt = sensor.learnt
+        if learnt is None:
+            return cls.gaussian(sensor.noise, sensor.outlier_probability)
+        return cls(
+            curve=sensor.noise,
+            p_outlier=sensor.outlier_probability,
+            background=learnt.background,
+            drift_mm=learnt.drift_mm,
+            memory=learnt.memory,
+        )
 
-    noise: PixelNoise
-    thresholds: "Thresholds"
+    def learnt_with(self, thresholds: Thresholds) -> LearntNoise:
+        """What a sensor carries of it, with the gains that it reaches by chance."""
+        return LearntNoise(
+            background=self.background,
+            drift_mm=self.drift_mm,
+            memory=self.memory,
+            gain_samples=np.exp(thresholds.log_n),
+            gain_background=thresholds.background,
+            gain_more=thresholds.more,
+            gain_first=thresholds.first,
+        )
+
+
+def thresholds_of(learnt: LearntNoise) -> Thresholds:
+    """The gains as the kernels read them."""
+    return Thresholds(
+        log_n=np.log(learnt.gain_samples),
+        background=np.array(learnt.gain_background),
+        more=np.array(learnt.gain_more),
+        first=np.array(learnt.gain_first),
+    )

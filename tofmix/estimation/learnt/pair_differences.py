@@ -128,7 +128,7 @@ def _scale(lags: FloatArray, most: float) -> float | None:
 
 
 def _peak(lags: FloatArray, scale: float) -> float | None:
-    """sigma of the peak over the level at the lags past it; None where the level has it all."""
+    """Sigma of the peak over the level at the lags past it; None where the level has it all."""
     near, far = np.searchsorted(lags, [PEAK_SIGMAS * scale, LEVEL_SIGMAS * scale], side="right")
     level = (far - near) / ((LEVEL_SIGMAS - PEAK_SIGMAS) * scale)
     excess = near - level * PEAK_SIGMAS * scale

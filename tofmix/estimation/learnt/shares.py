@@ -9,6 +9,7 @@ from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces,
 from tofmix.estimation.learnt.fitting import BACKGROUND, OWN, Samples, background_density, fill_times, mix
 from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
 from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.pixel_noise import beam_of_pixel
 from tofmix.jit import jit
 
 
@@ -26,15 +27,16 @@ def background_shares(
     work = new_work(max_layers + 1, frames, thresholds.first.shape[1])
     rules = Rules(1.0e-3, 4.0, max_layers)
     for pixel in range(pixels):
+        own = beam_of_pixel(beam, pixel)
         n = take_samples(samples[pixel], value, time)
         if n < 4:  # noqa: PLR2004  fewer fit nothing
             continue
         data = Samples(value[:n], time[:n])
         fill_times(data, work.room)
-        k, law = count_surfaces(data, work, laws, beam, thresholds, rules)
+        k, law = count_surfaces(data, work, laws, own, thresholds, rules)
         if k == 0:
             continue
-        mix(data, k, work.fit, law, beam, work.room)
+        mix(data, k, work.fit, law, own, work.room)
         random = work.fit[OWN, BACKGROUND] * background_density(beam)
         total = 0.0
         for j in range(n):

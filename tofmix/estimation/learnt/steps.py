@@ -22,8 +22,9 @@ from tofmix.estimation.learnt.fitting import (
     Samples,
     background_density,
 )
-from tofmix.estimation.learnt.law import DRIFTS, Law, at_table
+from tofmix.estimation.learnt.law import Law, at_table
 from tofmix.jit import borrowing, jit
+from tofmix.learnt_noise import DRIFTS
 
 NEAR_SIGMAS = 5.0
 """Samples farther from the drifting surface than this do not say when the jump was; half a jump counts as well."""

@@ -30,9 +30,10 @@ from tofmix.estimation.learnt.counting import (
     try_one_more,
 )
 from tofmix.estimation.learnt.fitting import Samples, copy_fit, fill_times
-from tofmix.estimation.learnt.law import DRIFTS, TAIL_DEGREES, Law
+from tofmix.estimation.learnt.law import TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.jit import jit
+from tofmix.learnt_noise import DRIFTS
 
 DRAWS = 6000
 """Pixels drawn for each number of samples and share of background: 300 exceed the tail's start."""

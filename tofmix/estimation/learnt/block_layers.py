@@ -1,0 +1,49 @@
+"""Layers of a block of pixels whose sensor carries learnt noise; `blocks` has the kernel."""
+
+import math
+
+import numpy as np
+
+from tofmix.arrays import Float32Array
+from tofmix.estimation.beam import Beam
+from tofmix.estimation.learnt.blocks import fill_layers
+from tofmix.estimation.learnt.model import PixelNoise, thresholds_of
+from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode, knobs_of
+from tofmix.layers import Layers
+from tofmix.learnt_noise import DRIFTS
+from tofmix.sensor import Sensor
+
+
+def counts_with_learnt(sensor: Sensor, options: EstimateOptions) -> bool:
+    """Whether surfaces are counted under the sensor's learnt noise.
+
+    Free sigmas, and peaks taken for surfaces, are the paper's: they know a Gaussian alone.
+    """
+    return sensor.learnt is not None and options.refine is Refine.LIKELIHOOD and options.sigma is not SigmaMode.FREE
+
+
+def layers_with_learnt(
+    block: Float32Array, beam: Beam, sensor: Sensor, options: EstimateOptions, out: Layers
+) -> None:
+    """Fill `out` for samples (pixel, frame), mm, NaN where invalid.
+
+    On a circle, where samples have lost their order, no pixel drifts.
+
+    Raises
+    ------
+    ValueError
+        If the sensor has no noise curve, or carries no learnt noise.
+    """
+    if sensor.learnt is None:
+        raise ValueError("the sensor carries no learnt noise")
+    law, plain = PixelNoise.of(sensor).laws()
+    if options.sigma is SigmaMode.TIED:
+        law, plain = law._replace(width_spread=0.0), plain._replace(width_spread=0.0)
+    if options.unambiguous_range_mm is not None:
+        law = law._replace(drift_mm=np.zeros(DRIFTS))
+    width = out.noise_width if out.noise_width is not None else np.ones(len(block), dtype=np.float32)
+    fill_layers(block, out.arrays(), width, beam, (law, plain), thresholds_of(sensor.learnt), knobs_of(options))
+    inflation = math.sqrt((1.0 + sensor.learnt.memory) / (1.0 - sensor.learnt.memory))
+    if inflation > 1.0:
+        # Samples that remember the last one tell less: the variance of their mean is so much larger.
+        out.range_stderr[...] *= inflation

@@ -1,0 +1,127 @@
+"""A quick look whether a noise curve goes with the samples: if it does, nothing need be learnt.
+
+Clusters of one surface are fitted under the curve with a Gaussian. Their widths, the shape of their errors, their
+drifts and the samples far from all clusters should be those that the curve and p(c_r) let expect. What is found here
+is only a reason to learn the noise; whether the learnt noise is better, pixels that no fit has seen decide.
+"""
+
+import math
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import beam_of
+from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
+from tofmix.estimation.learnt.learning import LEAST_CLUSTERS, Pixels
+from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.pixel_noise import own_curves
+from tofmix.learnt_noise import DRIFTS
+from tofmix.sensor import Sensor
+
+WIDTH_TOLERANCE = 0.10
+"""Relative difference of typical widths and of their spread that is worth learning for."""
+
+SKEWNESS_TOLERANCE, KURTOSIS_TOLERANCE = 0.3, 0.6
+"""Skewness and excess kurtosis of the errors that are worth learning for: less adds one false alarm in a thousand."""
+
+DRIFT_TOLERANCE = 0.5
+"""Typical drift over a window, in sigmas, that is worth learning for."""
+
+BACKGROUND_TOLERANCE = 0.01
+"""Share of samples near no cluster, beyond p(c_r), that is worth learning for."""
+
+FEW = 0.5
+"""Where less of the pixels than this have a cluster that stands clear, clusters do not tell: nothing is doubted."""
+
+SURE = 3.0
+_MAD = 1.4826
+_NEAR_SIGMAS = 8.0
+_CENTRAL = 4.0
+
+
+def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
+    """What the samples say against the sensor's Gaussian noise curve.
+
+    Parameters
+    ----------
+    pixels : Pixels
+        Some pixels of the recording.
+    sensor : Sensor
+        With a noise curve.
+
+    Returns
+    -------
+    list of str
+        Of ``width``, ``widths``, ``shape``, ``drift``, ``background``; empty if nothing does, or too few pixels tell.
+    """
+    if sensor.noise is None:
+        raise ValueError("the sensor has no noise curve")
+    noise = PixelNoise.gaussian(sensor.noise, sensor.outlier_probability)
+    beam = beam_of(sensor)
+    if sensor.noise.law is not None and pixels.amplitude is not None:
+        beam = beam._replace(own=own_curves(pixels.samples.T, pixels.amplitude.T, sensor.noise))
+    clusters = find_clusters(pixels.samples, beam)
+    owners = np.unique(clusters.pixel)
+    filled = np.count_nonzero(np.isfinite(pixels.samples).sum(axis=1) >= 1)
+    if len(clusters.pixel) < LEAST_CLUSTERS or len(owners) < FEW * filled:
+        return []
+    free = PixelNoise(
+        curve=sensor.noise, p_outlier=noise.p_outlier, background=(0.5, 5.0), drift_mm=np.zeros(DRIFTS)
+    )
+    law = free.laws()[0]._replace(width_spread=0.5)
+    fits = fit_clusters(pixels.samples, clusters, law, beam, False)  # noqa: FBT003  a kernel's flag
+    moving = law._replace(drift_mm=np.full(DRIFTS, 3.0 * float(np.median(fits.sigma))))
+    drifting = fit_clusters(pixels.samples, clusters, moving, beam, False)  # noqa: FBT003  a kernel's flag
+    found = []
+    chance = 1.0 / (law.width_information * np.maximum(fits.support, 1.0))
+    count = len(fits.place)
+    typical = float(np.median(fits.log_width))
+    if abs(typical) > WIDTH_TOLERANCE + SURE * math.sqrt(float(np.median(chance)) / count):
+        found.append("width")
+    spread = _MAD * float(np.median(np.abs(fits.log_width - typical)))
+    if spread**2 - float(np.median(chance)) > WIDTH_TOLERANCE**2 + SURE * float(np.median(chance)) * math.sqrt(2 / count):
+        found.append("widths")
+    if _is_shaped(fits):
+        found.append("shape")
+    if _drifts(drifting) > DRIFT_TOLERANCE:
+        found.append("drift")
+    far = _far_share(pixels, fits, clusters.pixel, owners)
+    if far > sensor.outlier_probability + BACKGROUND_TOLERANCE:
+        found.append("background")
+    return found
+
+
+def _is_shaped(fits: ClusterFits) -> bool:
+    """Whether the errors are skewed or long-tailed, each pixel by its own width, beyond chance and tolerance."""
+    z = fits.error[np.isfinite(fits.error) & (np.abs(fits.error) < _CENTRAL + 1.0)]
+    if z.size < 100:  # noqa: PLR2004  moments of fewer tell nothing
+        return False
+    z = (z - z.mean()) / z.std()
+    skewness, kurtosis = float((z**3).mean()), float((z**4).mean() - 3.0)
+    return abs(skewness) > SKEWNESS_TOLERANCE + SURE * math.sqrt(6 / z.size) or kurtosis > (
+        KURTOSIS_TOLERANCE + SURE * math.sqrt(24 / z.size)
+    )
+
+
+def _drifts(fits: ClusterFits) -> float:
+    """Typical change over a window by the first polynomial, chance taken off, in sigmas."""
+    width = np.exp(fits.log_width) * fits.sigma
+    moved = 2.0 * fits.drift[:, 0] / width
+    chance = 4.0 * 3.0 / np.maximum(fits.support, 1.0)
+    return math.sqrt(max(float(np.quantile(moved**2, 0.75) / 1.1503**2 - np.median(chance)), 0.0))
+
+
+def _far_share(pixels: Pixels, fits: ClusterFits, pixel: FloatArray, owners: FloatArray) -> float:
+    """Median over pixels of the share of samples near no cluster of theirs; pixels with a cluster that is not clear
+    have other surfaces, so that the median tells of background alone where most pixels see one surface.
+    """
+    share = np.zeros(len(owners))
+    for i, owner in enumerate(owners):
+        samples = pixels.samples[owner]
+        samples = samples[np.isfinite(samples)]
+        far = np.ones(len(samples), dtype=np.bool_)
+        for c in np.flatnonzero(pixel == owner):
+            reach = _NEAR_SIGMAS * fits.sigma[c] * math.exp(max(fits.log_width[c], 0.0))
+            far &= np.abs(samples - fits.place[c]) > reach
+        share[i] = far.mean()
+    return float(np.median(share))

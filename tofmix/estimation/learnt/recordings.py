@@ -1,0 +1,283 @@
+"""Learn the noise of a recording: its pixels are read, the noise is learnt and calibrated, and told in a line."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.arrays import Float32Array, FloatArray
+from tofmix.estimation.beam import beam_of
+from tofmix.estimation.learnt.held_out import flat_thresholds
+from tofmix.estimation.learnt.learning import MAX_LAYERS, Lesson, Pixels, beta_prior, learn_pixel_noise
+from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.shares import background_shares
+from tofmix.estimation.learnt.thresholds import calibrate
+from tofmix.estimation.noise import MeasuredNoise, measure_noise
+from tofmix.estimation.noise_series import quantisation_step, read_runs
+from tofmix.estimation.samples import FARTHEST_MM
+from tofmix.learnt_noise import DRIFTS
+from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source, samples_a_frame
+from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.wording import counted
+
+MOST_PIXELS = 3000
+"""Pixels, each of one window, that teach; more tell little more."""
+
+MOST_FRAMES = 1000
+"""Frames of a window that teach, its first ones: a longer one is drift within these."""
+
+DIFFERS = 0.10
+"""Relative difference of the scales of clusters and of differences that is worth a word."""
+
+_SEED = 20080922
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FoundNoise:
+    """The noise that a recording shows.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The recording's, with the noise curve, and `learnt` where the noise is not a Gaussian's alone.
+    measured : MeasuredNoise or None
+        What clusters of one Gaussian surface tell (`tofmix.estimation.noise`); None where they tell nothing.
+    lesson : Lesson
+        What was learnt.
+    """
+
+    sensor: Sensor
+    measured: MeasuredNoise | None
+    lesson: Lesson
+
+    @property
+    def is_gaussian(self) -> bool:
+        """Whether a curve is all there is."""
+        return self.sensor.learnt is None
+
+    def line(self) -> str:
+        """What was found, for a user."""
+        curve = self.sensor.noise
+        assert curve is not None  # noqa: S101  it was learnt
+        low, high = float(curve.sigma_mm.min()), float(curve.sigma_mm.max())
+        said = [f"sigma {low:.3g} mm" if f"{low:.3g}" == f"{high:.3g}" else f"sigma {low:.3g} to {high:.3g} mm"]
+        said.append("Gaussian" if curve.shape is None else _shape_text(curve))
+        learnt = self.sensor.learnt
+        if learnt is not None and learnt.background is not None:
+            said.append(_background_text(curve))
+        said.append(f"widths differ by {100 * curve.width_spread:.0f} %" if curve.width_spread else "widths alike")
+        if learnt is not None and learnt.drift_mm.any():
+            said.append(f"pixels drift by {2.0 * learnt.drift_mm.max():.2g} mm in a window")
+        if learnt is not None and learnt.memory:
+            said.append(f"memory {learnt.memory:.2g}")
+        return f"{', '.join(said)}; learnt from {counted(self.lesson.pixels, 'pixel')}"
+
+
+def _shape_text(curve: NoiseCurve) -> str:
+    assert curve.shape is not None  # noqa: S101  asked of shapes alone
+    _, _, skewness, kurtosis = curve.shape.moments()
+    if abs(skewness) >= 0.2:  # noqa: PLR2004  less is not seen in a plot
+        return f"skewed ({skewness:.1f})"
+    return "long-tailed" if kurtosis > 0 else "short-tailed"
+
+
+def _background_text(curve: NoiseCurve) -> str:
+    if curve.background is None:
+        return "background by pixel"
+    low, high = np.quantile(curve.background, (0.05, 0.95))
+    return f"background {100 * low:.0f} to {100 * high:.0f} % by pixel"
+
+
+def learn_noise(
+    source: SampleSource,
+    *,
+    window_frames: int,
+    stride_frames: int | None = None,
+    shape: bool = True,
+    widths: bool | None = None,
+    drift: bool = True,
+    instead_of: NoiseCurve | None = None,
+    min_samples: int = 3,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> FoundNoise:
+    """Learn a recording's noise.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The recording. Its sensor's curve is not looked at; its working range is.
+    window_frames, stride_frames : int
+        Frames of a window, and from one to the next: what a pixel is.
+    shape : bool
+        Whether the error may have a shape other than a Gaussian's.
+    widths : bool, optional
+        Whether pixels have widths of their own; None: as the samples say.
+    drift : bool
+        Whether a pixel's ranges may drift within a window.
+    instead_of : NoiseCurve, optional
+        A Gaussian curve that the learnt noise must beat, on pixels that no fit has seen, to be used.
+    min_samples : int
+        Fewest samples that a pixel is fitted with.
+    workers : int
+        Threads; nothing depends on it.
+    progress : callable, optional
+        Told the steps of the calibration that are done, and all.
+
+    Returns
+    -------
+    FoundNoise
+        It depends on the samples and the options alone. Its sensor is the recording's own where `instead_of` holds.
+
+    Raises
+    ------
+    ValueError
+        If nothing of the noise can be told.
+    """
+    try:
+        measured = measure_noise(source)
+    except ValueError:
+        measured = None
+    targets = samples_a_frame(source)
+    window, stride = window_frames * targets, (stride_frames or window_frames) * targets
+    pixels = pixels_of(source, window, stride)
+    sensor = replace(source.sensor, noise=None, learnt=None)
+    lesson = learn_pixel_noise(
+        pixels, sensor, None if measured is None else measured.curve, shape=shape, widths=widths,
+        drift=drift, instead_of=instead_of,
+    )  # fmt: skip
+    noise = lesson.noise
+    if lesson.given_holds:
+        return FoundNoise(sensor=source.sensor, measured=measured, lesson=lesson)
+    if noise.is_gaussian:
+        curve = measured.curve if measured is not None and lesson.kept_start else noise.curve
+        return FoundNoise(sensor=replace(sensor, noise=curve), measured=measured, lesson=lesson)
+    beam = beam_of(replace(sensor, noise=noise.curve))
+    thresholds = calibrate(
+        noise, beam, lesson.ranges_mm, samples=_numbers(pixels, min_samples, window), workers=workers,
+        progress=progress,
+    )  # fmt: skip
+    curve = noise.curve
+    if noise.background is not None:
+        curve = replace(curve, background=background_map(source, noise, sensor, window))
+    return FoundNoise(
+        sensor=replace(sensor, noise=curve, learnt=noise.learnt_with(thresholds)), measured=measured, lesson=lesson
+    )
+
+
+def has_parts(curve: NoiseCurve) -> bool:
+    """Whether a file's curve says more than sigma by range and amplitude."""
+    return curve.shape is not None or curve.width_spread > 0 or curve.background is not None
+
+
+def calibrated(
+    source: SampleSource,
+    *,
+    window_frames: int,
+    min_samples: int = 3,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> Sensor:
+    """The recording's sensor with the gains that the noise it states reaches by chance.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The recording; its curve has a shape, widths or a background.
+    window_frames, min_samples, workers, progress
+        As for `learn_noise`.
+
+    Raises
+    ------
+    ValueError
+        If it has no curve.
+    """
+    sensor = source.sensor
+    if sensor.noise is None:
+        raise ValueError("the sensor has no noise curve")
+    background = None
+    if sensor.noise.background is not None:
+        shares = np.ravel(sensor.noise.background)
+        background = beta_prior(shares, np.full(shares.shape, np.inf))
+    noise = PixelNoise(
+        curve=sensor.noise, p_outlier=sensor.outlier_probability, background=background, drift_mm=np.zeros(DRIFTS)
+    )
+    pixels = pixels_of(source, window_frames * samples_a_frame(source), window_frames * samples_a_frame(source))
+    ranges = np.nanmedian(pixels.samples, axis=1)
+    ranges = np.sort(ranges[np.isfinite(ranges)])
+    thresholds = calibrate(
+        noise,
+        beam_of(sensor),
+        ranges if ranges.size else np.array(sensor.noise.range_mm),
+        samples=_numbers(pixels, min_samples, window_frames * samples_a_frame(source)),
+        workers=workers,
+        progress=progress,
+    )
+    return replace(sensor, learnt=noise.learnt_with(thresholds))
+
+
+def _numbers(pixels: Pixels, min_samples: int, window: int) -> tuple[int, int]:
+    """Fewest and most valid samples of the pixels that can be fitted."""
+    number = np.isfinite(pixels.samples).sum(axis=1)
+    known = number[number >= min_samples]
+    return (min_samples, window) if known.size == 0 else (int(np.quantile(known, 0.02)), int(known.max()))
+
+
+def pixels_of(source: SampleSource, window_frames: int, stride_frames: int, *, most: int = MOST_PIXELS) -> Pixels:
+    """Up to `most` pixels, evenly spread over the image and the windows.
+
+    Rounding is spread evenly over the step of stored ranges: equal samples tell no width.
+    """
+    frames, rows, cols = source.shape
+    length = min(window_frames, MOST_FRAMES, frames)
+    count = max(1, 1 + (frames - window_frames) // stride_frames) if frames >= window_frames else 1
+    some = min(count, max(1, most // (rows * cols)))
+    starts = np.unique(np.linspace(0, count - 1, some).astype(int)) * stride_frames
+    step = max(1, math.floor(math.sqrt(rows * cols / most)))
+    chosen = np.arange(step // 2, rows, step)
+    series = read_runs(source, starts.tolist(), length, chosen, None)
+    keep = np.unique(np.linspace(0, len(series.samples) - 1, min(len(series.samples), most)).astype(int))
+    samples = series.samples[keep]
+    with np.errstate(invalid="ignore"):
+        samples[~(np.abs(samples) <= FARTHEST_MM)] = np.nan
+    light = None
+    if (amplitudes := amplitude_source(source)) is not None:
+        light = read_runs(_Light(amplitudes, source), starts.tolist(), length, chosen, None).samples[keep]
+    rounding = quantisation_step(samples)
+    rng = np.random.default_rng(_SEED)
+    smooth = samples + rng.uniform(-0.5 * rounding, 0.5 * rounding, samples.shape)
+    return Pixels(samples=np.ascontiguousarray(smooth, dtype=np.float32), amplitude=light)
+
+
+class _Light:
+    """Amplitudes, read as ranges are."""
+
+    def __init__(self, amplitudes: AmplitudeSource, source: SampleSource) -> None:
+        self._amplitudes = amplitudes
+        self.shape, self.row_step, self.frame_step, self.sensor = (
+            source.shape, source.row_step, source.frame_step, source.sensor
+        )  # fmt: skip
+
+    def read_range(self, frames: slice, rows: slice) -> Float32Array:
+        """Amplitudes of some frames and rows."""
+        return self._amplitudes.read_amplitude(frames, rows)
+
+
+def background_map(source: SampleSource, noise: PixelNoise, sensor: Sensor, window_frames: int) -> FloatArray:
+    """Share (row, col) of background of each pixel in the first window; the prior's mean where none shows a surface."""
+    frames, rows, cols = source.shape
+    length = min(window_frames, MOST_FRAMES, frames)
+    beam = beam_of(replace(sensor, noise=noise.curve))
+    near, far = noise.background or (0.0, 1.0)
+    out = np.full((rows, cols), near / (near + far))
+    band = max(1, source.row_step)
+    for first in range(0, rows, band):
+        block = source.read_range(slice(0, length), slice(first, min(first + band, rows)))
+        samples = np.ascontiguousarray(block.reshape(length, -1).T.astype(np.float32))
+        share, number = background_shares(samples, noise.laws(), beam, flat_thresholds(), MAX_LAYERS)
+        part = out[first : first + band].reshape(-1)
+        known = number > 0
+        part[known] = (share[known] * number[known] + near) / (number[known] + near + far)
+        out[first : first + band] = part.reshape(-1, cols)
+    return np.minimum(out, 0.999)
