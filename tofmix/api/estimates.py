@@ -233,8 +233,13 @@ def estimate(
     asked = noise if noise is not None else AUTO if source.sensor.noise is None else FILE
     with source.opened() as samples:
         source = source.with_sensor(sensor_with_span(samples, options.unambiguous_range_mm))
-    sensor = _sensor(source, asked, outliers, options)
+    sensor = _sensor(source, asked, outliers, options, windows, workers or os.cpu_count() or 1)
     source = source.with_sensor(sensor)
+    if noise is None and asked == FILE:
+        with source.opened() as samples:
+            sensor = _questioned(samples, options, windows, workers or os.cpu_count() or 1)
+        asked = asked if sensor is source.sensor else AUTO
+        source = source.with_sensor(sensor)
     of_samples = windows.of_samples(max(1, source.targets))
     with source.opened() as samples:
         if options.unambiguous_range_mm is None and not options.paper and sensor.no_return_mm is None:
@@ -293,15 +298,61 @@ def opened_recording(path: Path) -> Recording:
     return found
 
 
-def _sensor(source: Recording, noise: str | NoiseCurve, outliers: str | float, options: "EstimateOptions") -> Sensor:
+def _knows_gaussian_alone(options: "EstimateOptions") -> bool:
+    """Whether the options leave no room for learnt noise."""
+    return bool(options.paper or options.refine == "none" or options.sigma == "free")
+
+
+def _questioned(samples: "SampleSource", options: "EstimateOptions", windows: "Windows", workers: int) -> Sensor:
+    """The camera with the file's noise, or the learnt one where the samples contradict the file's."""
+    from tofmix.estimation.learnt.recordings import calibrated, has_parts, learn_if_contradicted
+    from tofmix.estimation.unrolling import UnrolledSource
+
+    sensor, length = samples.sensor, options.unambiguous_range_mm
+    if sensor.noise is None or _knows_gaussian_alone(options):
+        return sensor
+    ranges = samples if length is None else UnrolledSource(samples, length)
+    if has_parts(sensor.noise):
+        return calibrated(ranges, window_frames=windows.length, min_samples=options.min_samples, workers=workers)
+    found = learn_if_contradicted(
+        ranges, window_frames=windows.length, stride_frames=windows.stride, drift=length is None,
+        min_samples=options.min_samples, workers=workers,
+    )  # fmt: skip
+    return sensor if found is None else found.sensor
+
+
+def _learnt(source: Recording, options: "EstimateOptions", windows: "Windows", workers: int) -> Sensor:
+    from tofmix.estimation.learnt.recordings import learn_noise
+    from tofmix.estimation.unrolling import UnrolledSource
+
+    length = options.unambiguous_range_mm
+    with source.opened() as samples:
+        try:
+            return learn_noise(
+                samples if length is None else UnrolledSource(samples, length), window_frames=windows.length,
+                stride_frames=windows.stride, drift=length is None, min_samples=options.min_samples, workers=workers,
+            ).sensor  # fmt: skip
+        except ValueError as error:
+            raise BadInputError(f"{source.name}: {error}") from error
+
+
+def _sensor(
+    source: Recording,
+    noise: str | NoiseCurve,
+    outliers: str | float,
+    options: "EstimateOptions",
+    windows: "Windows",
+    workers: int,
+) -> Sensor:
     """The recording's camera with the noise and the p(c_r) that were asked for."""
     sensor = source.sensor
-    if AUTO in (noise, outliers):
+    if noise == AUTO and not _knows_gaussian_alone(options):
+        sensor = _learnt(source, options, windows, workers)
+    elif noise == AUTO:
+        sensor = replace(sensor, noise=_measured(source, options.unambiguous_range_mm).curve)
+    if outliers == AUTO:
         measured = _measured(source, options.unambiguous_range_mm)
-        if noise == AUTO:
-            sensor = replace(sensor, noise=measured.curve)
-        if outliers == AUTO:
-            sensor = replace(sensor, outlier_probability=measured.outlier_probability)
+        sensor = replace(sensor, outlier_probability=measured.outlier_probability)
     if not isinstance(outliers, str):
         sensor = replace(sensor, outlier_probability=float(outliers))
     elif outliers not in (FILE, AUTO):
@@ -326,9 +377,13 @@ def _say_doubts(
 ) -> None:
     """Warn of what `tofmix estimate` says of the samples before it estimates them."""
     from tofmix.estimation.consistency import check_consistency
+    from tofmix.estimation.learnt.model import follows_drift
     from tofmix.report.findings import Remedy, sample_findings
 
-    seen = check_consistency(samples, sensor.noise, window_frames=window_frames, unambiguous_range_mm=circle_mm)
+    seen = check_consistency(
+        samples, sensor.noise, window_frames=window_frames, unambiguous_range_mm=circle_mm,
+        follows_drift=follows_drift(sensor),
+    )  # fmt: skip
     scatter = None if noise == AUTO else seen.scatter_over_curve  # a curve that the samples gave is theirs
     remedy = Remedy(recording="recording", window_frames=window_frames)
     for finding in sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy):

@@ -61,9 +61,13 @@ def findings_of_samples(
 ) -> list["Finding"]:
     """What some of the samples say against the noise curve of `sensor`, and of drift within a window."""
     from tofmix.estimation.consistency import check_consistency
+    from tofmix.estimation.learnt.model import follows_drift
     from tofmix.report.findings import sample_findings
 
-    seen = check_consistency(source, sensor.noise, window_frames=remedy.window_frames, unambiguous_range_mm=circle_mm)
+    seen = check_consistency(
+        source, sensor.noise, window_frames=remedy.window_frames, unambiguous_range_mm=circle_mm,
+        follows_drift=follows_drift(sensor),
+    )  # fmt: skip
     # A curve that the samples gave is theirs.
     scatter = None if remedy.noise == AUTO else seen.scatter_over_curve
     return sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
@@ -13,17 +13,15 @@ from tofmix.errors import BadInputError, UsageError
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from tofmix.estimation.learnt.recordings import FoundNoise
     from tofmix.estimation.noise import MeasuredNoise
     from tofmix.io.recording_file import RecordingFile
     from tofmix.recording import SampleSource
-    from tofmix.sensor import NoiseCurve, Sensor
+    from tofmix.sensor import Sensor
     from tofmix.sensors import SensorProfile
 
-FILE, AUTO = "file", "auto"
+T = TypeVar("T")
 
-QUESTIONED_PIXELS = 1000
-"""Pixels by which a file's curve is held against the samples."""
+FILE, AUTO = "file", "auto"
 
 TOLERANCE = 0.10
 """Relative difference of the file's curve and the measured one that is worth a word."""
@@ -204,7 +202,9 @@ def _with_measured(
 
 def _with_learnt(source: "RecordingFile", outliers: str | float, learning: Learning) -> "Sensor":
     """The sensor with all that the recording teaches of its noise; said in a line."""
-    found = _learnt(source, learning, None)
+    from tofmix.estimation.learnt.recordings import learn_noise
+
+    found = _learnt(source, learning, learn_noise)
     sensor = found.sensor
     if outliers == AUTO:
         if found.measured is None:
@@ -220,29 +220,19 @@ def _with_learnt(source: "RecordingFile", outliers: str | float, learning: Learn
 
 def _as_the_file_says(source: "RecordingFile", learning: Learning, *, question: bool) -> "Sensor":
     """The sensor with the file's noise, or, where it may be questioned and the samples contradict it, the learnt one."""
-    from tofmix.estimation.learnt.curve_check import doubts
-    from tofmix.estimation.learnt.recordings import calibrated, has_parts, pixels_of
-    from tofmix.recording import samples_a_frame
+    from tofmix.estimation.learnt.recordings import calibrated, has_parts, learn_if_contradicted
 
     sensor = source.sensor
     if sensor.noise is None:
         return sensor
-    ranges = _ranges(source, learning)
     if has_parts(sensor.noise):
         with calibration_bar() as progress:
             return calibrated(
-                ranges, window_frames=learning.window_frames, min_samples=learning.min_samples,
+                _ranges(source, learning), window_frames=learning.window_frames, min_samples=learning.min_samples,
                 workers=learning.workers, progress=progress,
             )  # fmt: skip
-    if not question:
-        return sensor
-    targets = samples_a_frame(source)
-    frames = learning.window_frames * targets
-    pixels = pixels_of(ranges, frames, learning.stride_frames * targets, most=QUESTIONED_PIXELS)
-    if not doubts(pixels, sensor):
-        return sensor
-    found = _learnt(source, learning, sensor.noise)
-    if found.lesson.given_holds:
+    found = _learnt(source, learning, learn_if_contradicted) if question else None
+    if found is None:
         return sensor
     note(
         f"{source.path}: noise: the samples contradict the file's curve; learnt instead: {found.line()}"
@@ -257,19 +247,16 @@ def _ranges(source: "RecordingFile", learning: Learning) -> "SampleSource":
     return source if learning.circle_mm is None else UnrolledSource(source, learning.circle_mm)
 
 
-def _learnt(source: "RecordingFile", learning: Learning, instead_of: "NoiseCurve | None") -> "FoundNoise":
-    from tofmix.estimation.learnt.recordings import learn_noise
-
+def _learnt(source: "RecordingFile", learning: Learning, learn: Callable[..., T]) -> T:
     try:
         with calibration_bar() as progress:
-            return learn_noise(
+            return learn(
                 _ranges(source, learning),
                 window_frames=learning.window_frames,
                 stride_frames=learning.stride_frames,
-                shape=learning.shape == "auto",
-                widths=None if learning.widths == "auto" else learning.widths == "own",
+                shape=learning.shape == AUTO,
+                widths=None if learning.widths == AUTO else learning.widths == "own",
                 drift=learning.circle_mm is None,
-                instead_of=instead_of,
                 min_samples=learning.min_samples,
                 workers=learning.workers,
                 progress=progress,

@@ -71,6 +71,7 @@ def check_consistency(
     *,
     window_frames: int,
     unambiguous_range_mm: float | None = None,
+    follows_drift: bool = False,
 ) -> Consistency:
     """Hold some samples of the first window against the noise curve.
 
@@ -84,6 +85,8 @@ def check_consistency(
         Frames of a window, at least 1.
     unambiguous_range_mm : float, optional
         Length of the circle that ranges are taken on, mm.
+    follows_drift : bool
+        Whether the estimate lets pixels drift: then a drift is nothing to warn of, and is not looked for.
 
     Returns
     -------
@@ -110,7 +113,9 @@ def check_consistency(
     return Consistency(
         pixels=int(np.unique(series.pixel[chosen]).size),
         scatter_over_curve=scatter,
-        drift_sigmas=_drift(series, seen, chosen, window_frames, unambiguous_range_mm),
+        drift_sigmas=None
+        if follows_drift
+        else _drift(series, seen, chosen, window_frames, unambiguous_range_mm),
         window_frames=window_frames,
     )
 

@@ -3,11 +3,13 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.beam import beam_of
+from tofmix.estimation.learnt.curve_check import doubts
 from tofmix.estimation.learnt.held_out import flat_thresholds
 from tofmix.estimation.learnt.learning import MAX_LAYERS, Lesson, Pixels, beta_prior, learn_pixel_noise
 from tofmix.estimation.learnt.model import PixelNoise
@@ -27,8 +29,8 @@ MOST_PIXELS = 3000
 MOST_FRAMES = 1000
 """Frames of a window that teach, its first ones: a longer one is drift within these."""
 
-DIFFERS = 0.10
-"""Relative difference of the scales of clusters and of differences that is worth a word."""
+QUESTIONED_PIXELS = 1000
+"""Pixels by which a file's curve is held against the samples."""
 
 _SEED = 20080922
 
@@ -164,6 +166,40 @@ def learn_noise(
     return FoundNoise(
         sensor=replace(sensor, noise=curve, learnt=noise.learnt_with(thresholds)), measured=measured, lesson=lesson
     )
+
+
+def learn_if_contradicted(
+    source: SampleSource, *, window_frames: int, stride_frames: int | None = None, **choices: Any
+) -> FoundNoise | None:
+    """The noise to use instead of the Gaussian curve that the recording's sensor has.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The recording, with a curve.
+    window_frames, stride_frames : int
+        The windows, in frames.
+    **choices
+        As for `learn_noise`.
+
+    Returns
+    -------
+    FoundNoise or None
+        None where the samples do not contradict the curve, or nothing predicts pixels that no fit has seen better.
+
+    Raises
+    ------
+    ValueError
+        If the sensor has no curve.
+    """
+    targets = samples_a_frame(source)
+    stride = (stride_frames or window_frames) * targets
+    if not doubts(pixels_of(source, window_frames * targets, stride, most=QUESTIONED_PIXELS), source.sensor):
+        return None
+    found = learn_noise(
+        source, window_frames=window_frames, stride_frames=stride_frames, instead_of=source.sensor.noise, **choices
+    )
+    return None if found.lesson.given_holds else found
 
 
 def has_parts(curve: NoiseCurve) -> bool:
