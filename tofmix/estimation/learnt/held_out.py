@@ -16,8 +16,9 @@ from tofmix.jit import jit
 LEAST_GAIN = 7.0
 """Gain, nat, that a surface must have here, under whatever model: that of a Gaussian is 6 for one false alarm in 1000."""
 
-LEAST_FIRST_GAIN = 12.0
-"""Gain, nat, that the first surface must have beside background alone, which may crowd anywhere in the range."""
+LEAST_FIRST_GAIN = 4.0
+"""Gain, nat, that the first surface must have beside background alone: a pixel with a surface must not go without one
+where the recording's ranges, and so the background, span few sigmas; one without a surface costs all models the same."""
 
 _CHANCES = len(FALSE_ALARMS)
 _MAX_ITER, _TOL = 60, 1.0e-3

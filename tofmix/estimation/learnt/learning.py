@@ -18,6 +18,7 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import LEAST_GAIN, flat_thresholds, held_out_scores
+from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, TAIL_DEGREES
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
@@ -32,10 +33,14 @@ SURE = 3.0
 WORTH = 0.1
 """Nats a pixel that a part must gain at least: less moves no count."""
 
+SURE_NATS = math.log(1000.0)
+"""Nats that a part must gain, all judging pixels together, where a few have most of it: chance does once in 1000."""
+
 MANY_PIXELS = 900
 """From so many pixels on, a third of them is enough to judge by."""
 
 _FOLDS = 3
+_SEED = 20080922
 
 LEAST_CLUSTERS = 12
 """Fewer clusters teach no part but sigma."""
@@ -48,6 +53,9 @@ MAX_LAYERS = 4
 
 FIRST_PRIOR = (0.5, 2.0)
 """Pseudo-counts of background and of the rest before any pixel has told."""
+
+_SPREADS = np.geomspace(0.02, 1.0, 30)
+_NEVER = 1e-12
 
 _FREE_WIDTH = 0.5
 """Spread of log width while widths are measured: wide enough to leave each to its own samples."""
@@ -135,7 +143,7 @@ class _Learner:
 def _folds(pixels: Pixels, sensor: Sensor) -> list[_Learner]:
     """Every third pixel judges what the others teach; where pixels are few, each third in turn."""
     count = len(pixels.samples)
-    part = np.arange(count) % _FOLDS
+    part = np.random.default_rng(_SEED).permutation(count) % _FOLDS  # neighbours are alike: no fold has them all
     turns = range(_FOLDS) if count < MANY_PIXELS else [_FOLDS - 1]
     return [_Learner(pixels.chosen(part != turn), pixels.chosen(part == turn), sensor) for turn in turns]
 
@@ -157,9 +165,24 @@ def _tried(folds: Sequence[_Learner], noises: Sequence[PixelNoise | None]) -> _T
 
 
 def _helps(one: _Trial, other: _Trial) -> float:
-    """Gain of the first over the second, nat a pixel; 0 where it may be chance, or moves no count."""
+    """Gain of the first over the second, nat a pixel; 0 where it may be chance, or moves no count.
+
+    Two tests, of which one must pass. Most pixels gain: the mean is several standard errors above 0. Or a few gain
+    much: if the second were true, the product of the pixels' likelihood ratios would exceed e^g with a chance of e^-g
+    at most, whatever was learnt (they are of samples and pixels that no fit has seen); the best pixel does not count.
+
+    References
+    ----------
+    Vovk and Wang, Annals of Statistics 49(3), 2021, doi:10.1214/20-AOS2020: e-values.
+    """
     gain, error = better_by(one.scores, other.scores)
-    return gain if gain > max(SURE * error, WORTH) else 0.0
+    if gain > max(SURE * error, WORTH):
+        return gain
+    away = one.scores - other.scores
+    away = np.sort(away[np.isfinite(away)])[:-1]
+    if away.size and away.sum() > max(SURE_NATS, WORTH * away.size):
+        return float(away.mean())
+    return 0.0
 
 
 def better_by(one: FloatArray, other: FloatArray) -> tuple[float, float]:
@@ -413,13 +436,31 @@ def _with_drift(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> Pix
 def _with_widths(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
     """Measure how far the widths of pixels differ beyond chance."""
     fits = learner.fits(replace(noise, curve=replace(noise.curve, width_spread=_FREE_WIDTH)), clusters)
-    away = fits.log_width
-    chance = float(np.median(1.0 / (noise.laws()[0].width_information * np.maximum(fits.support, 1.0))))
-    spread = _MAD * float(np.median(np.abs(away - np.median(away))))
-    square = spread**2 - chance
-    if square <= 0.0:
-        return None
-    return replace(noise, curve=replace(noise.curve, width_spread=min(math.sqrt(square), 1.0)))
+    chance = 1.0 / (noise.laws()[0].width_information * np.maximum(fits.support, 1.0))
+    spread = width_spread(fits.log_width - float(np.median(fits.log_width)), np.asarray(chance))
+    return None if spread is None else replace(noise, curve=replace(noise.curve, width_spread=spread))
+
+
+def width_spread(log_width: FloatArray, variance: FloatArray) -> float | None:
+    """Scale of the Student t density of log width that measured ones show best; None where chance is all there is.
+
+    Parameters
+    ----------
+    log_width : (n,) float64
+        Measured, about their middle.
+    variance : (n,) float64
+        What chance adds to the variance of each.
+    """
+    at = np.linspace(-MOST_LOG_WIDTH, MOST_LOG_WIDTH, 601)
+    seen = np.exp(-0.5 * (log_width[:, None] - at) ** 2 / variance[:, None]) / np.sqrt(variance[:, None])
+    alike = np.exp(-0.5 * log_width**2 / variance) / np.sqrt(variance)
+    best, chosen = float(np.log(np.maximum(alike, _NEVER)).sum()), None
+    for scale in _SPREADS:
+        prior = (1.0 + (at / scale) ** 2 / TAIL_DEGREES) ** (-0.5 * (TAIL_DEGREES + 1.0))
+        found = float(np.log(np.maximum(seen @ (prior / prior.sum()), _NEVER)).sum())
+        if found > best:
+            best, chosen = found, float(scale)
+    return chosen
 
 
 def _with_shape(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
