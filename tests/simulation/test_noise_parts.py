@@ -1,5 +1,6 @@
 """Noise with a shape, widths and a background: what is drawn, what is predicted, what a model may say."""
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -280,6 +281,15 @@ def test_explain_says_what_the_noise_is() -> None:
     assert "its logarithm spread by 0.2" in said
     assert "background: 5 % of the samples" in said
     assert "Gaussian" not in said
+
+
+def test_example_of_the_page_on_models_is_one() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "model.md").read_text()
+    example = page.split("```toml", maxsplit=1)[1].split("```", maxsplit=1)[0]
+    table = tomllib.loads(example)["sensor"]["noise"]
+    assert {"shape_z", "shape_density", "width_spread", "background"} < set(table)
+    head = model_text().split("[sensor.noise]", maxsplit=1)[0]
+    assert parse_model(head + example, source="model.md").sensor.noise.width_spread == table["width_spread"]
 
 
 def test_a_curve_keeps_its_parts_at_another_integration_time() -> None:
