@@ -1,10 +1,11 @@
 """Noise with a shape, widths and a background: reconcile judges with them, and finds what else is there."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from noise_parts import long_tailed, skewed
+from noise_parts import long_tailed, skewed, with_noise
 from recordings import MAKE, recorded, simulated
 
 from tofmix.errors import BadInputError
@@ -18,7 +19,7 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.noise import drawn_widths
 
 RIVALS = ("range_offset", "surface_pose", "excess_noise", "fixed_pattern", "outliers", "temperature_drift")
-PARTS: dict[str, dict[str, object]] = {
+PARTS: dict[str, dict[str, Any]] = {
     "shape": {"shape": skewed()},
     "background": {"background": np.array(0.05)},
     "widths": {"width_spread": 0.2},
@@ -27,10 +28,6 @@ PARTS: dict[str, dict[str, object]] = {
         "shape": long_tailed(), "background": np.linspace(0.0, 0.6, 252).reshape(14, 18), "width_spread": 0.4,
     },
 }  # fmt: skip
-
-
-def with_noise(model: Model, **parts: object) -> Model:
-    return replace(model, sensor=replace(model.sensor, noise=replace(model.sensor.noise, **parts)))
 
 
 def outcome(
@@ -62,7 +59,7 @@ def test_recording_agrees_with_a_model_that_has_its_noise(small: Model, name: st
     ],
 )
 def test_model_with_other_noise_does_not_agree(
-    small: Model, model: dict[str, object], real: dict[str, object], statistics: set[str]
+    small: Model, model: dict[str, Any], real: dict[str, Any], statistics: set[str]
 ) -> None:
     result = outcome(with_noise(small, **model), with_noise(small, **real))
     assert result.verified.verdict == "unexplained"
@@ -109,7 +106,9 @@ def test_widths_are_found_with_their_errors(small: Model, name: str) -> None:
     has = with_noise(small, **PARTS[name])
     likelihood = joint_likelihood(((has, recorded(has, seed=9)),))
     state = begin(likelihood, fit_part(likelihood, Settings(kinds=RIVALS))[0], 0.1)
-    true = np.log(drawn_widths(has.sensor, seed=9))
+    drawn = drawn_widths(has.sensor, seed=9)
+    assert drawn is not None
+    true = np.log(drawn)
     off = (state.log_width - true) / state.log_width_error
     assert abs(off.mean()) < 4 / np.sqrt(off.size)
     assert off.std() == pytest.approx(1.0, abs=0.15)  # a standard error is 0.045
