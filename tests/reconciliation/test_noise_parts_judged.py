@@ -109,11 +109,25 @@ def test_widths_are_found_with_their_errors(small: Model, name: str) -> None:
     drawn = drawn_widths(has.sensor, seed=9)
     assert drawn is not None
     true = np.log(drawn)
-    off = (state.log_width - true) / state.log_width_error
+    off = (state.log_width[0] - true) / state.log_width_error[0]
     assert abs(off.mean()) < 4 / np.sqrt(off.size)
     assert off.std() == pytest.approx(1.0, abs=0.15)  # a standard error is 0.045
     assert state.log_width_error.max() <= 1.01 * has.sensor.noise.width_spread
-    assert np.corrcoef(state.log_width, true)[0, 1] > 0.8
+    assert np.corrcoef(state.log_width[0], true)[0, 1] > 0.8
+
+
+def test_two_recordings_have_widths_of_their_own_and_agree(small: Model) -> None:
+    has = with_noise(small, **PARTS["all"])
+    other = replace(has, surfaces=has.surfaces[1:])
+    pair = (has, simulated(has, (), 5, 80)), (other, simulated(other, (), 6, 80))
+    state = begin(joint_likelihood(pair), np.arange(160), 0.1)
+    for found, seed in zip(state.log_width, (5, 6), strict=True):
+        drawn = drawn_widths(has.sensor, seed=seed)
+        assert drawn is not None
+        assert np.corrcoef(found, np.log(drawn))[0, 1] > 0.8
+    result = reconcile(*pair[0], Settings(kinds=RIVALS), also=pair[1:])
+    assert result.verified.verdict == "agree"
+    assert result.verified.floor.gap < 1.3
 
 
 def test_gaussian_model_has_no_widths_and_no_table(small: Model) -> None:
