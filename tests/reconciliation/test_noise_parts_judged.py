@@ -51,11 +51,11 @@ def test_recording_agrees_with_a_model_that_has_its_noise(small: Model, name: st
     ("model", "real", "statistics"),
     [
         ({}, PARTS["shape"], {"skew"}),
-        (PARTS["shape"], {}, {"skew"}),
+        pytest.param(PARTS["shape"], {}, {"skew"}, marks=pytest.mark.slow),
         ({}, PARTS["widths"], {"spread_pattern"}),
         (PARTS["widths"], {"width_spread": 0.4}, {"widths"}),
         (PARTS["widths"], {}, {"widths"}),
-        (PARTS["all"], PARTS["all"] | {"shape": None}, {"skew"}),
+        pytest.param(PARTS["all"], PARTS["all"] | {"shape": None}, {"skew"}, marks=pytest.mark.slow),
     ],
 )
 def test_model_with_other_noise_does_not_agree(
