@@ -1,9 +1,13 @@
 """A camera whose noise is skewed, differs from pixel to pixel and has a background: a model for several tests."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 from scipy import stats
 
 from tofmix.noise_shape import NoiseShape
+from tofmix.simulation.model import Model
 
 
 def skewed(skewness: float = 1.0, points: int = 121) -> NoiseShape:
@@ -62,3 +66,8 @@ size_mm = [2500.0, 9000.0]
 def model_text(parts: str = "", effects: str = "") -> str:
     """The model with keys of ``[sensor.noise]`` and tables of effects."""
     return MODEL.replace("PARTS", parts) + effects
+
+
+def with_noise(model: Model, **parts: Any) -> Model:  # noqa: ANN401  of NoiseCurve
+    """The model with other parts of its noise."""
+    return replace(model, sensor=replace(model.sensor, noise=replace(model.sensor.noise, **parts)))

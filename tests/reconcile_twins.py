@@ -43,7 +43,7 @@ def _between(lower: Array, upper: Array) -> Array:
 
 
 def _points(table: ShapeTable) -> Array:
-    return table[0] + table[1] * np.arange(table[2].size)
+    return np.asarray(table[0] + table[1] * np.arange(table[2].size), dtype=np.float64)
 
 
 def _pdf_of(table: ShapeTable) -> Callable[[Array], Array]:

@@ -26,6 +26,13 @@ def test_standardised_moves_any_density_to_median_0_and_width_1() -> None:
     assert shape.moments()[2] == pytest.approx(1.0, abs=0.01)  # 2 / sqrt(4)
 
 
+def test_a_shape_made_of_its_own_numbers_has_the_same_to_the_last_digit() -> None:
+    rng = np.random.default_rng(4)
+    for points in (11, 57, 200):
+        once = NoiseShape.standardised(np.sort(rng.normal(0.0, 3.0, points)), rng.uniform(0.1, 1.0, points))
+        assert NoiseShape(once.z, once.density).same_as(once)
+
+
 def test_quantile_undoes_cdf_where_density_has_a_corner_or_is_0() -> None:
     shape = NoiseShape.standardised([-3.0, -1.0, 0.0, 2.0, 3.0, 6.0], [0.0, 1.0, 2.0, 0.1, 0.0, 0.0])
     chance = np.linspace(0.0, 1.0, 101)

@@ -9,10 +9,15 @@ import difflib
 import json
 import math
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
+
+MapReader = Callable[[str, tuple[int, int] | None], Float32Array]
+"""Reads the map that a file names by a relative path, of an image (rows, cols) where that is known; ValueError, with
+the reason, if it cannot."""
 
 _TYPE_NAMES = {
     bool: "a boolean",

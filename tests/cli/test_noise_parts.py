@@ -61,6 +61,7 @@ def test_files_fit_the_contract(tofmix: Tofmix, recording: Path, tmp_path: Path)
         assert checked.returncode == 0, checked.stdout + checked.stderr
 
 
+@pytest.mark.slow  # the file of one run is looked at by the contract
 def test_layers_file_keeps_the_noise_that_was_used_and_is_the_same_again(
     tofmix: Tofmix, recording: Path, tmp_path: Path
 ) -> None:

@@ -348,6 +348,8 @@ def dataset_added(root: h5py.File, chance: Chance) -> str:
         "truth",
         "sensor/noise_range",
         "sensor/noise_amplitude",
+        "sensor/noise_shape_z",
+        "sensor/noise_background",
         "frame",
         "status",
     )

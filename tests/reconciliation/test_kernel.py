@@ -153,7 +153,8 @@ def test_moves_are_those_of_scores_of_samples_that_are_off_or_wider(rng: np.rand
 
 def _orders(z: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Normalised Hermite polynomials of the orders 1 to 4."""
-    return [hermite_e.hermeval(z, [0] * k + [1]) / math.sqrt(math.factorial(k)) for k in (1, 2, 3, 4)]
+    orders = (hermite_e.hermeval(z, [0] * k + [1]) / math.sqrt(math.factorial(k)) for k in (1, 2, 3, 4))
+    return [np.asarray(order, dtype=np.float64) for order in orders]
 
 
 def test_twins_deviates_are_uniform_and_differ_from_seed_to_seed() -> None:

@@ -1,10 +1,11 @@
 """Noise with a shape, widths and a background: reconcile judges with them, and finds what else is there."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from noise_parts import long_tailed, skewed
+from noise_parts import long_tailed, skewed, with_noise
 from recordings import MAKE, recorded, simulated
 
 from tofmix.errors import BadInputError
@@ -18,7 +19,7 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.noise import drawn_widths
 
 RIVALS = ("range_offset", "surface_pose", "excess_noise", "fixed_pattern", "outliers", "temperature_drift")
-PARTS: dict[str, dict[str, object]] = {
+PARTS: dict[str, dict[str, Any]] = {
     "shape": {"shape": skewed()},
     "background": {"background": np.array(0.05)},
     "widths": {"width_spread": 0.2},
@@ -27,10 +28,6 @@ PARTS: dict[str, dict[str, object]] = {
         "shape": long_tailed(), "background": np.linspace(0.0, 0.6, 252).reshape(14, 18), "width_spread": 0.4,
     },
 }  # fmt: skip
-
-
-def with_noise(model: Model, **parts: object) -> Model:
-    return replace(model, sensor=replace(model.sensor, noise=replace(model.sensor.noise, **parts)))
 
 
 def outcome(
@@ -54,15 +51,15 @@ def test_recording_agrees_with_a_model_that_has_its_noise(small: Model, name: st
     ("model", "real", "statistics"),
     [
         ({}, PARTS["shape"], {"skew"}),
-        (PARTS["shape"], {}, {"skew"}),
+        pytest.param(PARTS["shape"], {}, {"skew"}, marks=pytest.mark.slow),
         ({}, PARTS["widths"], {"spread_pattern"}),
         (PARTS["widths"], {"width_spread": 0.4}, {"widths"}),
         (PARTS["widths"], {}, {"widths"}),
-        (PARTS["all"], PARTS["all"] | {"shape": None}, {"skew"}),
+        pytest.param(PARTS["all"], PARTS["all"] | {"shape": None}, {"skew"}, marks=pytest.mark.slow),
     ],
 )
 def test_model_with_other_noise_does_not_agree(
-    small: Model, model: dict[str, object], real: dict[str, object], statistics: set[str]
+    small: Model, model: dict[str, Any], real: dict[str, Any], statistics: set[str]
 ) -> None:
     result = outcome(with_noise(small, **model), with_noise(small, **real))
     assert result.verified.verdict == "unexplained"
@@ -109,12 +106,28 @@ def test_widths_are_found_with_their_errors(small: Model, name: str) -> None:
     has = with_noise(small, **PARTS[name])
     likelihood = joint_likelihood(((has, recorded(has, seed=9)),))
     state = begin(likelihood, fit_part(likelihood, Settings(kinds=RIVALS))[0], 0.1)
-    true = np.log(drawn_widths(has.sensor, seed=9))
-    off = (state.log_width - true) / state.log_width_error
+    drawn = drawn_widths(has.sensor, seed=9)
+    assert drawn is not None
+    true = np.log(drawn)
+    off = (state.log_width[0] - true) / state.log_width_error[0]
     assert abs(off.mean()) < 4 / np.sqrt(off.size)
     assert off.std() == pytest.approx(1.0, abs=0.15)  # a standard error is 0.045
     assert state.log_width_error.max() <= 1.01 * has.sensor.noise.width_spread
-    assert np.corrcoef(state.log_width, true)[0, 1] > 0.8
+    assert np.corrcoef(state.log_width[0], true)[0, 1] > 0.8
+
+
+def test_two_recordings_have_widths_of_their_own_and_agree(small: Model) -> None:
+    has = with_noise(small, **PARTS["all"])
+    other = replace(has, surfaces=has.surfaces[1:])
+    pair = (has, simulated(has, (), 5, 80)), (other, simulated(other, (), 6, 80))
+    state = begin(joint_likelihood(pair), np.arange(160), 0.1)
+    for found, seed in zip(state.log_width, (5, 6), strict=True):
+        drawn = drawn_widths(has.sensor, seed=seed)
+        assert drawn is not None
+        assert np.corrcoef(found, np.log(drawn))[0, 1] > 0.8
+    result = reconcile(*pair[0], Settings(kinds=RIVALS), also=pair[1:])
+    assert result.verified.verdict == "agree"
+    assert result.verified.floor.gap < 1.3
 
 
 def test_gaussian_model_has_no_widths_and_no_table(small: Model) -> None:

@@ -1,11 +1,12 @@
 """Noise with a shape, widths and a background: what is drawn, what is predicted, what a model may say."""
 
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from noise_parts import long_tailed, model_text, shape_keys, skewed
+from noise_parts import long_tailed, model_text, shape_keys, skewed, with_noise
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -34,10 +35,6 @@ def model(parts: str = "", effects: str = "") -> Model:
     return parse_model(model_text(parts, effects), source="model.toml")
 
 
-def with_noise(scene: Model, **parts: object) -> Model:
-    return replace(scene, sensor=replace(scene.sensor, noise=replace(scene.sensor.noise, **parts)))
-
-
 def frames(scene: Model, count: int, *, averaged: bool = False) -> NDArray[np.float64]:
     """Ranges (frame, row, col), mm."""
     blocks = render_blocks(scene, cast_scene(scene), n_frames=count, seed=SEED, averaged=averaged)
@@ -61,7 +58,7 @@ def test_samples_have_the_distribution_of_the_shape(name: str) -> None:
     scene = replace(scene, sensor=replace(scene.sensor, outlier_probability=0.0))
     z, _ = standardised(scene, 200)
     # Whole mm add a uniform error of at most 0.5 mm to a sigma of 26 mm and more: a distance of some 1e-4.
-    distance = stats.ks_1samp(z.ravel(), SHAPES[name].cdf).statistic
+    distance = stats.kstest(SHAPES[name].cdf(z.ravel()), "uniform").statistic
     assert distance * np.sqrt(z.size) < LIMIT
     wrong = stats.ks_1samp(z.ravel(), stats.norm.cdf).statistic
     assert wrong * np.sqrt(z.size) > LIMIT  # the test can tell it from a Gaussian
@@ -111,7 +108,7 @@ def test_memory_leaves_the_shape_and_links_normal_scores() -> None:
     scene = with_noise(replace(scene, sensor=replace(scene.sensor, outlier_probability=0.0)), shape=shape)
     z, _ = standardised(scene, 1500)
     every = z[::12]  # 0.6^12 = 0.002: as good as independent
-    assert stats.ks_1samp(every.ravel(), shape.cdf).statistic * np.sqrt(every.size) < LIMIT
+    assert stats.kstest(shape.cdf(every.ravel()), "uniform").statistic * np.sqrt(every.size) < LIMIT
     score = stats.norm.ppf(np.clip(shape.cdf(z), 1e-9, 1 - 1e-9))
     found = (score[1:] * score[:-1]).mean() / (score**2).mean()
     assert found == pytest.approx(rho, abs=0.01)  # standard error 0.003; whole mm take 0.001
@@ -280,6 +277,15 @@ def test_explain_says_what_the_noise_is() -> None:
     assert "its logarithm spread by 0.2" in said
     assert "background: 5 % of the samples" in said
     assert "Gaussian" not in said
+
+
+def test_example_of_the_page_on_models_is_one() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "model.md").read_text()
+    example = page.split("```toml", maxsplit=1)[1].split("```", maxsplit=1)[0]
+    table = tomllib.loads(example)["sensor"]["noise"]
+    assert {"shape_z", "shape_density", "width_spread", "background"} < set(table)
+    head = model_text().split("[sensor.noise]", maxsplit=1)[0]
+    assert parse_model(head + example, source="model.md").sensor.noise.width_spread == table["width_spread"]
 
 
 def test_a_curve_keeps_its_parts_at_another_integration_time() -> None:

@@ -7,10 +7,10 @@ import numpy as np
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
 from tofmix.io.storage import read_text
-from tofmix.sensors.profile_toml import MapReader
 from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_text
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
+from tofmix.toml_table import MapReader
 
 _IMAGE_RANK = 2
 

@@ -90,8 +90,8 @@ def _curves(z: Float32Array, apart: Float32Array, view: View, state: State) -> I
     """The panel of one recording's scores (frame, pixel) of its part; of some apart, how they go together."""
     evidence, m, part = view.evidence, view.mixture, view.part
     axes = list(panel_axes(evidence, m, part))
-    yield from shapes(z, axes, m, state, part)
-    yield from widths(state, view.scene.model.sensor.noise.width_spread)
+    yield from shapes(z, axes, m, state, part, view.number)
+    yield from widths(state, view.scene.model.sensor.noise.width_spread, view.number)
     yield from in_time(apart, evidence, part, m)
     if state.bursts is not None:
         yield from burst_share(state.disturbed[view.frames], state.bursts)

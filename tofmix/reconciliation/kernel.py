@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from tofmix.jit import jit
+from tofmix.jit import borrowing, jit
 from tofmix.reconciliation.error_shape import ShapeTable
 from tofmix.reconciliation.smooth_kernel import smooth_log_likelihood
 
@@ -29,12 +29,10 @@ def _phi(x: float) -> float:
     return 0.5 * math.erfc(-x / _ROOT2)
 
 
-@jit
+@borrowing
 def _below(x: float, table: ShapeTable) -> float:
     """Chance that an error of the table's shape is below x sigma."""
     first, step, density, below, _ = table
-    if density.size == 0:
-        return _phi(x)
     place = (x - first) / step
     if place <= 0.0:
         return 0.0
@@ -45,7 +43,7 @@ def _below(x: float, table: ShapeTable) -> float:
     return float(below[i] + step * past * (density[i] + 0.5 * past * (density[i + 1] - density[i])))
 
 
-@jit
+@borrowing
 def _height(x: float, table: ShapeTable) -> float:
     """Density at x of the table's shape."""
     first, step, density, _, _ = table
@@ -259,7 +257,21 @@ def _uniform(seed: int, t: int, p: int) -> float:
 
 
 @jit
-def _component_cdf(x: float, m: float, s: float, folds: bool, period: float, table: ShapeTable) -> float:
+def _component_cdf(x: float, m: float, s: float, folds: bool, period: float) -> float:
+    if not folds:
+        return _phi((x - m) / s)
+    inside = min(max(x, 0.0), period)
+    turn = np.floor(m / period)
+    total = 0.0
+    for k in range(-1, 2):
+        start = (turn + k) * period - m
+        total += _phi((inside + start) / s) - _phi(start / s)
+    return total
+
+
+@borrowing
+def _shaped_cdf(x: float, m: float, s: float, folds: bool, period: float, table: ShapeTable) -> float:
+    """As `_component_cdf`, of the table's shape."""
     if not folds:
         return _below((x - m) / s, table)
     inside = min(max(x, 0.0), period)
@@ -272,7 +284,7 @@ def _component_cdf(x: float, m: float, s: float, folds: bool, period: float, tab
 
 
 @jit
-def transform(
+def transform(  # noqa: C901  as above
     samples: NDArray[np.uint16], pixels: IntArray, frames: IntArray, key: IntArray, since: FloatArray,
     frame_bias: FloatArray, extra_variance: FloatArray, pixel_bias: FloatArray, weight: FloatArray, mean: FloatArray,
     sigma: FloatArray, rate: FloatArray, lit: BoolArray, random_share: FloatArray, low: float, high: float, step: float,
@@ -283,7 +295,7 @@ def transform(
     Parameters as for `log_likelihood`; random values have the share `random_share` (pixel,) between `low` and
     `high`, and `out` (frame, pixel) float32 takes the results.
     """
-    components = weight.shape[1]
+    components, gaussian = weight.shape[1], table[2].size == 0
     for t in frames:
         g = key[t]
         for p in pixels:
@@ -310,7 +322,10 @@ def transform(
                     if glows:
                         m += rate[g, k, p] * since[t] + frame_bias[t] + pixel_bias[p]
                         s = math.sqrt(s * s + extra_variance[t])
-                    total += w * _component_cdf(at, m, s, glows and period > 0.0, period, table)
+                    if gaussian:
+                        total += w * _component_cdf(at, m, s, glows and period > 0.0, period)
+                    else:
+                        total += w * _shaped_cdf(at, m, s, glows and period > 0.0, period, table)
                     if end == 0:
                         whole += w
                 x += part * total

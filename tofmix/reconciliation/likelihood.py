@@ -59,8 +59,9 @@ class State:
         Value of stuck pixels, NaN for the others.
     disturbed : (frame,) float64
         Probability that a frame is disturbed; used for scores.
-    log_width, log_width_error : (pixel,) float64
-        Logarithm of each pixel's own width of the noise, and its standard error; 0 where the camera's pixels are alike.
+    log_width, log_width_error : (recording, pixel) float64
+        Logarithm of each pixel's own width of the noise in each recording, and its standard error; 0 where the camera's
+        pixels are alike.
     """
 
     effects: tuple[Effect, ...]
@@ -130,14 +131,21 @@ class Likelihood:
             pixel_variance=np.zeros(pixels),
             stuck_mm=np.full(pixels, np.nan),
             disturbed=np.zeros(frames),
-            log_width=np.zeros(pixels),
-            log_width_error=np.zeros(pixels),
+            log_width=np.zeros((len(self.evidence.starts), pixels)),
+            log_width_error=np.zeros((len(self.evidence.starts), pixels)),
         )
 
     def mixture(self, state: State) -> Mixture:
         """What the model and a state's effects predict, pixels' own widths included."""
         mixture = self.scene.mixture(state.effects)
-        return mixture.widened(state.log_width) if state.log_width.any() else mixture
+        return self._widened(mixture, state.log_width) if state.log_width.any() else mixture
+
+    def _widened(self, mixture: Mixture, log_width: FloatArray) -> Mixture:
+        """A mixture of all recordings with widths (recording, pixel)."""
+        times = np.zeros(len(mixture.sigma), dtype=np.int64)
+        for number, frames in enumerate(self.evidence.recordings):
+            times[int(mixture.key[frames].min()) :] = number
+        return mixture.widened(log_width[times][:, None])
 
     def sums(
         self, mixture: Mixture, state: State, part: Part, *, variance: FloatArray | None = None,
@@ -232,7 +240,7 @@ class Likelihood:
         list(_pool().map(partial(run, m, state.pixel_bias, out), chunks))
         sides: list[tuple[Mixture, FloatArray]] = []
         if state.log_width_error.any():
-            sides += [(m.widened(way * state.log_width_error), state.pixel_bias) for way in (-_AWAY, _AWAY)]
+            sides += [(self._widened(m, way * state.log_width_error), state.pixel_bias) for way in (-_AWAY, _AWAY)]
         if m.shape is not None and state.pixel_variance.any():
             error = np.sqrt(state.pixel_variance)
             sides += [(m, state.pixel_bias + way * error) for way in (-_AWAY, _AWAY)]

@@ -90,7 +90,7 @@ class Mixture:
     table: ShapeTable = GAUSSIAN
 
     def widened(self, log_width: FloatArray) -> "Mixture":
-        """The same with every sigma times the exponential of each pixel's logarithm (pixel,)."""
+        """The same with every sigma times the exponential of logarithms of a shape that goes with (.., .., pixel)."""
         return replace(self, sigma=self.sigma * np.exp(log_width))
 
     @property

@@ -168,12 +168,14 @@ def hermite(z: Float32Array) -> Iterator[Float32Array]:
     yield ((square * (square - 6) + 3) / np.sqrt(24)).astype(np.float32)
 
 
-def shapes(z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Part) -> Iterator[Curve]:
+def shapes(
+    z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Part, recording: int = 0
+) -> Iterator[Curve]:
     """Means of the four Hermite polynomials over bins of pixels, and pixel by pixel."""
     count = np.isfinite(z).sum(axis=0)
     sigma = m.of_main(m.sigma)[part[1]]
     unknown = state.pixel_variance[part[1]] / sigma**2  # a map that is measured has errors
-    of_width = state.log_width_error[part[1]] ** 2  # and so have widths
+    of_width = state.log_width_error[recording, part[1]] ** 2  # and so have widths
     free = one_surface(m)[part[1]] | (memory_of(state) == 0)  # a memory is taken out where one surface is seen
     for name, power, off, wider in zip(SHAPES, hermite(z), *moves(m.shape), strict=True):
         errors = off**2 * unknown + wider**2 * of_width
@@ -189,7 +191,7 @@ def shapes(z: Float32Array, axes: list[Axis], m: Mixture, state: State, part: Pa
                     value=value, variance=spread, unit="1", scale_mm=sigma[enough])  # fmt: skip
 
 
-def widths(state: State, spread: float) -> Iterator[Curve]:
+def widths(state: State, spread: float, recording: int = 0) -> Iterator[Curve]:
     """Whether pixels' own widths are spread as the model says: their mean square, those beyond 2.5 spreads as at it.
 
     Only a camera with a spread of widths has this curve. A width that is found is nearer to the middle than the true
@@ -201,12 +203,15 @@ def widths(state: State, spread: float) -> Iterator[Curve]:
         With the widths that were found.
     spread : float
         Standard deviation of the log width that the model has.
+    recording : int
+        Which one, from 0.
     """
-    expected = spread**2 - state.log_width_error**2
-    told = state.working & (state.log_width_error > 0) & (expected > _TOLD * spread**2)
+    found, error = state.log_width[recording], state.log_width_error[recording]
+    expected = spread**2 - error**2
+    told = state.working & (error > 0) & (expected > _TOLD * spread**2)
     if not told.any():
         return
-    square = np.minimum(state.log_width[told] ** 2 / expected[told], _FAR_WIDTH**2)
+    square = np.minimum(found[told] ** 2 / expected[told], _FAR_WIDTH**2)
     value = (float(square.mean()) - _CLIPPED_MEAN) / _CLIPPED_SPREAD
     yield Curve(statistic="widths", axis="all", lower=np.zeros(1), upper=np.ones(1),
                 value=np.array([value]), variance=np.array([1.0 / told.sum()]), unit="1",

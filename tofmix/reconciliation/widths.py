@@ -1,7 +1,8 @@
 """Each pixel's own width of the noise, where the model's camera has a spread of widths: what it is in a recording.
 
-A model says how widths are spread, not which they are. They are found in the frames that fits may see, as a fixed
-pattern's map is, and what a pixel's noise has more or less than its neighbours' is then taken as its width.
+A model says how widths are spread, not which they are; each recording has its own. They are found in the frames that
+fits may see, as a fixed pattern's map is, and what a pixel's noise has more or less than its neighbours' is then taken
+as its width.
 """
 
 from collections.abc import Callable
@@ -10,7 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
+from tofmix.reconciliation.joint import View, views
 from tofmix.reconciliation.likelihood import Likelihood, State
+from tofmix.reconciliation.mixture import Mixture
 
 _GRID = np.linspace(-3.5, 3.5, 8)
 """Starts, in spreads from the middle: one log-normal number in two thousand lies beyond."""
@@ -46,14 +49,24 @@ def with_widths(likelihood: Likelihood, state: State, frames: IntArray) -> State
     spread = likelihood.scene.model.sensor.noise.width_spread
     if not spread:
         return state
-    part = frames, np.arange(likelihood.evidence.shape[1])
     mixture = likelihood.scene.mixture(state.effects)
+    everything = frames, np.arange(likelihood.evidence.shape[1])
+    log_width, error = state.log_width.copy(), state.log_width_error.copy()
+    for view in views(likelihood, mixture, everything):
+        log_width[view.number], error[view.number] = _found(likelihood, state, mixture, view, spread)
+    return replace(state, log_width=log_width, log_width_error=error)
+
+
+def _found(
+    likelihood: Likelihood, state: State, mixture: Mixture, view: View, spread: float
+) -> tuple[FloatArray, FloatArray]:
+    """The log widths (pixel,) of one recording with their errors."""
 
     def value(log_width: FloatArray) -> FloatArray:
-        return np.asarray(likelihood.sums(mixture.widened(log_width), state, part).by_pixel[:, 0])
+        return np.asarray(likelihood.sums(mixture.widened(log_width), state, view.part_of_all).by_pixel[:, 0])
 
-    at = state.log_width
-    if not state.log_width_error.any():
+    at = state.log_width[view.number]
+    if not state.log_width_error[view.number].any():
         starts = spread * _GRID
         values = [value(np.full(at.size, start)) - 0.5 * (start / spread) ** 2 for start in starts]
         at = starts[np.argmax(values, axis=0)]
@@ -62,7 +75,7 @@ def with_widths(likelihood: Likelihood, state: State, frames: IntArray) -> State
     if free:
         found, mean = _climbed(value, found[0], spread, free=True)
     middle, error = _weighed(value, *found, spread, mean)
-    return replace(state, log_width=middle - middle.mean() if free else middle, log_width_error=error)
+    return middle - middle.mean() if free else middle, error
 
 
 def _climbed(

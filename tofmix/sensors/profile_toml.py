@@ -4,19 +4,18 @@ Use `read_sensor` for a model, whose keys may override a built-in camera, `read_
 described, and `parse_profile` for a built-in camera's own file.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from tofmix.arrays import Float32Array, FloatArray
+from tofmix.arrays import FloatArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.projection import DEFAULT_PROJECTION, PROJECTIONS, Projection, list_keys, make_projection, number_keys
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sheet import CameraSheet
-from tofmix.toml_table import TomlTable, nearest, parse_toml
+from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml
 
 _WHOLE = ("rows", "cols")
 _VIEW = ("fov_horizontal_deg", "fov_vertical_deg")
@@ -40,9 +39,6 @@ _NOISE_PARTS = (*_SHAPE, "width_spread", "background")
 
 _INHERITED = ("shape", "width_spread", "background")
 """Their fields in a `NoiseCurve`, which a base camera hands on."""
-
-MapReader = Callable[[str, tuple[int, int] | None], Float32Array]
-"""Reads the map at a relative path, of an image (rows, cols) where that is known; ValueError if it cannot."""
 
 _NOISE_NUMBERS = ("reference_integration_time_ms", "exponent")
 _UNNAMED = "unnamed"

@@ -5,10 +5,10 @@ Use it where a user names a camera by file; `load_sheet` has the built-in ones.
 
 from tofmix.errors import BadInputError
 from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.profile_toml import MapReader, read_sensor, read_sheet
+from tofmix.sensors.profile_toml import read_sensor, read_sheet
 from tofmix.sensors.registry import load_sheet
 from tofmix.sensors.sheet import CameraSheet
-from tofmix.toml_table import TomlTable, parse_toml
+from tofmix.toml_table import MapReader, TomlTable, parse_toml
 
 
 def sensor_of(root: TomlTable, *, read_map: MapReader | None = None) -> SensorProfile:

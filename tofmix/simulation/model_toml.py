@@ -8,12 +8,11 @@ import json
 from typing import Any
 
 from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.profile_toml import MapReader
 from tofmix.sensors.sensor_file import sensor_of
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.model import Model, RecordingSettings, Surface
-from tofmix.toml_table import TomlTable, nearest, parse_toml
+from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml
 
 
 def parse_model(text: str, *, source: str, read_map: MapReader | None = None) -> Model:

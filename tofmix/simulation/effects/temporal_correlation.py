@@ -19,7 +19,8 @@ class TemporalCorrelation(Effect):
 
     Charge that stays behind in the pixel, flicker noise of the read-out, or a filter in the camera's software link a
     frame to the one before. A software filter reaches 0.5 and more; charge that lags, some 0.01. The memory runs on
-    across changes of surface, lost samples and random values. The spread of a sample is unchanged; averages of n
+    across changes of surface, lost samples and random values. Where the camera's noise has a shape of its own, this is
+    so of its normal scores. The spread of a sample is unchanged; averages of n
     frames have a variance larger by about (1 + rho) / (1 - rho).
     """
 
