@@ -24,10 +24,11 @@ from tofmix.estimation.learnt.fitting import (
     SUPPORT,
     WEIGHT,
     Samples,
-    Y,
+    detrend,
     fill_times,
     maximise,
     mix,
+    still_row,
 )
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.pixel_noise import beam_of_pixel
@@ -173,14 +174,15 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
         fit[WEIGHT, 0] = 0.95
         maximise(data, 1, fit, law, own, _MAX_ITER, _TOL, room)
         mix(data, 1, fit, law, own, room)
+        detrend(data, 0, fit, room)
         place[c], sigma[c], log_width[c] = fit[MEAN, 0], fit[SIGMA, 0], fit[OWN, LOG_WIDTH]
         support[c] = fit[SUPPORT, 0]
         for d in range(DRIFTS):
-            drift[c, d] = fit[OWN, DRIFT + d]
+            drift[c, d] = fit[DRIFT + d, 0]
         scale = 1.0 / (fit[SIGMA, 0] * np.exp(fit[OWN, LOG_WIDTH]))
         for j in range(n):
             frame = round((data.time[j] + 1.0) * half)
-            error[c, frame] = (room[Y, j] - fit[MEAN, 0]) * scale
+            error[c, frame] = (room[still_row(fit), j] - fit[MEAN, 0]) * scale
         if second:
             gain[c] = try_one_more(data, 1, work, law, own, 1.0)
     return ClusterFits(place, sigma, log_width, drift, support, gain, error)

@@ -24,19 +24,19 @@ from tofmix.estimation.learnt.fitting import (
     LOG_WIDTH,
     MEAN,
     NEW,
-    ORDERED,
     OWN,
     ROWS,
     SCORES,
+    SHARE,
     SIGMA,
     SUPPORT,
     TOTAL,
     WEIGHT,
     Samples,
-    Y,
     background_density,
     capacity_of,
     copy_fit,
+    drifts,
     log_priors,
     maximise,
     mix,
@@ -44,12 +44,14 @@ from tofmix.estimation.learnt.fitting import (
     new_room,
     objective,
     slope_row,
+    still_row,
     value_of,
 )
-from tofmix.estimation.learnt.law import Law, at_table
+from tofmix.estimation.learnt.law import Law, at_table, precision_of_t
 from tofmix.estimation.learnt.steps import jumps
 from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
+from tofmix.vector import log_of, product_of, total_of
 
 COUNT_ITER, COUNT_TOL = 60, 1.0e-2
 """Most iterations of a trial, and how near to its end, in sigmas, it may stop: the likelihood is flat there."""
@@ -202,6 +204,8 @@ def _add(k: int, place: float, share: float, fit: FloatArray, beam: Beam) -> int
     fit[WEIGHT, -1] *= 1.0 - share
     fit[OWN, BACKGROUND] *= 1.0 - share
     fit[MEAN, k], fit[WEIGHT, k] = place, share
+    for d in range(DRIFTS):
+        fit[DRIFT + d, k] = 0.0
     fit[SIGMA, k] = sigma_at(place, beam.curve_range, beam.curve_sigma)
     return k + 1
 
@@ -233,47 +237,33 @@ def settle(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: F
 
 
 @borrowing
-def _order(n: int, room: FloatArray) -> None:
-    """Fill row ORDERED with the ascending detrended samples, and the next with 1 / p at them.
+def _scores_of(
+    data: Samples, own: int, fit: FloatArray, law: Law, room: FloatArray
+) -> tuple[float, float, float, float, float, float]:
+    """Fill three rows from SCORES on with the scores of surface `own`'s mean, share and width; after `mix`.
 
-    Samples come ascending: a drift puts few of them out of order, and insertion is quick.
+    Row SHARE holds 1 / p. Return the factors of the Cholesky decomposition of their sums of products: l00, l10, l20,
+    l11, l21, l22; 0 on the diagonal where a direction is none.
     """
-    y, share = room[ORDERED], room[ORDERED + 1]
+    n, own_width = len(data.value), math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, own]
+    weight, share = fit[WEIGHT, own], room[SHARE, :n]
+    density, slope = room[DENSITY + own], room[slope_row(fit) + own]
+    y = room[still_row(fit) + own, :n] if drifts(law) > 0 else data.value
+    a, b, c = room[SCORES, :n], room[SCORES + 1, :n], room[SCORES + 2, :n]
     for j in range(n):
-        value, part, i = room[Y, j], 1.0 / room[TOTAL, j], j
-        while i > 0 and y[i - 1] > value:
-            y[i], share[i] = y[i - 1], share[i - 1]
-            i -= 1
-        y[i], share[i] = value, part
-
-
-@borrowing
-def _scores_of(k: int, own: int, n: int, fit: FloatArray, law: Law, room: FloatArray) -> tuple[float, float, float, float, float, float]:  # fmt: skip
-    """Fill three rows from SCORES on with the scores of surface `own`'s mean, share and width, at the ordered samples.
-
-    Return the factors of the Cholesky decomposition of their sums of products: l00, l10, l20, l11, l21, l22; 0 on the
-    diagonal where a direction is none.
-    """
-    width = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, own]
-    scale, weight = 1.0 / width, fit[WEIGHT, own]
-    y, share = room[ORDERED], room[ORDERED + 1]
-    a, b, c = room[SCORES], room[SCORES + 1], room[SCORES + 2]
-    with_width = law.width_spread > 0.0
-    s00, s01, s02, s11, s12, s22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(n):
-        z = (y[j] - fit[MEAN, own]) * scale
-        density, slope = at_table(z, law.density) * scale, at_table(z, law.slope) * scale
-        a[j] = weight * slope * share[j]
-        b[j] = density * share[j] - 1.0
-        c[j] = weight * (z * slope - density) * share[j] if with_width else 0.0
-        s00 += a[j] * a[j]
-        s01 += a[j] * b[j]
-        s02 += a[j] * c[j]
-        s11 += b[j] * b[j]
-        s12 += b[j] * c[j]
-        s22 += c[j] * c[j]
-    if with_width:
-        s22 += (1.0 + 1.0) / (law.width_spread * law.width_spread)  # the prior's precision, at least that of its tail
+        a[j] = weight * slope[j] * share[j]
+        b[j] = density[j] * share[j] - 1.0
+    s00, s01, s11 = product_of(a, a), product_of(a, b), product_of(b, b)
+    s02, s12, s22 = 0.0, 0.0, 0.0
+    if law.width_spread > 0.0:
+        scale = 1.0 / own_width
+        for j in range(n):
+            c[j] = weight * ((y[j] - fit[MEAN, own]) * scale * slope[j] - density[j]) * share[j]
+        s02, s12, s22 = product_of(a, c), product_of(b, c), product_of(c, c)
+        s22 += precision_of_t(0.0, law.width_spread)
+    else:
+        for j in range(n):
+            c[j] = 0.0
     least = _LEAST_INFORMATION * n
     l00 = math.sqrt(s00) if s00 > least else 0.0
     l10, l20 = (s01 / l00, s02 / l00) if l00 > 0.0 else (0.0, 0.0)
@@ -296,13 +286,13 @@ def _nearest(theta: float, k: int, fit: FloatArray) -> int:
 
 
 @borrowing
-def _gain_of_share(new: FloatArray, share: FloatArray, inside: int, n: float) -> float:
-    """Gain, nat, of the best share of a new surface; `new` and `share` are its densities and 1 / p, of those inside."""
-    part, outside = 1.0 / n, n - inside
+def _gain_of_share(ratio: FloatArray, n: float) -> float:
+    """Gain, nat, of the best share of a new surface; `ratio` is its density by p at the samples near it."""
+    part, outside = 1.0 / n, n - len(ratio)
     for _ in range(_QUICK_STEPS):
         slope, bend = 0.0, 0.0
-        for j in range(inside):
-            excess = new[j] * share[j] - 1.0
+        for j in range(len(ratio)):
+            excess = ratio[j] - 1.0
             term = excess / (1.0 + part * excess)
             slope += term
             bend += term * term
@@ -311,8 +301,8 @@ def _gain_of_share(new: FloatArray, share: FloatArray, inside: int, n: float) ->
         bend += outside * lost * lost
         part = min(max(part + slope / bend, 0.5 * part), 0.5 * (part + _LARGEST_SHARE))
     gain = outside * math.log(1.0 - part)
-    for j in range(inside):
-        gain += math.log(1.0 + part * (new[j] * share[j] - 1.0))
+    for j in range(len(ratio)):
+        gain += log_of(1.0 + part * (ratio[j] - 1.0))
     return gain
 
 
@@ -332,8 +322,9 @@ def steepest_place(
     1974, section 9.3.
     """
     n = len(data.value)
-    _order(n, room)
-    y, share, new = room[ORDERED], room[ORDERED + 1], room[NEW]
+    y, share, new = data.value, room[SHARE], room[NEW]
+    for j in range(n):
+        share[j] = 1.0 / room[TOTAL, j]
     width = math.exp(fit[OWN, LOG_WIDTH])
     most, place, promise, nearest = -float(n), y[0], 0.0, -1
     l00, l10, l20, l11, l21, l22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -355,30 +346,27 @@ def steepest_place(
             continue
         if is_beyond(here, beam):
             continue
-        inside, scale, slope = past - near, 1.0 / sigma, -float(n)
+        inside, scale = past - near, 1.0 / sigma
+        seen, fresh = share[near:past], new[:inside]
         for j in range(inside):
-            new[j] = at_table((y[near + j] - here) * scale, law.density) * scale
-            slope += new[j] * share[near + j]
+            fresh[j] = at_table((y[near + j] - here) * scale, law.density) * scale * seen[j]
+        overlap = total_of(fresh)
+        slope = overlap - n
         if slope > most:
             most, place = slope, here
         if slope <= 0.0 or promise >= least:
             continue
         if slope >= least:
-            promise = max(promise, _gain_of_share(new, share[near:past], inside, float(n)))
+            promise = max(promise, _gain_of_share(fresh, float(n)))
         if promise < least and k > 0:
             own = _nearest(here, k, fit)
             if own != nearest:
                 nearest = own
-                l00, l10, l20, l11, l21, l22 = _scores_of(k, own, n, fit, law, room)
-            overlap, square, p0, p1, p2 = 0.0, 0.0, 0.0, 0.0, 0.0
-            for j in range(inside):
-                term = new[j] * share[near + j]
-                overlap += term
-                square += term * term
-                p0 += term * room[SCORES, near + j]
-                p1 += term * room[SCORES + 1, near + j]
-                p2 += term * room[SCORES + 2, near + j]
-            information = square - 2.0 * overlap + n
+                l00, l10, l20, l11, l21, l22 = _scores_of(data, own, fit, law, room)
+            p0 = product_of(fresh, room[SCORES, near:past])
+            p1 = product_of(fresh, room[SCORES + 1, near:past])
+            p2 = product_of(fresh, room[SCORES + 2, near:past]) if law.width_spread > 0.0 else 0.0
+            information = product_of(fresh, fresh) - 2.0 * overlap + n
             q0 = p0 / l00 if l00 > 0.0 else 0.0
             q1 = (p1 - l10 * q0) / l11 if l11 > 0.0 else 0.0
             q2 = (p2 - l20 * q0 - l21 * q1) / l22 if l22 > 0.0 else 0.0
@@ -388,15 +376,15 @@ def steepest_place(
 
 
 @borrowing
-def _share_at(place: float, n: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> float:
+def _share_at(data: Samples, place: float, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> float:
     """Share of a new surface at a place: the samples near it that others do not explain, at least one."""
     sigma = math.exp(fit[OWN, LOG_WIDTH]) * sigma_at(place, beam.curve_range, beam.curve_sigma)
-    y, share = room[ORDERED], room[ORDERED + 1]
+    y, n = data.value, len(data.value)
     part = 1.0 / n
     for _ in range(_QUICK_STEPS + _QUICK_STEPS):
         slope, bend = 0.0, 1.0e-12
         for j in range(n):
-            excess = at_table((y[j] - place) / sigma, law.density) / sigma * share[j] - 1.0
+            excess = at_table((y[j] - place) / sigma, law.density) / sigma / room[TOTAL, j] - 1.0
             term = excess / (1.0 + part * excess)
             slope += term
             bend += term * term
@@ -411,10 +399,11 @@ def _most_spread(data: Samples, k: int, fit: FloatArray, law: Law, room: FloatAr
     width = math.exp(fit[OWN, LOG_WIDTH])
     for i in range(k):
         excess, support = 0.0, 0.0
+        y = room[still_row(fit) + i, : len(data.value)] if drifts(law) > 0 else data.value
         for j in range(len(data.value)):
             part = fit[WEIGHT, i] / room[TOTAL, j]
             support += part * room[DENSITY + i, j]
-            excess += part * room[slopes + i, j] * (room[Y, j] - fit[MEAN, i])
+            excess += part * room[slopes + i, j] * (y[j] - fit[MEAN, i])
         excess = (excess / (width * fit[SIGMA, i]) - support) / math.sqrt(max(support, 1.0))
         if excess > largest:
             most, largest = i, excess
@@ -439,8 +428,7 @@ def first_surface(data: Samples, work: Work, law: Law, beam: Beam) -> tuple[floa
     fit, _, best, room, _ = work
     n = len(data.value)
     before = settle(data, 0, fit, law, beam, room)
-    _order(n, room)
-    place, together = _densest(room[ORDERED], n, beam)
+    place, together = _densest(data.value, n, beam)
     copy_fit(fit, best)
     _add(0, place, min(together / n, _LARGEST_SHARE), best, beam)
     found = settle(data, 1, best, law, beam, room)
@@ -448,12 +436,12 @@ def first_surface(data: Samples, work: Work, law: Law, beam: Beam) -> tuple[floa
 
 
 @borrowing
-def _moves(fit: FloatArray, law: Law, n: int) -> bool:
-    """Whether the drift of a fit of one surface stands out of chance."""
+def _moves(i: int, fit: FloatArray, law: Law, n: float) -> bool:
+    """Whether the drift of a surface of `n` samples stands out of chance."""
+    sigma = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, i]
     square = 0.0
     for d in range(DRIFTS):
-        square += fit[OWN, DRIFT + d] ** 2 / (2.0 * d + 3.0)  # mean square of the polynomial
-    sigma = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, 0]
+        square += fit[DRIFT + d, i] ** 2 / (2.0 * d + 3.0)  # mean square of the polynomial
     return square > (OWN_SIGMAS * sigma) ** 2 / (law.information * n)
 
 
@@ -462,7 +450,10 @@ def _may_hide_a_surface(k: int, fit: FloatArray, law: Law, n: int) -> bool:
     """Whether the pixel's own width or drift stands out of chance: it may be there for a surface that is not."""
     if law.width_spread > 0.0 and fit[OWN, LOG_WIDTH] > OWN_SIGMAS / math.sqrt(law.width_information * n):
         return True
-    return k > 0 and _moves(fit, law, n)
+    for i in range(k):
+        if _moves(i, fit, law, max(fit[SUPPORT, i], 1.0)):
+            return True
+    return False
 
 
 @borrowing
@@ -494,7 +485,8 @@ def _forget_own(fit: FloatArray) -> None:
     """Set the common width and no drift."""
     fit[OWN, LOG_WIDTH] = 0.0
     for d in range(DRIFTS):
-        fit[OWN, DRIFT + d] = 0.0
+        for i in range(len(fit[DRIFT])):
+            fit[DRIFT + d, i] = 0.0
 
 
 @borrowing
@@ -514,7 +506,7 @@ def try_one_more(data: Samples, k: int, work: Work, law: Law, beam: Beam, wanted
     plain = _may_hide_a_surface(k, fit, law, len(data.value))
     if not promises and not plain:
         return 0.0
-    share = _share_at(place, len(data.value), fit, law, beam, room)
+    share = _share_at(data, place, fit, law, beam, room)
     spread = _most_spread(data, k, fit, law, room)
     gain = 0.0
     for start in (_STEEPEST, _SPLIT, _PLAIN):
@@ -613,8 +605,8 @@ def count_surfaces(
     n = float(len(data.value))
     start_empty(data, fit, beam)
     gain, empty = first_surface(data, work, law, beam)
-    if _moves(best, law, len(data.value)):
-        value = value_of(data, 1, best, law, beam, room) - log_priors(best, law)
+    if _moves(0, best, law, max(best[SUPPORT, 0], 1.0)):
+        value = value_of(data, 1, best, law, beam, room) - log_priors(1, best, law)
         if jumps(data, best, value + _wanted(n, 1, best, work, thresholds, rules), law, beam):
             law = laws[1]
             start_empty(data, fit, beam)

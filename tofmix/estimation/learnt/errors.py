@@ -27,11 +27,11 @@ from tofmix.estimation.learnt.fitting import (
     TOTAL,
     WEIGHT,
     Samples,
-    Y,
     background_density,
     mix,
     no_return_row,
     slope_row,
+    still_row,
 )
 from tofmix.estimation.learnt.law import Law, precision_of_t
 from tofmix.jit import jit
@@ -57,14 +57,14 @@ def standard_errors(
         return True
     n, width, slopes = len(data.value), math.exp(fit[OWN, LOG_WIDTH]), slope_row(fit)
     mix(data, k, fit, law, beam, room)
-    with_width, drifts = law.width_spread > 0.0, 0
+    with_width, moving = law.width_spread > 0.0, 0
     for d in range(DRIFTS):
-        drifts += 1 if law.drift_mm[d] > 0.0 else 0
+        moving += 1 if law.drift_mm[d] > 0.0 else 0
     with_no_return = fit[WEIGHT, -1] > 0.0
     shares = k + (1 if with_no_return else 0)
     at_width = k
     at_drift = at_width + (1 if with_width else 0)
-    at_share = at_drift + drifts
+    at_share = at_drift + k * moving
     size = at_share + shares
     # The share that the others leave is that of the largest surface: it is never 0.
     largest = 0
@@ -92,7 +92,7 @@ def standard_errors(
                 continue
             scale = 1.0 / (width * fit[SIGMA, i])
             psi = room[slopes + i, j] / room[DENSITY + i, j]
-            z = (room[Y, j] - fit[MEAN, i]) * scale
+            z = ((room[still_row(fit) + i, j] if moving > 0 else data.value[j]) - fit[MEAN, i]) * scale
             score[:at_share] = 0.0
             score[i] = psi * scale
             information[i, i] += part * law.information * scale * scale
@@ -102,23 +102,24 @@ def standard_errors(
                 cross = part * law.cross_information * scale
                 information[i, at_width] += cross
                 information[at_width, i] += cross
+            first = at_drift + i * moving
             place = 0
             for d in range(DRIFTS):
                 if law.drift_mm[d] <= 0.0:
                     continue
                 basis = room[TIME + d, j]
-                score[at_drift + place] = basis * psi * scale
+                score[first + place] = basis * psi * scale
                 shared = part * law.information * scale * scale * basis
-                information[i, at_drift + place] += shared
-                information[at_drift + place, i] += shared
+                information[i, first + place] += shared
+                information[first + place, i] += shared
                 if with_width:
                     cross = part * law.cross_information * scale * basis
-                    information[at_width, at_drift + place] += cross
-                    information[at_drift + place, at_width] += cross
+                    information[at_width, first + place] += cross
+                    information[first + place, at_width] += cross
                 other = 0
                 for e in range(DRIFTS):
                     if law.drift_mm[e] > 0.0:
-                        information[at_drift + place, at_drift + other] += shared * room[TIME + e, j]
+                        information[first + place, first + other] += shared * room[TIME + e, j]
                         other += 1
                 place += 1
             for a in range(at_share):
@@ -130,11 +131,12 @@ def standard_errors(
                 information[a, b] += mean_score[a] * mean_score[b]
     if with_width:
         information[at_width, at_width] += precision_of_t(fit[OWN, LOG_WIDTH], law.width_spread)
-    place = 0
-    for d in range(DRIFTS):
-        if law.drift_mm[d] > 0.0:
-            information[at_drift + place, at_drift + place] += precision_of_t(fit[OWN, DRIFT + d], law.drift_mm[d])
-            place += 1
+    for i in range(k):
+        place = at_drift + i * moving
+        for d in range(DRIFTS):
+            if law.drift_mm[d] > 0.0:
+                information[place, place] += precision_of_t(fit[DRIFT + d, i], law.drift_mm[d])
+                place += 1
     b = max(fit[OWN, BACKGROUND], 1.0e-6)
     information[size - 1, size - 1] += law.background_near / (b * b) + law.background_far
     return _invert(information, k, at_share, largest, reference, by_mean, by_share)

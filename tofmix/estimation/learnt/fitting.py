@@ -27,27 +27,36 @@ from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, REACH, STEPS, Law, log_
 from tofmix.estimation.mixture import gaussians
 from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
-from tofmix.vector import log_of
+from tofmix.vector import log_of, product_of, total_of
 
-MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, OWN, PLACE, FIRST, SECOND, THIRD = 0, 1, 2, 3, 4, 5, 6, 7, 10, 13
-ROWS = 16
-"""Rows of a fit: what each surface has, the pixel's own numbers, room to sort, and three vectors of three rows."""
+MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, DRIFT = 0, 1, 2, 3, 4, 5
+OWN, PLACE, FIRST = DRIFT + DRIFTS, DRIFT + DRIFTS + 1, DRIFT + DRIFTS + 2
+"""Rows of a fit: what each surface has (from DRIFT on its `DRIFTS` coefficients, mm), the pixel's own numbers, steps, and
+from FIRST on three vectors of an acceleration."""
 
-LOG_WIDTH, BACKGROUND, DRIFT = 0, 1, 2
-"""Columns of row OWN; from DRIFT on, `DRIFTS` coefficients, mm."""
+VECTOR = 3 + DRIFTS
+"""Rows of a vector: means in sigmas, shares, drifts in sigmas, the pixel's own numbers."""
 
-OWN_NUMBERS = DRIFT + DRIFTS
+SECOND, THIRD = FIRST + VECTOR, FIRST + 2 * VECTOR
+ROWS = FIRST + 3 * VECTOR
 
-Y, TOTAL, SHARE, TERM, NEW, TIME = 0, 1, 2, 3, 4, 5
-ORDERED, SCORES = TIME + DRIFTS, TIME + DRIFTS + 2
+LOG_WIDTH, BACKGROUND = 0, 1
+"""Columns of row OWN."""
+
+OWN_NUMBERS = 2
+
+TOTAL, SHARE, TERM, NEW, TIME = 0, 1, 2, 3, 4
+SCORES = TIME + DRIFTS
 DENSITY = SCORES + 3
-"""Rows of the room: detrended samples, p(y_j), 1 / p, rows to work in, polynomials of time, and densities."""
+"""Rows of the room: p(r_j), 1 / p, rows to work in, polynomials of time, three scores, and from DENSITY on the
+densities of the surfaces, that of c_0, the slopes, and the samples less each surface's drift."""
 
 LONGEST_STEP = 1.0
 """No mean moves by more than this, in sigmas, in one iteration: scoring may overshoot where a shape is not concave."""
 
 _LONGEST_JUMP = 32.0
 _LEAST_SHARE = 1.0e-9
+_INFINITE = 1.0e30
 
 
 class Samples(NamedTuple):
@@ -66,7 +75,7 @@ def new_fit(capacity: int) -> FloatArray:
 @jit
 def new_room(capacity: int, samples: int) -> FloatArray:
     """Room for pixels of up to so many samples."""
-    return np.zeros((DENSITY + 2 * max(capacity, OWN_NUMBERS) + 1, samples))
+    return np.zeros((DENSITY + 3 * max(capacity, OWN_NUMBERS) + 1, samples))
 
 
 @borrowing
@@ -94,15 +103,24 @@ def fill_times(data: Samples, room: FloatArray) -> None:
 
 
 @borrowing
-def detrend(data: Samples, fit: FloatArray, law: Law, room: FloatArray) -> None:
-    """Fill row Y with the samples less the pixel's drift."""
-    n = len(data.value)
-    y = room[Y]
+def drifts(law: Law) -> int:
+    """Polynomials that a surface's range may follow: those up to the last one with a scale."""
+    count = 0
+    for d in range(DRIFTS):
+        if law.drift_mm[d] > 0.0:
+            count = d + 1
+    return count
+
+
+@borrowing
+def detrend(data: Samples, i: int, fit: FloatArray, room: FloatArray) -> None:
+    """Fill the surface's row of samples with those less its drift."""
+    n, y = len(data.value), room[still_row(fit) + i]
     for j in range(n):
         y[j] = data.value[j]
     for d in range(DRIFTS):
-        coefficient = fit[OWN, DRIFT + d]
-        if law.drift_mm[d] > 0.0 and coefficient != 0.0:
+        coefficient = fit[DRIFT + d, i]
+        if coefficient != 0.0:
             basis = room[TIME + d]
             for j in range(n):
                 y[j] -= coefficient * basis[j]
@@ -126,22 +144,24 @@ def lend(y: FloatArray, n: int, mean: float, width: float, law: Law, density: Fl
 
 @borrowing
 def mix(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> None:
-    """Fill Y, the densities and slopes of the surfaces, and p(y)."""
-    n = len(data.value)
-    detrend(data, fit, law, room)
+    """Fill the densities and slopes of the surfaces, and p(r)."""
+    n, moving = len(data.value), drifts(law) > 0
     total = room[TOTAL]
     uniform = fit[OWN, BACKGROUND] * background_density(beam) + 1.0e-30
     for j in range(n):
         total[j] = uniform
     if fit[WEIGHT, -1] > 0.0:
         row, weight = room[no_return_row(fit), :n], fit[WEIGHT, -1]
-        gaussians(room[Y, :n], beam.range_max, beam.sigma_max, row)
+        gaussians(data.value, beam.range_max, beam.sigma_max, row)
         for j in range(n):
             total[j] += weight * row[j]
     width = math.exp(fit[OWN, LOG_WIDTH])
     for i in range(k):
         density, weight = room[DENSITY + i], fit[WEIGHT, i]
-        lend(room[Y], n, fit[MEAN, i], width * fit[SIGMA, i], law, density, room[slope_row(fit) + i])
+        if moving:
+            detrend(data, i, fit, room)
+        y = room[still_row(fit) + i, :n] if moving else data.value
+        lend(y, n, fit[MEAN, i], width * fit[SIGMA, i], law, density, room[slope_row(fit) + i])
         for j in range(n):
             total[j] += weight * density[j]
 
@@ -159,6 +179,12 @@ def slope_row(fit: FloatArray) -> int:
 
 
 @borrowing
+def still_row(fit: FloatArray) -> int:
+    """First row of the samples less each surface's drift; filled where there is one."""
+    return DENSITY + 2 * capacity_of(fit) + 1
+
+
+@borrowing
 def background_density(beam: Beam) -> float:
     """Density of background, 1/mm: uniform over the working range."""
     return 1.0 / (beam.range_top - beam.range_min)
@@ -167,67 +193,69 @@ def background_density(beam: Beam) -> float:
 @borrowing
 def objective(data: Samples, k: int, fit: FloatArray, law: Law, room: FloatArray) -> float:
     """Log likelihood of what `mix` left, nat, and the log priors of the pixel's own numbers."""
-    total, value = room[TOTAL], 0.0
-    for j in range(len(data.value)):
-        value += log_of(total[j])
+    total, term = room[TOTAL], room[TERM, : len(data.value)]
+    for j in range(len(term)):
+        term[j] = log_of(total[j])
+    value = float(total_of(term))
     if k == 0 and fit[WEIGHT, -1] == 0.0:
         return value
-    return value + log_priors(fit, law)
+    return value + log_priors(k, fit, law)
 
 
 @borrowing
-def log_priors(fit: FloatArray, law: Law) -> float:
-    """Logarithm of the priors of width, drift and background share, each over its value at its peak or constant."""
+def log_priors(k: int, fit: FloatArray, law: Law) -> float:
+    """Logarithm of the priors of width, drifts and background share, each over its value at its peak or constant."""
     value = log_prior_t(fit[OWN, LOG_WIDTH], law.width_spread)
     for d in range(DRIFTS):
-        value += log_prior_t(fit[OWN, DRIFT + d], law.drift_mm[d])
+        if law.drift_mm[d] > 0.0:
+            for i in range(k):
+                value += log_prior_t(fit[DRIFT + d, i], law.drift_mm[d])
     b = min(max(fit[OWN, BACKGROUND], 1.0e-12), 1.0 - 1.0e-12)
     return value + law.background_near * math.log(b) + law.background_far * math.log(1.0 - b)
 
 
 @borrowing
-def em_step(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> float:
-    """One iteration; return the objective at the values that it started from."""
-    n = len(data.value)
+def em_step(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> None:
+    """One iteration from the values in `fit`; the room is left as `mix` leaves it before the step."""
     mix(data, k, fit, law, beam, room)
-    before = objective(data, k, fit, law, room)
+    step_up(data, k, fit, law, beam, room)
+
+
+@borrowing
+def step_up(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> None:
+    """Second half of an iteration, after `mix`."""
+    n, moving = len(data.value), drifts(law) > 0
     total, share = room[TOTAL], room[SHARE]
-    sum_share = 0.0
     for j in range(n):
         share[j] = 1.0 / total[j]
-        sum_share += share[j]
-    width = math.exp(fit[OWN, LOG_WIDTH])
-    slopes = slope_row(fit)
+    sum_share = total_of(share[:n])
+    width, slopes, own = math.exp(fit[OWN, LOG_WIDTH]), slope_row(fit), law.width_spread > 0.0
     held, wide = 0.0, 0.0
     for i in range(k):
-        density, slope = room[DENSITY + i], room[slopes + i]
-        support, push, stretch = 0.0, 0.0, 0.0
-        mean = fit[MEAN, i]
-        for j in range(n):
-            support += share[j] * density[j]
-            rise = share[j] * slope[j]
-            push += rise
-            stretch += rise * (room[Y, j] - mean)
-        own_width = width * fit[SIGMA, i]
-        support *= fit[WEIGHT, i]
-        push *= fit[WEIGHT, i]
-        stretch = fit[WEIGHT, i] * stretch / own_width - support
+        slope, own_width = room[slopes + i, :n], width * fit[SIGMA, i]
+        support = fit[WEIGHT, i] * product_of(share[:n], room[DENSITY + i])
         fit[SUPPORT, i] = support
         held += support
-        wide += stretch
+        push = fit[WEIGHT, i] * product_of(share[:n], slope)
         fit[PLACE, i] = push / (law.information * support) if support > 0.0 else 0.0
-    _move_drift(data, k, fit, law, room, width, held)
+        if own:
+            y = room[still_row(fit) + i, :n] if moving else data.value
+            term = room[TERM, :n]
+            for j in range(n):
+                term[j] = (y[j] - fit[MEAN, i]) * slope[j]
+            wide += fit[WEIGHT, i] * product_of(term, share) / own_width - support
+        if moving:
+            _move_drift(n, i, push, fit, law, room, own_width)
     for i in range(k):
         step = min(max(fit[PLACE, i], -LONGEST_STEP), LONGEST_STEP)
         fit[MEAN, i] += step * width * fit[SIGMA, i]
         fit[SIGMA, i] = sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma)
-    if law.width_spread > 0.0 and held > 0.0:
+    if own and held > 0.0:
         v = fit[OWN, LOG_WIDTH]
         precision = precision_of_t(v, law.width_spread)
         v += (wide - precision * v) / (law.width_information * held + precision)
         fit[OWN, LOG_WIDTH] = min(max(v, -MOST_LOG_WIDTH), MOST_LOG_WIDTH)
     _move_shares(n, k, fit, law, beam, room, sum_share, held)
-    return before
 
 
 @borrowing
@@ -262,59 +290,47 @@ def _move_shares(
 
 @borrowing
 def _move_drift(
-    data: Samples, k: int, fit: FloatArray, law: Law, room: FloatArray, width: float, held: float
+    n: int, i: int, push: float, fit: FloatArray, law: Law, room: FloatArray, own_width: float
 ) -> None:
-    """Update the coefficients of the drift, together with what it leaves to the means, by one step of scoring."""
-    active = 0
-    for d in range(DRIFTS):
-        if law.drift_mm[d] > 0.0:
-            active = d + 1
-    if active == 0 or held <= 0.0:
+    """Update the drift of a surface, together with its mean, by one step of scoring."""
+    support = fit[SUPPORT, i]
+    if support <= 0.0:
         return
-    n, slopes = len(data.value), slope_row(fit)
-    rise, weight = room[TERM], room[NEW]
-    for j in range(n):
-        rise[j], weight[j] = 0.0, 0.0
-    for i in range(k):
-        density, slope, factor = room[DENSITY + i], room[slopes + i], fit[WEIGHT, i] / (width * fit[SIGMA, i])
-        for j in range(n):
-            rise[j] += factor * room[SHARE, j] * slope[j]
-            weight[j] += factor / (width * fit[SIGMA, i]) * room[SHARE, j] * density[j]
-    # Means move with the drift: what a polynomial and the constant share is left to the means.
-    mass, push = 0.0, 0.0
-    for j in range(n):
-        mass += weight[j]
-        push += rise[j]
+    weight, share = fit[WEIGHT, i], room[SHARE]
+    density, slope = room[DENSITY + i], room[slope_row(fit) + i]
+    b0, b1, b2 = room[TIME], room[TIME + 1], room[TIME + 2]
     m00, m01, m02, m11, m12, m22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     c0, c1, c2, g0, g1, g2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
-        b0, b1, b2, w = room[TIME, j], room[TIME + 1, j], room[TIME + 2, j], weight[j]
-        m00 += w * b0 * b0
-        m01 += w * b0 * b1
-        m02 += w * b0 * b2
-        m11 += w * b1 * b1
-        m12 += w * b1 * b2
-        m22 += w * b2 * b2
-        c0 += w * b0
-        c1 += w * b1
-        c2 += w * b2
-        g0 += rise[j] * b0
-        g1 += rise[j] * b1
-        g2 += rise[j] * b2
-    info = law.information
-    inverse = 1.0 / mass if mass > 0.0 else 0.0
-    a00 = info * (m00 - c0 * c0 * inverse)
-    a01 = info * (m01 - c0 * c1 * inverse)
-    a02 = info * (m02 - c0 * c2 * inverse)
-    a11 = info * (m11 - c1 * c1 * inverse)
-    a12 = info * (m12 - c1 * c2 * inverse)
-    a22 = info * (m22 - c2 * c2 * inverse)
-    g0 -= push * c0 * inverse
-    g1 -= push * c1 * inverse
-    g2 -= push * c2 * inverse
-    g0, a00 = _with_prior(g0, a00, fit[OWN, DRIFT], law.drift_mm[0])
-    g1, a11 = _with_prior(g1, a11, fit[OWN, DRIFT + 1], law.drift_mm[1])
-    g2, a22 = _with_prior(g2, a22, fit[OWN, DRIFT + 2], law.drift_mm[2])
+        part = share[j] * density[j]
+        rise = share[j] * slope[j]
+        w0, w1, w2 = part * b0[j], part * b1[j], part * b2[j]
+        c0 += w0
+        c1 += w1
+        c2 += w2
+        m00 += w0 * b0[j]
+        m01 += w0 * b1[j]
+        m02 += w0 * b2[j]
+        m11 += w1 * b1[j]
+        m12 += w1 * b2[j]
+        m22 += w2 * b2[j]
+        g0 += rise * b0[j]
+        g1 += rise * b1[j]
+        g2 += rise * b2[j]
+    # In units of the surface's width; what a polynomial shares with the constant is left to the mean.
+    info, inverse = law.information * weight, 1.0 / support
+    a00 = info * (m00 - weight * c0 * c0 * inverse)
+    a01 = info * (m01 - weight * c0 * c1 * inverse)
+    a02 = info * (m02 - weight * c0 * c2 * inverse)
+    a11 = info * (m11 - weight * c1 * c1 * inverse)
+    a12 = info * (m12 - weight * c1 * c2 * inverse)
+    a22 = info * (m22 - weight * c2 * c2 * inverse)
+    g0 = weight * g0 - push * weight * c0 * inverse
+    g1 = weight * g1 - push * weight * c1 * inverse
+    g2 = weight * g2 - push * weight * c2 * inverse
+    g0, a00 = _with_prior(g0, a00, fit[DRIFT, i], law.drift_mm[0], own_width)
+    g1, a11 = _with_prior(g1, a11, fit[DRIFT + 1, i], law.drift_mm[1], own_width)
+    g2, a22 = _with_prior(g2, a22, fit[DRIFT + 2, i], law.drift_mm[2], own_width)
     # Cholesky of the 3 x 3 matrix; a polynomial that is not there has an infinite precision.
     l00 = math.sqrt(a00)
     l10, l20 = a01 / l00, a02 / l00
@@ -327,46 +343,45 @@ def _move_drift(
     s2 = y2 / l22
     s1 = (y1 - l21 * s2) / l11
     s0 = (y0 - l10 * s1 - l20 * s2) / l00
-    fit[OWN, DRIFT] += s0
-    fit[OWN, DRIFT + 1] += s1
-    fit[OWN, DRIFT + 2] += s2
-    # The means were to move by their own push: take off what the drift now does for them.
-    shift = (s0 * c0 + s1 * c1 + s2 * c2) * inverse
-    for i in range(k):
-        fit[PLACE, i] -= shift / (width * fit[SIGMA, i])
-
-
-_INFINITE = 1.0e30
+    fit[DRIFT, i] += s0 * own_width
+    fit[DRIFT + 1, i] += s1 * own_width
+    fit[DRIFT + 2, i] += s2 * own_width
+    # The mean was to move by its own push: take off what the drift now does for it.
+    fit[PLACE, i] -= (s0 * c0 + s1 * c1 + s2 * c2) * weight * inverse
 
 
 @borrowing
-def _with_prior(slope: float, information: float, value: float, scale: float) -> tuple[float, float]:
-    """Slope and information with the prior's; no step where there is no such polynomial."""
+def _with_prior(
+    slope: float, information: float, value: float, scale: float, own_width: float
+) -> tuple[float, float]:
+    """Slope and information with the prior's, in units of the width; no step where there is no such polynomial."""
     if scale <= 0.0:
         return 0.0, _INFINITE
-    precision = precision_of_t(value, scale)
-    return slope - precision * value, information + precision
+    precision = precision_of_t(value, scale) * own_width * own_width
+    return slope - precision * value / own_width, information + precision
 
 
 @borrowing
-def _pack(k: int, fit: FloatArray, row: int) -> None:
-    """Write means (in sigmas), shares, and the pixel's own numbers to three rows from `row` on."""
-    width = fit[PLACE, -1]
+def _pack(k: int, fit: FloatArray, law: Law, row: int) -> None:
+    """Write means (in sigmas), shares, drifts (in sigmas) and the pixel's own numbers to the rows from `row` on."""
+    unit, moving = fit[PLACE, -1], drifts(law) > 0
     for i in range(k):
-        fit[row, i] = fit[MEAN, i] / width
+        fit[row, i] = fit[MEAN, i] / unit
         fit[row + 1, i] = fit[WEIGHT, i]
+        if moving:
+            for d in range(DRIFTS):
+                fit[row + 2 + d, i] = fit[DRIFT + d, i] / unit
     fit[row + 1, -1] = fit[WEIGHT, -1]
-    fit[row + 2, LOG_WIDTH] = fit[OWN, LOG_WIDTH]
-    fit[row + 2, BACKGROUND] = fit[OWN, BACKGROUND]
-    for d in range(DRIFTS):
-        fit[row + 2, DRIFT + d] = fit[OWN, DRIFT + d] / width
+    for number in range(OWN_NUMBERS):
+        fit[row + VECTOR - 1, number] = fit[OWN, number]
 
 
 @borrowing
-def _unpack(k: int, fit: FloatArray, row: int, beam: Beam) -> bool:
+def _unpack(k: int, fit: FloatArray, law: Law, row: int, beam: Beam) -> bool:
     """Set the fit from what `_pack` writes; false, and nothing is set, where a share is not above 0."""
-    width, no_return, total = fit[PLACE, -1], fit[row + 1, -1], 0.0
-    background = fit[row + 2, BACKGROUND]
+    unit, no_return, total = fit[PLACE, -1], fit[row + 1, -1], 0.0
+    own = row + VECTOR - 1
+    background = fit[own, BACKGROUND]
     for i in range(k):
         if fit[row + 1, i] < _LEAST_SHARE:
             return False
@@ -374,16 +389,51 @@ def _unpack(k: int, fit: FloatArray, row: int, beam: Beam) -> bool:
     if no_return < 0.0 or (no_return < _LEAST_SHARE < fit[WEIGHT, -1]) or not 0.0 <= background < 1.0:
         return False
     scale = (1.0 - background) / (total + no_return)
+    moving = drifts(law) > 0
     for i in range(k):
-        fit[MEAN, i] = fit[row, i] * width
+        fit[MEAN, i] = fit[row, i] * unit
         fit[SIGMA, i] = sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma)
         fit[WEIGHT, i] = fit[row + 1, i] * scale
+        if moving:
+            for d in range(DRIFTS):
+                fit[DRIFT + d, i] = fit[row + 2 + d, i] * unit
     fit[WEIGHT, -1] = no_return * scale
-    fit[OWN, LOG_WIDTH] = min(max(fit[row + 2, LOG_WIDTH], -MOST_LOG_WIDTH), MOST_LOG_WIDTH)
+    fit[OWN, LOG_WIDTH] = min(max(fit[own, LOG_WIDTH], -MOST_LOG_WIDTH), MOST_LOG_WIDTH)
     fit[OWN, BACKGROUND] = background
-    for d in range(DRIFTS):
-        fit[OWN, DRIFT + d] = fit[row + 2, DRIFT + d] * width
     return True
+
+
+@borrowing
+def _step_and_bend(k: int, fit: FloatArray, law: Law) -> tuple[float, float, float]:
+    """Squares of the step and of its bend between the three vectors, and the largest last step."""
+    step2, bend2, last = 0.0, 0.0, 0.0
+    for row in range(VECTOR):
+        if 2 <= row < VECTOR - 1 and drifts(law) == 0:  # noqa: PLR2004  rows of drifts
+            continue
+        for i in range(OWN_NUMBERS if row == VECTOR - 1 else k):
+            step = fit[SECOND + row, i] - fit[FIRST + row, i]
+            after = fit[THIRD + row, i] - fit[SECOND + row, i]
+            step2 += step * step
+            bend2 += (after - step) ** 2
+            last = max(last, abs(after))
+    step = fit[SECOND + 1, -1] - fit[FIRST + 1, -1]
+    after = fit[THIRD + 1, -1] - fit[SECOND + 1, -1]
+    return step2 + step * step, bend2 + (after - step) ** 2, max(last, abs(after))
+
+
+@borrowing
+def _extrapolate(k: int, jump: float, fit: FloatArray, law: Law) -> None:
+    """Put where the three vectors lead into the first."""
+    for row in range(VECTOR):
+        if 2 <= row < VECTOR - 1 and drifts(law) == 0:  # noqa: PLR2004  rows of drifts
+            continue
+        for i in range(OWN_NUMBERS if row == VECTOR - 1 else k):
+            step = fit[SECOND + row, i] - fit[FIRST + row, i]
+            bend = fit[THIRD + row, i] - fit[SECOND + row, i] - step
+            fit[FIRST + row, i] += 2.0 * jump * step + jump * jump * bend
+    step = fit[SECOND + 1, -1] - fit[FIRST + 1, -1]
+    bend = fit[THIRD + 1, -1] - fit[SECOND + 1, -1] - step
+    fit[FIRST + 1, -1] += 2.0 * jump * step + jump * jump * bend
 
 
 @borrowing
@@ -397,34 +447,32 @@ def maximise(
     iterations = 0
     fit[PLACE, -1] = fit[SIGMA, 0] if k > 0 else beam.sigma_max
     while iterations + 2 <= max_iter:
-        _pack(k, fit, FIRST)
+        _pack(k, fit, law, FIRST)
         em_step(data, k, fit, law, beam, room)
-        _pack(k, fit, SECOND)
-        before = em_step(data, k, fit, law, beam, room)
-        _pack(k, fit, THIRD)
+        _pack(k, fit, law, SECOND)
+        em_step(data, k, fit, law, beam, room)
+        _pack(k, fit, law, THIRD)
         iterations += 2
-        step2, bend2, last = 0.0, 0.0, 0.0
-        for row in range(3):
-            for i in range(len(fit[FIRST])):
-                step = fit[SECOND + row, i] - fit[FIRST + row, i]
-                after = fit[THIRD + row, i] - fit[SECOND + row, i]
-                step2 += step * step
-                bend2 += (after - step) ** 2
-                last = max(last, abs(after))
+        step2, bend2, last = _step_and_bend(k, fit, law)
         jump = min(math.sqrt(step2 / bend2), _LONGEST_JUMP) if bend2 > 0.0 else 1.0
         if last * max(jump, 1.0) < tol:
             return iterations
         if jump <= 1.0 or iterations >= max_iter:
             continue
-        for row in range(3):
-            for i in range(len(fit[FIRST])):
-                step = fit[SECOND + row, i] - fit[FIRST + row, i]
-                bend = fit[THIRD + row, i] - fit[SECOND + row, i] - step
-                fit[FIRST + row, i] += 2.0 * jump * step + jump * jump * bend
-        if _unpack(k, fit, FIRST, beam):
+        # The room still holds p(r) at the second vector.
+        _unpack(k, fit, law, SECOND, beam)
+        before = objective(data, k, fit, law, room)
+        _extrapolate(k, jump, fit, law)
+        if _unpack(k, fit, law, FIRST, beam):
             iterations += 1
-            if em_step(data, k, fit, law, beam, room) < before:
-                _unpack(k, fit, THIRD, beam)
+            mix(data, k, fit, law, beam, room)
+            worse = objective(data, k, fit, law, room) < before
+            if worse:
+                _unpack(k, fit, law, THIRD, beam)
+            else:
+                step_up(data, k, fit, law, beam, room)
+        else:
+            _unpack(k, fit, law, THIRD, beam)
     return -iterations
 
 

@@ -63,7 +63,7 @@ def jumps(data: Samples, fit: FloatArray, wanted: float, law: Law, beam: Beam) -
     width = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, 0]
     reach = 0.0
     for d in range(DRIFTS):
-        reach += abs(fit[OWN, DRIFT + d])
+        reach += abs(fit[DRIFT + d, 0])
     reach += NEAR_SIGMAS * width
     order = np.argsort(data.time)
     value = np.empty(n)
