@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-NOISE = {"noise_range": [500.0, 5000.0], "noise_sigma": [10.0, 80.0]}
+NOISE = {"noise_range": [500.0, 5000.0], "noise_sigma": [15.0, 15.0]}
 
 
 def write_recording(

@@ -42,4 +42,4 @@ class LayersInMemory:
 
     def read_window(self, window: int) -> Layers:
         """Layers of one window."""
-        return Layers(**{name: getattr(self.layers, name)[window] for name in Layers.__dataclass_fields__})
+        return Layers(**{spec.name: getattr(self.layers, spec.name)[window] for spec in self.layers.fields})

@@ -4,11 +4,11 @@ from dataclasses import fields
 
 import numpy as np
 
-from tofmix.layers import LAYER_FIELDS, Layers
+from tofmix.layers import LAYER_FIELDS, OPTIONAL_FIELDS, Layers
 
 
 def test_the_list_and_the_class_agree() -> None:
-    assert [f.name for f in fields(Layers)] == [spec.name for spec in LAYER_FIELDS]
+    assert [f.name for f in fields(Layers)] == [spec.name for spec in (*LAYER_FIELDS, *OPTIONAL_FIELDS)]
     assert len({spec.name for spec in LAYER_FIELDS}) == len(LAYER_FIELDS)
 
 

@@ -210,10 +210,10 @@ def _with_learnt(source: "RecordingFile", outliers: str | float, learning: Learn
         if found.measured is None:
             raise BadInputError(f"{source.path}: outliers: no pixels of one surface to count them in; give --outliers P")
         sensor = replace(sensor, outlier_probability=found.measured.outlier_probability)
-    note(f"{source.path}: noise: {found.line()}")
-    if found.measured is not None and found.lesson.kept_start:
-        if source.has_amplitude:
-            note(f"{source.path}: noise: {_amplitude_text(found.measured)}")
+    kept = found.measured is not None and (found.lesson is None or found.lesson.kept_start)
+    law = f"; {_amplitude_text(found.measured)}" if kept and found.measured and source.has_amplitude else ""
+    note(f"{source.path}: noise: {found.line()}{law}")
+    if kept and found.measured is not None:
         _warn_where_they_differ(source, found.measured)
     return sensor
 

@@ -8,7 +8,7 @@ from tofmix.estimation.false_alarms import FALSE_ALARMS
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_work
 from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
-from tofmix.estimation.learnt.fitting import Samples, fill_times, maximise, mix
+from tofmix.estimation.learnt.fitting import Samples, background_density, fill_times, maximise, mix
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.pixel_noise import beam_of_pixel
 from tofmix.jit import jit
@@ -19,6 +19,10 @@ LEAST_GAIN = 7.0
 LEAST_FIRST_GAIN = 4.0
 """Gain, nat, that the first surface must have beside background alone: a pixel with a surface must not go without one
 where the recording's ranges, and so the background, span few sigmas; one without a surface costs all models the same."""
+
+SURPRISES = 0.02
+"""Share of background that is mixed into every model here: samples of a surface that half of the frames did not show
+surprise all models alike, and say nothing of noise."""
 
 _CHANCES = len(FALSE_ALARMS)
 _MAX_ITER, _TOL = 60, 1.0e-3
@@ -70,8 +74,9 @@ def held_out_scores(
             seen = Samples(value[:m], time[:m])
             fill_times(seen, work.room)
             mix(seen, k, work.fit, law, own, work.room)
+            floor = SURPRISES * background_density(own)
             for j in range(m):
-                total += np.log(max(work.room[TOTAL_ROW, j], 1.0e-12))
+                total += np.log((1.0 - SURPRISES) * work.room[TOTAL_ROW, j] + floor)
             count += m
         if count > 0:
             out[pixel] = total

@@ -101,17 +101,28 @@ class Lesson:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pixels:
-    """Pixels to learn from: `samples` (pixel, frame) float32, mm, in the order of frames, NaN where invalid, and their
-    amplitudes, of the same shape, where they are known.
+    """Pixels to learn from.
+
+    Parameters
+    ----------
+    samples : (pixel, frame) float32
+        Samples in the order of frames, mm, NaN where invalid, with their rounding spread evenly over its step.
+    amplitude : (pixel, frame) float32, optional
+        Their amplitudes.
+    rounding_mm : float
+        The step of the stored ranges.
     """
 
     samples: Float32Array
     amplitude: Float32Array | None = None
+    rounding_mm: float = 0.0
 
     def chosen(self, which: BoolArray) -> "Pixels":
         """Some of them."""
         light = None if self.amplitude is None else np.ascontiguousarray(self.amplitude[which])
-        return Pixels(samples=np.ascontiguousarray(self.samples[which]), amplitude=light)
+        return Pixels(
+            samples=np.ascontiguousarray(self.samples[which]), amplitude=light, rounding_mm=self.rounding_mm
+        )
 
 
 class _Learner:
@@ -261,7 +272,7 @@ def learn_pixel_noise(
         noise = _learn(whole, noise, part) or noise
     fits = whole.fits(noise, whole.clusters(noise))
     noise = replace(noise, memory=_memory(fits))
-    ranges = fits.place if len(fits.place) else np.array([float(np.nanmedian(pixels.samples))])
+    ranges = fits.place if len(fits.place) else medians(pixels.samples)
     return Lesson(
         noise=noise,
         pixels=len(pixels.samples),
@@ -279,16 +290,24 @@ def _first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[Noise
     if found is not None:
         ranges, sigmas = found
     else:
-        middle = np.nanmedian(samples, axis=1)
-        spread = float(np.nanmedian(_MAD * np.nanmedian(np.abs(samples - middle[:, None]), axis=1)))
+        seen = samples[np.isfinite(samples).sum(axis=1) > 1]
+        if len(seen) == 0:
+            return curves
+        away = np.abs(seen - medians(seen)[:, None])
+        spread = _MAD * float(np.median(medians(away)))
         if not spread > 0:
             return curves
-        ranges, sigmas = np.array([float(np.nanmedian(samples))]), np.array([spread])
+        ranges, sigmas = np.array([float(np.median(medians(seen)))]), np.array([spread])
     for scale in SCALES:
         curve = NoiseCurve(ranges, sigmas * scale)
         if all(abs(math.log(_ratio(curve, other))) > math.log(1.1) for other in curves):
             curves.append(curve)
     return curves
+
+
+def medians(samples: Float32Array) -> FloatArray:
+    """Median of the valid samples of each pixel (pixel, frame) that has any, mm."""
+    return np.array([float(np.median(row[np.isfinite(row)])) for row in samples if np.isfinite(row).any()])
 
 
 def _ratio(one: NoiseCurve, other: NoiseCurve) -> float:

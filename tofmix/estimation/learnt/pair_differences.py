@@ -129,6 +129,8 @@ def _scale(lags: FloatArray, most: float) -> float | None:
 
 def _peak(lags: FloatArray, scale: float) -> float | None:
     """Sigma of the peak over the level at the lags past it; None where the level has it all."""
+    if not scale > 0.0:
+        return None
     near, far = np.searchsorted(lags, [PEAK_SIGMAS * scale, LEVEL_SIGMAS * scale], side="right")
     level = (far - near) / ((LEVEL_SIGMAS - PEAK_SIGMAS) * scale)
     excess = near - level * PEAK_SIGMAS * scale

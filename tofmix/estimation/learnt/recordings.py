@@ -11,7 +11,7 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.curve_check import doubts
 from tofmix.estimation.learnt.held_out import flat_thresholds
-from tofmix.estimation.learnt.learning import MAX_LAYERS, Lesson, Pixels, beta_prior, learn_pixel_noise
+from tofmix.estimation.learnt.learning import MAX_LAYERS, Lesson, Pixels, beta_prior, learn_pixel_noise, medians
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import background_shares
 from tofmix.estimation.learnt.thresholds import calibrate
@@ -45,13 +45,13 @@ class FoundNoise:
         The recording's, with the noise curve, and `learnt` where the noise is not a Gaussian's alone.
     measured : MeasuredNoise or None
         What clusters of one Gaussian surface tell (`tofmix.estimation.noise`); None where they tell nothing.
-    lesson : Lesson
-        What was learnt.
+    lesson : Lesson or None
+        What was learnt; None where most pixels do not scatter.
     """
 
     sensor: Sensor
     measured: MeasuredNoise | None
-    lesson: Lesson
+    lesson: Lesson | None
 
     @property
     def is_gaussian(self) -> bool:
@@ -73,6 +73,8 @@ class FoundNoise:
             said.append(f"pixels drift by {2.0 * learnt.drift_mm.max():.2g} mm in a window")
         if learnt is not None and learnt.memory:
             said.append(f"memory {learnt.memory:.2g}")
+        if self.lesson is None:
+            return f"{', '.join(said)}; the samples of most pixels are all equal"
         return f"{', '.join(said)}; learnt from {counted(self.lesson.pixels, 'pixel')}"
 
 
@@ -145,6 +147,11 @@ def learn_noise(
     window, stride = window_frames * targets, (stride_frames or window_frames) * targets
     pixels = pixels_of(source, window, stride)
     sensor = replace(source.sensor, noise=None, learnt=None)
+    if not scatters(pixels):
+        if measured is None:
+            raise ValueError("noise: the samples of most pixels are all equal, and tell no sigma")
+        kept = source.sensor if instead_of is not None else replace(sensor, noise=measured.curve)
+        return FoundNoise(sensor=kept, measured=measured, lesson=None)
     lesson = learn_pixel_noise(
         pixels, sensor, None if measured is None else measured.curve, shape=shape, widths=widths,
         drift=drift, instead_of=instead_of,
@@ -194,12 +201,13 @@ def learn_if_contradicted(
     """
     targets = samples_a_frame(source)
     stride = (stride_frames or window_frames) * targets
-    if not doubts(pixels_of(source, window_frames * targets, stride, most=QUESTIONED_PIXELS), source.sensor):
+    pixels = pixels_of(source, window_frames * targets, stride, most=QUESTIONED_PIXELS)
+    if not scatters(pixels) or not doubts(pixels, source.sensor):
         return None
     found = learn_noise(
         source, window_frames=window_frames, stride_frames=stride_frames, instead_of=source.sensor.noise, **choices
     )
-    return None if found.lesson.given_holds else found
+    return None if found.lesson is None or found.lesson.given_holds else found
 
 
 def has_parts(curve: NoiseCurve) -> bool:
@@ -240,8 +248,7 @@ def calibrated(
         curve=sensor.noise, p_outlier=sensor.outlier_probability, background=background, drift_mm=np.zeros(DRIFTS)
     )
     pixels = pixels_of(source, window_frames * samples_a_frame(source), window_frames * samples_a_frame(source))
-    ranges = np.nanmedian(pixels.samples, axis=1)
-    ranges = np.sort(ranges[np.isfinite(ranges)])
+    ranges = np.sort(medians(pixels.samples))
     thresholds = calibrate(
         noise,
         beam_of(sensor),
@@ -251,6 +258,15 @@ def calibrated(
         progress=progress,
     )
     return replace(sensor, learnt=noise.learnt_with(thresholds))
+
+
+def scatters(pixels: Pixels) -> bool:
+    """Whether the samples of most pixels differ by more than their rounding: else they are stuck, or coarse."""
+    known = np.isfinite(pixels.samples)
+    high = np.where(known, pixels.samples, -np.inf).max(axis=1)
+    low = np.where(known, pixels.samples, np.inf).min(axis=1)
+    seen = known.sum(axis=1) > 1
+    return not seen.any() or bool(np.median((high - low)[seen]) > pixels.rounding_mm)
 
 
 def _numbers(pixels: Pixels, min_samples: int, window: int) -> tuple[int, int]:
@@ -283,7 +299,9 @@ def pixels_of(source: SampleSource, window_frames: int, stride_frames: int, *, m
     rounding = quantisation_step(samples)
     rng = np.random.default_rng(_SEED)
     smooth = samples + rng.uniform(-0.5 * rounding, 0.5 * rounding, samples.shape)
-    return Pixels(samples=np.ascontiguousarray(smooth, dtype=np.float32), amplitude=light)
+    return Pixels(
+        samples=np.ascontiguousarray(smooth, dtype=np.float32), amplitude=light, rounding_mm=float(rounding)
+    )
 
 
 class _Light:
