@@ -245,7 +245,7 @@ def test_a_long_csv_may_name_its_unit_and_count_from_1(tofmix: Tofmix, tmp_path:
     [
         ("1,2,3\n4,5,6\n", (), "give --shape ROWSxCOLS"),
         ("1,2,3\n4,5,6\n", ("--shape", "2x2"), "3 values in the first line, --shape 2x2 has 4"),
-        ("1,2\n4\n", ("--shape", "1x2"), "line 2: 1 values, the first line has 2"),
+        ("1,2\n4\n", ("--shape", "1x2"), "line 2: 1 value, the first line has 2"),
         ("1,2\n4,x\n", ("--shape", "1x2"), "line 2: cannot be read"),
         ("", ("--shape", "1x2"), "empty"),
         ("a,b\n", ("--shape", "1x2"), "no frame below its header"),
