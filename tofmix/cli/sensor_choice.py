@@ -140,9 +140,11 @@ def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_
 
     if circle_mm is None and sensor.range_max_mm is None and sensor.noise is not None:
         low, high = outlier_interval(sensor, sensor.noise)
+        known = sensor.range_min_mm is not None and low == sensor.range_min_mm
+        ends = "range_min_mm to the largest sample" if known else "the least sample to the largest"
         click.echo(
             f"tofmix: {source.path}: sensor: no range_max_mm: there is no share without a return, and random values are"
-            f" taken to spread from {low:.0f} to {high:.0f} mm, where the recording's samples end",
+            f" taken to spread from {ends}, {low:.0f} to {high:.0f} mm",
             err=True,
         )
     if circle_mm is not None and sensor.range_max_mm is not None and not has_no_return(sensor, circle_mm):

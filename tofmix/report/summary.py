@@ -186,6 +186,7 @@ def remedy_for(provenance: Provenance, windows: int, recording: str | None = Non
         noise=str(options.get("noise", "file")),
         window_frames=int(options.get("window", 2)),
         windows=windows,
+        paper=bool(options.get("paper", False)),
     )
 
 
