@@ -98,6 +98,23 @@ def test_on_a_circle_the_fold_is_no_scatter(rng: np.random.Generator) -> None:
     assert found.drift_sigmas < 0.4
 
 
+class Targets(ArrayRecording):
+    """Two targets a frame, which follow each other."""
+
+    targets = 2
+
+
+@pytest.mark.parametrize("circle", [None, 3000.0])
+def test_targets_of_a_frame_are_series_of_their_own(rng: np.random.Generator, circle: float | None) -> None:
+    near, far = (wall + rng.normal(0.0, SIGMA_MM, (60, 12, 16)) for wall in (1500.0, 2500.0))
+    source = Targets(np.stack([near, far], axis=1).reshape(120, 12, 16), CAMERA)
+    found = check_consistency(source, CURVE, window_frames=60, unambiguous_range_mm=circle)
+    assert found.pixels > 240
+    assert found.scatter_over_curve == pytest.approx(1.0, rel=0.05)
+    assert found.drift_sigmas is not None
+    assert found.drift_sigmas < 0.4
+
+
 def test_of_a_large_image_a_part_is_read(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     samples = np.broadcast_to(rng.normal(1500.0, SIGMA_MM, (12, 1, 1)), (12, 200, 300))
     source = ArrayRecording(samples, CAMERA)

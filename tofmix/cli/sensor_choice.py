@@ -158,9 +158,10 @@ def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_
 def _measured(source: "RecordingFile", circle_mm: float | None) -> "MeasuredNoise":
     from tofmix.estimation.noise import measure_noise
     from tofmix.estimation.unrolling import UnrolledSource
+    from tofmix.recording import by_target
 
     try:
-        return measure_noise(source if circle_mm is None else UnrolledSource(source, circle_mm))
+        return measure_noise(source if circle_mm is None else UnrolledSource(by_target(source), circle_mm))
     except ValueError as error:
         raise BadInputError(f"{source.path}: {error}; choose a curve with --noise PROFILE") from error
 

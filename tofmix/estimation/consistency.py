@@ -22,14 +22,17 @@ from tofmix.estimation.noise_series import (
     series_statistics,
 )
 from tofmix.estimation.unrolling import UnrolledSource
-from tofmix.recording import SampleSource, amplitude_source
+from tofmix.recording import SampleSource, amplitude_source, by_target
 from tofmix.sensor import NoiseCurve
 
 MAX_PIXELS = 1 << 13
 """About how many pixels are read; one stored band of rows at least."""
 
 MOST_JUDGED = 1 << 11
-"""About how many of them are judged, spread over all that are read: a median's standard error is then 3 % of the spread."""
+"""About how many of them are judged, spread over all that are read.
+
+A median's standard error is then 3 % of their spread.
+"""
 
 LEAST_PIXELS = 30
 """Fewer pixels that see one surface say nothing."""
@@ -94,6 +97,7 @@ def check_consistency(
     Consistency
         It depends on the samples, the curve and the window's length alone.
     """
+    source = by_target(source)  # targets of a frame by turns would be scatter and drift
     nothing = Consistency(pixels=0, scatter_over_curve=None, drift_sigmas=None, window_frames=window_frames)
     length = min(source.shape[0], SERIES_FRAMES)
     if curve is None or length < LEAST_SAMPLES:
