@@ -191,7 +191,7 @@ def count_findings(
         )
         commands = tuple(dict.fromkeys((remedy.shorter(), remedy.measure())))
         if remedy.paper:  # its peaks are split by chance alone
-            text = f"{text} So does the paper's procedure, which tests no peak."
+            text = f"{text} So does the paper's procedure, which takes peaks for surfaces."
             commands = (remedy.without_paper(),)
         found.append(Finding(code="close_layers", text=text, commands=commands))
     if pixels and pixels == sum(by_surfaces[:1]):
