@@ -38,6 +38,8 @@ def test_extreme_samples_are_kept_and_said(tofmix: Tofmix, recording: Path, tmp_
         attributes = root["sensor"].attrs
         assert (attributes["sample_min_mm"], attributes["sample_max_mm"]) == (90.0, 21_000.0)
     assert tofmix("verify", tmp_path / "a.layers.h5").code == 0
+    assert "sample_max_mm              21000" in tofmix("info", tmp_path / "a.layers.h5").out
+    assert "sample_max_mm" not in tofmix("info", recording).out
 
 
 def test_layers_of_a_known_range_keep_no_extreme_samples(tofmix: Tofmix, tmp_path: Path) -> None:
