@@ -57,7 +57,7 @@ class BadInputError(TofmixError):
 
 
 class DoubtWarning(UserWarning):
-    """What is doubtful about samples or their noise, from `tofmix.estimate`."""
+    """What is doubtful about samples, their noise or the layers, from `tofmix.open` and `tofmix.estimate`."""
 
 
 class StorageError(TofmixError):

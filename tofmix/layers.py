@@ -89,9 +89,7 @@ class Layers:
     noise_width: NDArray[np.float32] | None = None
 
     @classmethod
-    def empty(
-        cls, shape: tuple[int, ...], max_layers: int, fields: tuple[LayerField, ...] = LAYER_FIELDS
-    ) -> Self:
+    def empty(cls, shape: tuple[int, ...], max_layers: int, fields: tuple[LayerField, ...] = LAYER_FIELDS) -> Self:
         """Layers without a surface, with the given datasets: counts 0, numbers NaN."""
         arrays: dict[str, Any] = {}
         for spec in fields:

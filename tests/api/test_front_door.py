@@ -120,6 +120,7 @@ def test_recording_without_a_curve_is_estimated_with_the_measured_one(tmp_path: 
         tm.estimate(path, noise="file")
 
 
+@pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")  # neither is the recording's
 def test_noise_can_be_a_curve_or_a_built_in_camera(recording: Path) -> None:
     curve = NoiseCurve(np.array([1000.0]), np.array([33.0]))
     assert tm.estimate(recording, noise=curve, sigma="tied").sigma[0, 0, 0, 0] == pytest.approx(33.0)
@@ -179,8 +180,12 @@ def test_reconcile_of_a_model_with_its_own_simulation_agrees() -> None:
 def test_estimate_warns_where_the_curve_is_not_that_of_the_samples(recording: Path) -> None:
     wrong = NoiseCurve(np.array([1000.0]), np.array([150.0]))
     wide = write_recording(recording.with_name("wide.h5"), boards(60, rows=12, cols=24))
-    with pytest.warns(DoubtWarning, match="Samples scatter 0.098 times as much .* noise='auto' measures it"):
+    with pytest.warns(DoubtWarning) as said:
         tm.estimate(wide, noise=wrong)
+    texts = [str(warning.message) for warning in said]
+    assert texts[0].startswith("Samples scatter 0.098 times as much")
+    assert texts[1].startswith("Sigma is 0.68 times the sensor's curve")
+    assert all(text.endswith("noise='auto' measures it.") for text in texts[:2])
 
 
 def test_recording_marked_as_averaged_is_refused_unless_forced(tmp_path: Path) -> None:
@@ -191,3 +196,30 @@ def test_recording_marked_as_averaged_is_refused_unless_forced(tmp_path: Path) -
     assert isinstance(saved, tm.Recording)
     assert saved.averaged
     assert tm.estimate(saved, force=True).n_modes.shape == (1, *saved.shape[1:])
+
+
+def test_estimate_warns_of_close_layers_and_of_shares_of_detections(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    near = rng.random((100, 8, 8)) < 0.5
+    close = np.where(near, 1500.0, 1570.0) + rng.normal(0.0, 20.0, near.shape)  # 3.5 sigma apart
+    curve = NoiseCurve(np.array([1000.0]), np.array([20.0]))
+    with pytest.warns(DoubtWarning, match=r"two layers within 5 sigma .* Take a shorter window, or noise='auto'\."):
+        tm.estimate(tm.from_array(close, units="mm", noise=curve))
+    path = tmp_path / "zones.h5"
+    with h5py.File(path, "w") as root:
+        root["range"] = np.stack([rng.normal(1500.0, 20.0, (40, 8, 8)), rng.normal(2500.0, 20.0, (40, 8, 8))], axis=1)
+        root["range"].attrs["units"] = "mm"
+        for axis, name in enumerate(("frame", "target", "row", "col")):
+            root[name] = np.arange(root["range"].shape[axis])
+            root[name].make_scale(name)
+            root["range"].dims[axis].attach_scale(root[name])
+    with pytest.warns(DoubtWarning, match="a share is a share of detections"):
+        tm.estimate(path)
+
+
+def test_open_warns_of_many_exact_zeros(tmp_path: Path) -> None:
+    samples = boards(40, dtype="f4")
+    samples[::4] = 0.0
+    path = write_recording(tmp_path / "zeros.h5", samples, units="mm")
+    with pytest.warns(DoubtWarning, match=r"zeros\.h5: range: 240 of 960 samples looked at are exactly 0"):
+        tm.open(path)

@@ -33,11 +33,13 @@ def expected(tofmix: Tofmix, recording: Path, tmp_path: Path) -> bytes:
 def test_extreme_samples_are_kept_and_said(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     outcome = tofmix("estimate", recording, *WINDOWS)
     assert outcome.code == 0, outcome.err
-    assert "random values are taken to spread from 90 to 21000 mm, where the recording's samples end" in outcome.err
+    assert "random values are taken to spread from the least sample to the largest, 90 to 21000 mm" in outcome.err
     with h5py.File(tmp_path / "a.layers.h5") as root:
         attributes = root["sensor"].attrs
         assert (attributes["sample_min_mm"], attributes["sample_max_mm"]) == (90.0, 21_000.0)
     assert tofmix("verify", tmp_path / "a.layers.h5").code == 0
+    assert "sample_max_mm              21000" in tofmix("info", tmp_path / "a.layers.h5").out
+    assert "sample_max_mm" not in tofmix("info", recording).out
 
 
 def test_layers_of_a_known_range_keep_no_extreme_samples(tofmix: Tofmix, tmp_path: Path) -> None:

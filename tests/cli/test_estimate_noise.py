@@ -12,6 +12,7 @@ from files import NOISE, boards, write_recording
 
 from tofmix.errors import ExitCode
 
+WRONG = {"noise_range": [500.0, 5000.0], "noise_sigma": [10.0, 80.0]}
 TRUE = {"noise_range": [500.0, 5000.0], "noise_sigma": [15.0, 15.0]}
 
 
@@ -27,7 +28,9 @@ def test_recording_without_a_curve_is_estimated_with_the_measured_one_and_that_i
     path = write_recording(tmp_path / "a.h5", samples, noise=None)
     outcome = tofmix("estimate", path, *option)
     assert outcome.code == 0, outcome.err
-    assert re.search(r"a\.h5: noise: the file has no curve; its samples show sigma 1[45]\.?\d* mm at", outcome.err)
+    assert re.search(
+        r"a\.h5: noise: sigma 1[45][\d.]* (to 1[45][\d.]* )?mm, Gaussian, widths alike; learnt from 480 p", outcome.err
+    )
     assert outcome.err.count("\n") == 1
     with h5py.File(tmp_path / "a.layers.h5") as root:
         assert json.loads(root.attrs["options"])["noise"] == "auto"
@@ -53,13 +56,37 @@ def test_recording_without_a_curve_that_does_not_tell_it_is_refused_with_the_rem
 
 
 def test_a_wrong_curve_is_told_in_one_line(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
-    wrong = write_recording(tmp_path / "wrong.h5", samples, noise=NOISE)
+    wrong = write_recording(tmp_path / "wrong.h5", samples, noise=WRONG)
     outcome = tofmix("estimate", wrong, "--noise", "auto")
     assert outcome.code == 0
-    assert outcome.err.count("\n") == 1
     assert re.search(r"times the measured one at (29|30)\d\d mm", outcome.err)
     right = write_recording(tmp_path / "right.h5", samples, noise=TRUE)
-    assert tofmix("estimate", right, "--noise", "auto").err == ""
+    assert "times the measured one" not in tofmix("estimate", right, "--noise", "auto").err
+
+
+def test_a_curve_that_samples_contradict_is_replaced_unless_the_file_is_insisted_on(
+    tofmix: Tofmix, tmp_path: Path, samples: np.ndarray
+) -> None:
+    wrong = write_recording(tmp_path / "wrong.h5", samples, noise=WRONG)
+    outcome = tofmix("estimate", wrong)
+    assert outcome.code == 0
+    assert "the samples contradict the file's curve; learnt instead: sigma 1" in outcome.err
+    with h5py.File(tmp_path / "wrong.layers.h5") as root:
+        np.testing.assert_allclose(root["sensor/noise_sigma"][...], 15.0, rtol=0.08)
+    assert tofmix("estimate", wrong, "--noise", "file", "--overwrite").code == 0
+    with h5py.File(tmp_path / "wrong.layers.h5") as root:
+        np.testing.assert_array_equal(root["sensor/noise_sigma"][...], WRONG["noise_sigma"])
+
+
+def test_a_curve_that_samples_agree_with_is_kept_without_a_word(
+    tofmix: Tofmix, tmp_path: Path, samples: np.ndarray
+) -> None:
+    right = write_recording(tmp_path / "right.h5", samples, noise=TRUE)
+    assert tofmix("estimate", right).err == ""
+    assert tofmix("estimate", right, "--noise", "file", "-o", tmp_path / "file.h5").code == 0
+    with h5py.File(tmp_path / "right.layers.h5") as usual, h5py.File(tmp_path / "file.h5") as file:
+        for name in ("range", "n_modes", "probability", "weight"):
+            np.testing.assert_array_equal(usual[name][...], file[name][...])
 
 
 @pytest.mark.parametrize(("choice", "stored"), [("file", 1e-4), ("0.01", 0.01), ("0", 0.0)])
@@ -101,7 +128,7 @@ def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: 
 @pytest.mark.parametrize(
     ("extra", "code", "reason"),
     [
-        (["--noise", "auto"], ExitCode.BAD_INPUT, "5 frames; at least 10"),
+        (["--noise", "auto"], ExitCode.BAD_INPUT, "at least 100 and 5 are needed to tell one sigma"),
         (["--outliers", "auto"], ExitCode.BAD_INPUT, "5 frames; at least 10"),
         (["--outliers", "many"], ExitCode.USAGE, "'many' is neither file, auto nor a probability"),
         (["--outliers", "1"], ExitCode.USAGE, "probability in [0, 1)"),

@@ -80,9 +80,11 @@ def test_a_field_of_view_is_needed_and_can_be_given(tofmix: Tofmix, tmp_path: Pa
     out = tmp_path / "a.csv"
     refused = tofmix("export", layers, "-o", out)
     assert refused.code == ExitCode.BAD_INPUT
-    assert "--fov H,V" in refused.err
+    assert "--fov HxV" in refused.err
     assert not out.exists()
-    assert tofmix("export", layers, "-o", out, "--fov", "40,30").code == 0
+    assert tofmix("export", layers, "-o", out, "--fov", "40").code == ExitCode.USAGE
+    for form in ("40x30", "40,30"):
+        assert tofmix("export", layers, "-o", out, "--fov", form, "--overwrite").code == 0
     row = rows_of(out)[0]
     azimuth = np.rad2deg(np.arctan2(float(row["x"]), float(row["z"])))
     assert azimuth == pytest.approx(-2.5 * 40 / 6, abs=1e-4)
@@ -111,9 +113,9 @@ def test_refusals(tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         ((tmp_path / "none.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "No such file"),
         ((tmp_path / "a.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "no layers file"),
         ((layers, "-o", tmp_path / "a.ply", "--window", 2), ExitCode.USAGE, "windows 0 to 1"),
-        ((layers, "-o", tmp_path / "a.ply", "--fov", "40"), ExitCode.USAGE, "two angles"),
-        ((layers, "-o", tmp_path / "a.ply", "--fov", "40,-1"), ExitCode.USAGE, "fov_vertical_deg"),
-        ((layers, "-o", tmp_path / "a.ply", "--fov", "nan,1"), ExitCode.USAGE, "fov_horizontal_deg"),
+        ((layers, "-o", tmp_path / "a.ply", "--fov", "40"), ExitCode.USAGE, "is not HxV in degrees"),
+        ((layers, "-o", tmp_path / "a.ply", "--fov", "40x-1"), ExitCode.USAGE, "is not HxV in degrees"),
+        ((layers, "-o", tmp_path / "a.ply", "--fov", "nanx1"), ExitCode.USAGE, "is not HxV in degrees"),
         ((layers, "-o", tmp_path / "a.ply", "--layer", 1), ExitCode.USAGE, "--layer does not belong to .ply"),
         ((layers, "-o", tmp_path / "a.png", "--min-weight", 0), ExitCode.USAGE, "--min-weight does not belong"),
         ((layers, "-o", tmp_path / "a.png"), ExitCode.USAGE, "--window"),

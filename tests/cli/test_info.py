@@ -35,7 +35,7 @@ def test_a_recording(tofmix: Tofmix, tmp_path: Path) -> None:
     assert described["range"]["invalid_value"] == 0
     assert described["time"]["frame_rate_hz"] == pytest.approx(25)
     assert described["sensor"]["fov_horizontal_deg"] == 40.0
-    assert described["sensor"]["noise_sigma_mm"] == [10.0, 80.0]
+    assert described["sensor"]["noise_sigma_mm"] == [15.0, 15.0]
     assert described["attributes"]["title"] == "two boards"
     assert described["attributes"]["gain"] is None
     assert codes(described) == set()

@@ -13,7 +13,12 @@ from tofmix.errors import ExitCode
 
 @pytest.mark.parametrize(
     ("name", "kind", "target"),
-    [("x.npy", "an array", "x.h5"), ("run 1.bag", "a bag", "'run 1.h5'"), ("depth.tiff", "an image", "depth.h5")],
+    [
+        ("x.npy", "an array", "x.h5"),
+        ("x.csv", "a table", "x.h5"),
+        ("run 1.bag", "a bag", "'run 1.h5'"),
+        ("depth.tiff", "an image", "depth.h5"),
+    ],
 )
 def test_a_foreign_file_names_its_import(
     tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, kind: str, target: str
@@ -55,3 +60,36 @@ def test_hdf5_of_another_layout_names_import(tofmix: Tofmix, tmp_path: Path) -> 
     done = tofmix("estimate", tmp_path / "depth.mat")
     assert done.code == ExitCode.BAD_INPUT
     assert f"tofmix import {tmp_path / 'depth.mat'} -o {tmp_path / 'depth.h5'}" in done.err
+
+
+@pytest.mark.parametrize(
+    ("inside", "said"),
+    [
+        ("d_1.png", " is a folder of images, not HDF5: tofmix import {0} -o {0}.h5"),
+        ("metadata.yaml", " is a bag, not HDF5: tofmix import {0} -o {0}.h5"),
+        ("gap.json", " is a folder of reconcile, not HDF5: tofmix info {0}"),
+        ("notes.txt", ": a folder, not a file"),
+    ],
+)
+def test_a_folder_is_said_to_be_one(tofmix: Tofmix, tmp_path: Path, inside: str, said: str) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / inside).touch()
+    done = tofmix("estimate", folder)
+    assert done.code == ExitCode.BAD_INPUT
+    assert done.err == f"tofmix: {folder}{said.format(folder)}\n"
+
+
+def test_a_recording_is_no_model(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = write_recording(tmp_path / "a.h5", boards())
+    done = tofmix("simulate", recording, "-o", tmp_path / "b.h5")
+    assert done.code == ExitCode.BAD_INPUT
+    assert done.err == f"tofmix: {recording} is an HDF5 file, not a model: tofmix info {recording}\n"
+
+
+def test_an_only_array_of_four_axes_is_asked_for_its_axes(tofmix: Tofmix, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as root:
+        root["zones"] = np.ones((9, 2, 3, 4), dtype="u2")
+    done = tofmix("import", tmp_path / "a.h5", "-o", tmp_path / "b.h5")
+    assert done.code == ExitCode.BAD_INPUT
+    assert "say which axis is which, such as --axes frame,target,row,col" in done.err

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tofmix.estimation.consistency import MAX_PIXELS, Consistency, check_consistency
+from tofmix.estimation.consistency import MAX_PIXELS, MOST_JUDGED, Consistency, check_consistency
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 
@@ -98,6 +98,23 @@ def test_on_a_circle_the_fold_is_no_scatter(rng: np.random.Generator) -> None:
     assert found.drift_sigmas < 0.4
 
 
+class Targets(ArrayRecording):
+    """Two targets a frame, which follow each other."""
+
+    targets = 2
+
+
+@pytest.mark.parametrize("circle", [None, 3000.0])
+def test_targets_of_a_frame_are_series_of_their_own(rng: np.random.Generator, circle: float | None) -> None:
+    near, far = (wall + rng.normal(0.0, SIGMA_MM, (60, 12, 16)) for wall in (1500.0, 2500.0))
+    source = Targets(np.stack([near, far], axis=1).reshape(120, 12, 16), CAMERA)
+    found = check_consistency(source, CURVE, window_frames=60, unambiguous_range_mm=circle)
+    assert found.pixels > 240
+    assert found.scatter_over_curve == pytest.approx(1.0, rel=0.05)
+    assert found.drift_sigmas is not None
+    assert found.drift_sigmas < 0.4
+
+
 def test_of_a_large_image_a_part_is_read(rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch) -> None:
     samples = np.broadcast_to(rng.normal(1500.0, SIGMA_MM, (12, 1, 1)), (12, 200, 300))
     source = ArrayRecording(samples, CAMERA)
@@ -112,6 +129,17 @@ def test_of_a_large_image_a_part_is_read(rng: np.random.Generator, monkeypatch: 
     monkeypatch.setattr(ArrayRecording, "read_range", counting)
     _check(source)
     assert sum(read) <= MAX_PIXELS
+
+
+@pytest.mark.parametrize("window", [40, 240])
+def test_of_many_pixels_some_are_judged_over_the_whole_window(rng: np.random.Generator, window: int) -> None:
+    """The lower half drifts by 4 sigma within a window, of one run of frames or of two."""
+    moved = np.where(np.arange(50)[:, None] >= 25, 4.0, 0.0) * np.arange(window)[:, None, None] / window
+    samples = 1500.0 + SIGMA_MM * (moved + rng.standard_normal((window, 50, 60)))
+    found = _check(ArrayRecording(samples, CAMERA))
+    assert 0.4 * MOST_JUDGED < found.pixels <= MOST_JUDGED
+    assert found.scatter_over_curve == pytest.approx(1.0, rel=0.03)
+    assert found.drift_sigmas == pytest.approx(4.0, rel=0.2)  # that of a quarter of the pixels or more
 
 
 def test_the_sample_recording_drifts() -> None:

@@ -200,7 +200,7 @@ def test_what_is_no_hdf5_is_refused(tmp_path: Path) -> None:
     empty.touch()
     folder.mkdir()
     for path, reason in (
-        (text, "not an HDF5 file"), (empty, "not an HDF5 file"), (folder, "not a regular file"),
+        (text, "not an HDF5 file"), (empty, "not an HDF5 file"), (folder, "a folder, not a file"),
         (tmp_path / "none.h5", "No such file"),
     ):  # fmt: skip
         with pytest.raises(BadInputError, match=f"{path.name}: {reason}"), open_recording(path):

@@ -51,6 +51,26 @@ def test_scores_are_standard_normal_where_the_model_is_right(model: Model, recor
     assert abs(z.var() - 1) < 4 * np.sqrt(2 / n)
 
 
+@pytest.mark.parametrize("which", [0, 1])
+@pytest.mark.parametrize("outside", [-1, 0])
+def test_frames_and_pixels_that_the_recording_does_not_have_are_refused(
+    model: Model, record: Record, which: int, outside: int
+) -> None:
+    evidence = record()
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    part = [np.arange(count) for count in evidence.shape]
+    part[which] = np.append(part[which], -1 if outside else evidence.shape[which])
+    start, name = likelihood.start(), ("frame", "pixel")[which]
+    for ask in (
+        lambda: likelihood.scores(start, (part[0], part[1]), seed=3),
+        lambda: likelihood.sums(likelihood.scene.mixture(()), start, (part[0], part[1])),
+    ):
+        with pytest.raises(
+            ValueError, match=rf"{name}s -?\d+ to \d+ asked for, the recording has {part[which].size - 1}"
+        ):
+            ask()
+
+
 def test_integral_over_a_pattern_is_the_gaussian_one(rng: np.random.Generator) -> None:
     rows, cols = 4, 5
     bias, information = rng.normal(size=rows * cols) * 3, rng.uniform(0.5, 2.0, rows * cols)

@@ -1,6 +1,6 @@
 import json
 from collections.abc import Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from tofmix.io.layers_file import LayersWriter, open_layers
 from tofmix.layers import Layers
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary import Summary, summarise
-from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.windows import plan_windows
 
 
@@ -87,6 +87,18 @@ def test_sigma_is_compared_where_a_layer_dominates(
     assert summary.sigma_over_curve.count == ratio.size
     assert summary.sigma_over_curve.q50 == pytest.approx(np.median(ratio), rel=1e-6)
     assert "sigma_off_curve" in [w.code for w in summary.warnings]
+
+
+def test_sigma_of_a_law_of_amplitude_is_not_held_against_the_reference(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    source = make_source(make_layers((20, 20), seed=5))
+    curve = source.provenance.sensor.noise
+    assert curve is not None
+    law = AmplitudeLaw(np.full(curve.range_mm.shape, 100.0), np.array([10.0, 1000.0]), np.array([2.0, 0.5]))
+    sensor = replace(source.provenance.sensor, noise=replace(curve, law=law))
+    summary = summarise(replace(source, provenance=replace(source.provenance, sensor=sensor)))  # type: ignore[type-var]
+    assert "sigma_off_curve" not in [w.code for w in summary.warnings]
 
 
 def test_json_has_every_key_and_no_nan(

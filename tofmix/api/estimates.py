@@ -75,6 +75,12 @@ class Estimate(Layers):
         )
 
     @property
+    def shape(self) -> tuple[int, int, int]:
+        """Windows, rows, columns."""
+        windows, rows, cols = self.n_modes.shape
+        return windows, rows, cols
+
+    @property
     def sensor(self) -> Sensor:
         """The camera, with the noise curve that was used."""
         return self.provenance.sensor
@@ -87,6 +93,10 @@ class Estimate(Layers):
     def window(self, number: int) -> Layers:
         """Layers of one window, of the leading shape (row, col); arrays are not copied."""
         return Layers(**{spec.name: getattr(self, spec.name)[number] for spec in self.fields})
+
+    def read_window(self, window: int) -> Layers:
+        """The same as `window`, by the name that a layers file has for it."""
+        return self.window(window)
 
     def to_xarray(self) -> "Dataset":
         """The same as an xarray dataset with named dimensions, units and descriptions.
@@ -214,7 +224,8 @@ def estimate(
     Warns
     -----
     DoubtWarning
-        If the samples scatter otherwise than the noise curve says, or drift within a window.
+        If the samples scatter otherwise than the noise curve says, or drift within a window; and where the layers are
+        doubtful, as `tofmix report` says it.
     """
     from tofmix.estimation.no_return import no_return_constant
     from tofmix.estimation.sample_span import sensor_with_span
@@ -255,10 +266,12 @@ def estimate(
         frames_left_out=windows.frames_left_out, targets=source.targets,
     )  # fmt: skip
     starts = np.arange(windows.count, dtype=np.uint64) * np.uint64(windows.stride)
-    return Estimate(
+    found = Estimate(
         **_arrays(layers), provenance=provenance, window_start=starts,
         window_stop=starts + np.uint64(windows.length), recording=source,
     )  # fmt: skip
+    _say_findings(found)
+    return found
 
 
 def read_estimate(path: Path) -> Estimate:
@@ -387,17 +400,38 @@ def _say_doubts(
     scatter = None if noise == AUTO else seen.scatter_over_curve  # a curve that the samples gave is theirs
     remedy = Remedy(recording="recording", window_frames=window_frames)
     for finding in sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy):
-        help_text = "noise='auto' measures it." if finding.code == "scatter_off_curve" else "Take a shorter window."
-        warnings.warn(f"{finding.text} {help_text}", DoubtWarning, stacklevel=3)
+        warnings.warn(f"{finding.text} {_IN_PYTHON[finding.code]}", DoubtWarning, stacklevel=3)
+
+
+_IN_PYTHON = {
+    "scatter_off_curve": "noise='auto' measures it.",
+    "sigma_off_curve": "noise='auto' measures it.",
+    "drift": "Take a shorter window.",
+    "close_layers": "Take a shorter window, or noise='auto'.",
+    "all_layers_used": "A larger max_layers shows them.",
+    "not_converged": "Take a larger max_iter.",
+    "too_few_samples": "Take a longer window.",
+}
+"""Remedies of findings, as parameters of `estimate`."""
+
+
+def _say_findings(layers: Estimate) -> None:
+    """Warn of what `tofmix estimate` says of the layers that it made."""
+    from tofmix.report.summary import find
+
+    for finding in find(layers):
+        text = f"{finding.text} {_IN_PYTHON.get(finding.code, '')}".strip()
+        warnings.warn(text, DoubtWarning, stacklevel=3)
 
 
 def _measured(source: Recording, length: float | None) -> "MeasuredNoise":
     from tofmix.estimation.noise import measure_noise
     from tofmix.estimation.unrolling import UnrolledSource
+    from tofmix.recording import by_target
 
     with source.opened() as samples:
         try:
-            return measure_noise(samples if length is None else UnrolledSource(samples, length))
+            return measure_noise(samples if length is None else UnrolledSource(by_target(samples), length))
         except ValueError as error:
             raise BadInputError(f"{source.name}: {error}") from error
 

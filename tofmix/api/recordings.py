@@ -1,5 +1,6 @@
 """Recordings as Python holds them: opened from a file, or made of an array."""
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.errors import DoubtWarning
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -234,7 +236,12 @@ def open_file(path: str | Path) -> "Recording | Estimate":
     Raises
     ------
     BadInputError
-        If the file is missing, damaged or neither of the two.
+        If the file is missing, damaged or neither of the two, or its ranges are hardly mm.
+
+    Warns
+    -----
+    DoubtWarning
+        If many of a recording's samples are exactly 0 and count as ranges.
     """
     from tofmix.api.estimates import read_estimate
     from tofmix.io.file_kind import format_of
@@ -245,6 +252,8 @@ def open_file(path: str | Path) -> "Recording | Estimate":
     if format_of(file) == FORMAT:
         return read_estimate(file)
     with open_recording(file) as source:
+        for remark in source.remarks:
+            warnings.warn(remark, DoubtWarning, stacklevel=2)
         averaged = source.attributes().get("averaged", 0) not in (0, "0", "")
         shape = source.frames, *source.shape[1:]
         return Recording(file, source.sensor, shape=shape, targets=source.targets, averaged=averaged)

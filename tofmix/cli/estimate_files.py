@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from tofmix.windows import Windows
 
 _COMPILING_AFTER_S = 4.0
+_compiling_said = threading.Event()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,7 +181,10 @@ def _estimate(
         options = _settled(source, request, noise, windows, bar)
         if noise == FILE and source.sensor.noise is not given:
             noise = AUTO  # the samples contradicted the file
-        remedy = Remedy(recording=str(recording), noise=noise, window_frames=windows.length, windows=windows.count)
+        remedy = Remedy(
+            recording=str(recording), noise=noise, window_frames=windows.length, windows=windows.count,
+            paper=options.paper,
+        )  # fmt: skip
         with bar.external_write_mode(file=sys.stderr), announced():
             findings = findings_of_samples(source, source.sensor, options.unambiguous_range_mm, remedy)
         say_findings(recording, findings, say)
@@ -318,11 +322,16 @@ def _compile(options: "EstimateOptions") -> None:
         warm_up(options)
 
 
+def _say_compiling() -> None:
+    if not _compiling_said.is_set():
+        _compiling_said.set()
+        click.echo("tofmix: compiling the kernels; a first run takes 15 to 30 seconds longer", err=True)
+
+
 @contextmanager
 def announced() -> Iterator[None]:
-    """Say in one line on stderr what takes so long, if it does."""
-    text = "tofmix: compiling the kernels; a first run takes 15 to 30 seconds longer"
-    timer = threading.Timer(_COMPILING_AFTER_S, click.echo, (text,), {"err": True})
+    """Say in one line on stderr what takes so long, if it does; once in a run."""
+    timer = threading.Timer(_COMPILING_AFTER_S, _say_compiling)
     if not is_quiet():  # asked here, for the timer's thread knows no command
         timer.start()
     try:

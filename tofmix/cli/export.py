@@ -18,14 +18,13 @@ if TYPE_CHECKING:
 
 _POINTS_ONLY = {"min_weight": "--min-weight", "min_probability": "--min-probability", "fov": "--fov"}
 _IMAGES_ONLY = {"layer": "--layer", "scale": "--scale"}
-_ANGLES = 2
 
 
 @examples(
     """
 tofmix export boards.layers.h5 -o boards.las
 tofmix export boards.layers.h5 -o boards.ply --min-weight 0.1 --min-probability 0.99
-tofmix export foreign.layers.h5 -o foreign.csv --fov 47,39
+tofmix export foreign.layers.h5 -o foreign.csv --fov 47x39
 tofmix export boards.layers.h5 -o second.png --layer 2 --scale 0.25
 """
 )
@@ -41,7 +40,7 @@ tofmix export boards.layers.h5 -o second.png --layer 2 --scale 0.25
 @click.option("--min-weight", type=click.FloatRange(0, 1), help="Points: leave out layers of a lesser share.")
 @click.option("--min-probability", type=click.FloatRange(0, 1), help="Points: leave out layers that less surely exist.")
 @click.option(
-    "--fov", metavar="H,V", help="Points: field of view in degrees, of equal angles.  [default: the layers file's]"
+    "--fov", metavar="HxV", help="Points: field of view in degrees, of equal angles.  [default: the layers file's]"
 )
 @click.option("--layer", type=click.IntRange(1), default=1, show_default=True, help="Images: which layer, 1 = nearest.")
 @click.option(
@@ -118,20 +117,16 @@ def _export_points(
 
 def _optics(file: "LayersFile", fov: str | None) -> "Projection":
     """Where the pixels look: --fov, with equal angles, or as the layers file says."""
+    from tofmix.cli.import_camera import view_of
     from tofmix.equiangular import Equiangular
 
-    if fov is not None:
-        try:
-            numbers = [float(part) for part in fov.split(",")]
-        except ValueError:
-            numbers = []
-        if len(numbers) != _ANGLES:
-            raise UsageError(f"--fov: {fov!r} is not two angles in degrees, such as 47,39")
-        return Equiangular(fov_horizontal_deg=numbers[0], fov_vertical_deg=numbers[1])
+    view = view_of(fov)
+    if view is not None:
+        return Equiangular(fov_horizontal_deg=view[0], fov_vertical_deg=view[1])
     optics = file.provenance.sensor.optics
     if optics is None:
         raise BadInputError(
-            f"{file.path}: sensor: no field of view, so points cannot be placed; give it with --fov H,V"
+            f"{file.path}: sensor: no field of view, so points cannot be placed; give it with --fov HxV"
         )
     return optics
 

@@ -183,9 +183,7 @@ def sensor_for(
     return sensor
 
 
-def _with_measured(
-    source: "RecordingFile", noise: str, outliers: str | float, circle_mm: float | None
-) -> "Sensor":
+def _with_measured(source: "RecordingFile", noise: str, outliers: str | float, circle_mm: float | None) -> "Sensor":
     """The sensor with the sigma and the share of outliers that single surfaces tell, where they are asked for."""
     sensor = replace(source.sensor, learnt=None)
     if AUTO not in (noise, outliers):
@@ -208,7 +206,9 @@ def _with_learnt(source: "RecordingFile", outliers: str | float, learning: Learn
     sensor = found.sensor
     if outliers == AUTO:
         if found.measured is None:
-            raise BadInputError(f"{source.path}: outliers: no pixels of one surface to count them in; give --outliers P")
+            raise BadInputError(
+                f"{source.path}: outliers: no pixels of one surface to count them in; give --outliers P"
+            )
         sensor = replace(sensor, outlier_probability=found.measured.outlier_probability)
     kept = found.measured is not None and (found.lesson is None or found.lesson.kept_start)
     law = f"; {_amplitude_text(found.measured)}" if kept and found.measured and source.has_amplitude else ""
@@ -288,9 +288,11 @@ def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_
 
     if circle_mm is None and sensor.range_max_mm is None and sensor.noise is not None:
         low, high = outlier_interval(sensor, sensor.noise)
+        known = sensor.range_min_mm is not None and low == sensor.range_min_mm
+        ends = "range_min_mm to the largest sample" if known else "the least sample to the largest"
         click.echo(
             f"tofmix: {source.path}: sensor: no range_max_mm: there is no share without a return, and random values are"
-            f" taken to spread from {low:.0f} to {high:.0f} mm, where the recording's samples end",
+            f" taken to spread from {ends}, {low:.0f} to {high:.0f} mm",
             err=True,
         )
     if circle_mm is not None and sensor.range_max_mm is not None and not has_no_return(sensor, circle_mm):
@@ -304,9 +306,10 @@ def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_
 def _measured(source: "RecordingFile", circle_mm: float | None) -> "MeasuredNoise":
     from tofmix.estimation.noise import measure_noise
     from tofmix.estimation.unrolling import UnrolledSource
+    from tofmix.recording import by_target
 
     try:
-        return measure_noise(source if circle_mm is None else UnrolledSource(source, circle_mm))
+        return measure_noise(source if circle_mm is None else UnrolledSource(by_target(source), circle_mm))
     except ValueError as error:
         raise BadInputError(f"{source.path}: {error}; choose a curve with --noise PROFILE") from error
 
@@ -363,8 +366,8 @@ def _amplitude_text(measured: "MeasuredNoise") -> str:
 def _warn_where_they_differ(source: "RecordingFile", measured: "MeasuredNoise") -> None:
     from tofmix.estimation.noise import disagreement
 
-    if source.sensor.noise is None:
-        return
+    if source.sensor.noise is None or source.sensor.noise.law is not None:
+        return  # the curve of a law holds at its reference amplitudes, which are not the measured ones'
     range_mm, ratio = disagreement(measured, source.sensor.noise)
     if not 1.0 - TOLERANCE <= ratio <= 1.0 + TOLERANCE:
         click.echo(

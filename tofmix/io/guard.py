@@ -25,7 +25,7 @@ import h5py
 from tofmix.errors import BadInputError, StorageError, os_error_text
 from tofmix.io.hdf5_memory import make_room
 from tofmix.io.library_reason import library_reason
-from tofmix.io.next_command import foreign_kind, import_command
+from tofmix.io.next_command import folder_fault, foreign_kind, import_command
 from tofmix.io.storage import check_input
 from tofmix.io.unpacking import BoundedDataset
 from tofmix.io.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
@@ -160,6 +160,8 @@ def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False)
         If the file is missing, cannot be read, is not HDF5, is cut short, or breaks a rule of `guard_rules`.
     """
     with watched(str(path)):
+        if path.is_dir():
+            raise BadInputError(folder_fault(path))
         check_input(path)
         kind = foreign_kind(path)
         if kind is not None and not h5py.is_hdf5(path):  # a MATLAB file may be HDF5

@@ -6,13 +6,17 @@ import numpy as np
 
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
-from tofmix.io.storage import read_text
+from tofmix.io.next_command import next_command
+from tofmix.io.storage import check_input, read_text
 from tofmix.simulation.builtin import BUILTIN_MODELS, builtin_text
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.toml_table import MapReader
 
 _IMAGE_RANK = 2
+
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+"""The first bytes of an HDF5 file: its format specification, III.A."""
 
 
 def load_model_text(name: str) -> str:
@@ -28,7 +32,19 @@ def load_model_text(name: str) -> str:
     if not Path(name).exists():
         known = ", ".join(BUILTIN_MODELS)
         raise BadInputError(f"{name}: no such model file, and not a built-in model ({known})")
+    if _is_hdf5(Path(name)):
+        raise BadInputError(f"{name} is an HDF5 file, not a model: {next_command('info', Path(name))}")
     return read_text(Path(name))
+
+
+def _is_hdf5(path: Path) -> bool:
+    """Whether a file begins as HDF5 does; what cannot be read is refused by who reads it."""
+    try:
+        check_input(path)
+        with path.open("rb") as file:
+            return file.read(len(_HDF5)) == _HDF5
+    except (OSError, BadInputError):
+        return False
 
 
 def load_model(name: str) -> Model:

@@ -3,7 +3,8 @@
 import shlex
 from pathlib import Path
 
-_ARRAYS = (".npy", ".npz", ".mat", ".csv")
+_ARRAYS = (".npy", ".npz", ".mat")
+_TABLES = (".csv", ".tsv")
 _IMAGES = (".png", ".tif", ".tiff")
 _BAGS = (".bag", ".mcap", ".db3")
 
@@ -19,10 +20,25 @@ def next_command(name: str, path: Path, *options: str) -> str:
     return shlex.join(["tofmix", name, str(path), *options])
 
 
+def folder_fault(path: Path) -> str:
+    """What is said of a folder in the place of an HDF5 file: what it is, as far as it shows, and what takes it."""
+    try:
+        names = [entry.name.lower() for entry in path.iterdir()]
+    except OSError:
+        names = []
+    if "gap.json" in names:
+        return f"{path} is a folder of reconcile, not HDF5: {next_command('info', path)}"
+    if "metadata.yaml" in names:
+        return f"{path} is a bag, not HDF5: {import_command(path)}"
+    if any(name.endswith(_IMAGES) for name in names):
+        return f"{path} is a folder of images, not HDF5: {import_command(path)}"
+    return f"{path}: a folder, not a file"
+
+
 def foreign_kind(path: Path) -> str | None:
     """What the ending of a file says it is, where `tofmix import` makes a recording of it."""
     suffix = path.suffix.lower()
-    for suffixes, kind in ((_ARRAYS, "an array"), (_IMAGES, "an image"), (_BAGS, "a bag")):
+    for suffixes, kind in ((_ARRAYS, "an array"), (_TABLES, "a table"), (_IMAGES, "an image"), (_BAGS, "a bag")):
         if suffix in suffixes:
             return kind
     return None

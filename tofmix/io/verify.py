@@ -78,7 +78,10 @@ def _verify_layers(root: h5py.File, path: Path, findings: Findings) -> None:
     with guard.reading(path, "header"):
         hdf5.check_format(root, path, kind=layers_file.FORMAT, required=True)
         layers = LayersFile(root, path)
-    units = {spec.name: spec.units for spec in (*LAYER_FIELDS, *OPTIONAL_FIELDS)} | {"window_start": "1", "window_stop": "1"}
+    units = {spec.name: spec.units for spec in (*LAYER_FIELDS, *OPTIONAL_FIELDS)} | {
+        "window_start": "1",
+        "window_stop": "1",
+    }
     for name in (*layers.names, "window_start", "window_stop"):
         unit = units[name]
         with guard.reading(path, name):

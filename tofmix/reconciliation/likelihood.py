@@ -20,6 +20,7 @@ from tofmix.reconciliation.kernel import Sorted, empty_sums, log_likelihood, sor
 from tofmix.reconciliation.mixture import Mixture, Scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.interference import Interference
+from tofmix.wording import counted
 
 if TYPE_CHECKING:
     from tofmix.reconciliation.joint import Scenes
@@ -165,10 +166,14 @@ class Likelihood:
             Variance that each frame adds, mm2; that of the state's disturbed frames if left out.
         bias : (pixel,), optional
             Bias of each pixel, mm, in the place of the state's.
+
+        Raises
+        ------
+        ValueError
+            If the recording has no such frame or pixel.
         """
         self.calls += 1
-        frames, pixels = part
-        pixels = pixels[state.working[pixels]]
+        frames, pixels = self._working(state, part)
         added = self._variance(state) if variance is None else variance
         shift = state.pixel_bias if bias is None else bias
         density = mixture.outlier / (mixture.high - mixture.low)
@@ -181,6 +186,15 @@ class Likelihood:
             out.by_pixel += by_pixel
             out.by_frame += by_frame
         return out
+
+    def _working(self, state: State, part: Part) -> Part:
+        """A part without its stuck pixels. The kernels check no bounds: what lies outside is refused here."""
+        for name, numbers, count in zip(("frame", "pixel"), part, self.evidence.shape, strict=True):
+            if numbers.size and not 0 <= numbers.min() <= numbers.max() < count:
+                raise ValueError(
+                    f"{name}s {numbers.min()} to {numbers.max()} asked for, the recording has {counted(count, name)}"
+                )
+        return part[0], part[1][state.working[part[1]]]
 
     def _pass(self, m: Mixture, pixels: Sorted, more: tuple[Any, ...], frames: IntArray) -> tuple[Any, Any]:
         added, shift, density = more
@@ -223,10 +237,15 @@ class Likelihood:
         return quiet, loud
 
     def scores(self, state: State, part: Part, seed: int, mixture: Mixture | None = None) -> Float32Array:
-        """Standard normal scores (frame, pixel) if the model is right; NaN for invalid samples and outside the part."""
+        """Standard normal scores (frame, pixel) if the model is right; NaN for invalid samples and outside the part.
+
+        Raises
+        ------
+        ValueError
+            If the recording has no such frame or pixel.
+        """
         m = self.mixture(state) if mixture is None else mixture
-        frames, pixels = part
-        pixels = pixels[state.working[pixels]]
+        frames, pixels = self._working(state, part)
         out: Float32Array = np.full(self.evidence.shape, np.nan, dtype=np.float32)
         added = self._variance(state)
 

@@ -46,6 +46,8 @@ _SENSOR_NUMBERS = (
     "fov_vertical_deg",
     "outlier_probability",
 )
+_WHERE_KNOWN = ("no_return_mm", "sample_min_mm", "sample_max_mm")
+"""What few files have: it is left out where it is not known."""
 
 Value = str | int | float | bool | None | list[float] | list[dict[str, Any]]
 Section = dict[str, Value]
@@ -277,6 +279,7 @@ def _shown(value: object) -> str:
 def _sensor_section(sensor: Sensor) -> Section:
     section: Section = {"name": sensor.name}
     section |= {key: getattr(sensor, key) for key in _SENSOR_NUMBERS}
+    section |= {key: getattr(sensor, key) for key in _WHERE_KNOWN if getattr(sensor, key) is not None}
     if sensor.projection is not None:
         section["projection"] = sensor.projection.name
         for key, value in projection_values(sensor.projection).items():

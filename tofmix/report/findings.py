@@ -70,16 +70,24 @@ class Remedy:
         Its option ``--noise``.
     window_frames, windows : int
         Frames of a window, and how many windows there are.
+    paper : bool
+        Its option ``--paper``.
     """
 
     recording: str
     noise: str = "file"
     window_frames: int = 2
     windows: int = 1
+    paper: bool = False
 
     def command(self, *options: str) -> str:
         """The command with other options."""
-        return shlex.join(["tofmix", "estimate", self.recording, *options, "--overwrite"])
+        kept = ("--paper",) if self.paper else ()
+        return shlex.join(["tofmix", "estimate", self.recording, *kept, *options, "--overwrite"])
+
+    def without_paper(self) -> str:
+        """The command with the default procedure."""
+        return shlex.join(["tofmix", "estimate", self.recording, "--overwrite"])
 
     def measure(self) -> str:
         """The command that measures the noise curve; where that was done, the one with a third of the window."""
@@ -182,6 +190,9 @@ def count_findings(
             " as few scenes have. Ranges that drift within a window do that, and noise above its curve."
         )
         commands = tuple(dict.fromkeys((remedy.shorter(), remedy.measure())))
+        if remedy.paper:  # its peaks are split by chance alone
+            text = f"{text} So does the paper's procedure, which takes peaks for surfaces."
+            commands = (remedy.without_paper(),)
         found.append(Finding(code="close_layers", text=text, commands=commands))
     if pixels and pixels == sum(by_surfaces[:1]):
         found.append(Finding(code="no_surface_anywhere", text="No pixel shows a surface."))

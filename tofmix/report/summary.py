@@ -186,6 +186,7 @@ def remedy_for(provenance: Provenance, windows: int, recording: str | None = Non
         noise=str(options.get("noise", "file")),
         window_frames=int(options.get("window", 2)),
         windows=windows,
+        paper=bool(options.get("paper", False)),
     )
 
 
@@ -218,10 +219,13 @@ class _FindingTally:
         return ratio
 
     def findings(self, layers_file: LayersSource, pixels: int, remedy: Remedy) -> tuple[Finding, ...]:
+        curve = layers_file.provenance.sensor.noise
+        # With a law of amplitude, sigma is that of each pixel's own amplitude, which a layers file does not hold.
+        by_range = curve is None or curve.law is None
         of_sigma = sigma_findings(
             count=self.dominant_ratio.count,
-            median=self.dominant_ratio.quantiles(0.5)[0],
-            has_curve=layers_file.provenance.sensor.noise is not None,
+            median=self.dominant_ratio.quantiles(0.5)[0] if by_range else None,
+            has_curve=curve is not None,
             remedy=remedy,
         )
         of_counts = count_findings(

@@ -22,9 +22,7 @@ def counts_with_learnt(sensor: Sensor, options: EstimateOptions) -> bool:
     return sensor.learnt is not None and options.refine is Refine.LIKELIHOOD and options.sigma is not SigmaMode.FREE
 
 
-def layers_with_learnt(
-    block: Float32Array, beam: Beam, sensor: Sensor, options: EstimateOptions, out: Layers
-) -> None:
+def layers_with_learnt(block: Float32Array, beam: Beam, sensor: Sensor, options: EstimateOptions, out: Layers) -> None:
     """Fill `out` for samples (pixel, frame), mm, NaN where invalid.
 
     On a circle, where samples have lost their order, no pixel drifts.

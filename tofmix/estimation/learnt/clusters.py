@@ -124,7 +124,14 @@ def _crowd(y: FloatArray, n: int, curve_range: FloatArray, curve_sigma: FloatArr
 
 @jit
 def _clear(
-    y: FloatArray, n: int, place: float, a: float, b: float, together: float, curve_range: FloatArray, curve_sigma: FloatArray
+    y: FloatArray,
+    n: int,
+    place: float,
+    a: float,
+    b: float,
+    together: float,
+    curve_range: FloatArray,
+    curve_sigma: FloatArray,
 ) -> bool:
     """Whether no other place of the window [a, b] has so many samples together that it may be a surface."""
     sigma = sigma_at(place, curve_range, curve_sigma)

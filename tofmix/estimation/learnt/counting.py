@@ -119,9 +119,7 @@ class Work(NamedTuple):
 @jit
 def new_work(capacity: int, samples: int, chances: int) -> Work:
     """Make what the kernels work in, for pixels of up to so many surfaces and samples."""
-    return Work(
-        new_fit(capacity), new_fit(capacity), new_fit(capacity), new_room(capacity, samples), np.zeros(chances)
-    )
+    return Work(new_fit(capacity), new_fit(capacity), new_fit(capacity), new_room(capacity, samples), np.zeros(chances))
 
 
 @borrowing

@@ -14,9 +14,10 @@ from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
 from tofmix.estimation.learnt.learning import LEAST_CLUSTERS, Pixels
 from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.pixel_noise import own_curves
 from tofmix.learnt_noise import DRIFTS
-from tofmix.sensor import Sensor
+from tofmix.sensor import NoiseCurve, Sensor
 
 WIDTH_TOLERANCE = 0.10
 """Relative difference of typical widths and of their spread that is worth learning for."""
@@ -32,6 +33,9 @@ BACKGROUND_TOLERANCE = 0.01
 
 FEW = 0.5
 """Where less of the pixels than this have a cluster that stands clear, clusters do not tell: nothing is doubted."""
+
+FAR_OFF = 1.5
+"""Factor between the curve's sigma and that of differences that surfaces close to each other do not make alone."""
 
 SURE = 3.0
 _MAD = 1.4826
@@ -64,10 +68,8 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
     owners = np.unique(clusters.pixel)
     filled = np.count_nonzero(np.isfinite(pixels.samples).sum(axis=1) >= 1)
     if len(clusters.pixel) < LEAST_CLUSTERS or len(owners) < FEW * filled:
-        return []
-    free = PixelNoise(
-        curve=sensor.noise, p_outlier=noise.p_outlier, background=(0.5, 5.0), drift_mm=np.zeros(DRIFTS)
-    )
+        return _by_differences(pixels, sensor.noise)
+    free = PixelNoise(curve=sensor.noise, p_outlier=noise.p_outlier, background=(0.5, 5.0), drift_mm=np.zeros(DRIFTS))
     law = free.laws()[0]._replace(width_spread=0.5)
     fits = fit_clusters(pixels.samples, clusters, law, beam, False)  # noqa: FBT003  a kernel's flag
     moving = law._replace(drift_mm=np.full(DRIFTS, 3.0 * float(np.median(fits.sigma))))
@@ -79,7 +81,9 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
     if abs(typical) > WIDTH_TOLERANCE + SURE * math.sqrt(float(np.median(chance)) / count):
         found.append("width")
     spread = _MAD * float(np.median(np.abs(fits.log_width - typical)))
-    if spread**2 - float(np.median(chance)) > WIDTH_TOLERANCE**2 + SURE * float(np.median(chance)) * math.sqrt(2 / count):
+    if spread**2 - float(np.median(chance)) > WIDTH_TOLERANCE**2 + SURE * float(np.median(chance)) * math.sqrt(
+        2 / count
+    ):
         found.append("widths")
     if _is_shaped(fits):
         found.append("shape")
@@ -89,6 +93,15 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
     if far > sensor.outlier_probability + BACKGROUND_TOLERANCE:
         found.append("background")
     return found
+
+
+def _by_differences(pixels: Pixels, curve: NoiseCurve) -> list[str]:
+    """Whether differences of samples contradict the curve's sigma: all that tells where clusters do not stand clear."""
+    found = sigma_from_differences(pixels.samples)
+    if found is None:
+        return []
+    ratio = float(np.median(found[1] / curve.sigma(found[0])))
+    return ["width"] if not 1.0 / FAR_OFF <= ratio <= FAR_OFF else []
 
 
 def _is_shaped(fits: ClusterFits) -> bool:

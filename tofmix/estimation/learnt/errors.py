@@ -43,7 +43,14 @@ _SINGULAR = 1.0e-10
 
 @jit
 def standard_errors(
-    data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray, by_mean: FloatArray, by_share: FloatArray
+    data: Samples,
+    k: int,
+    fit: FloatArray,
+    law: Law,
+    beam: Beam,
+    room: FloatArray,
+    by_mean: FloatArray,
+    by_share: FloatArray,
 ) -> bool:
     """Fill the errors of `k` means, mm, and shares; return whether the information could be inverted.
 
@@ -144,7 +151,13 @@ def standard_errors(
 
 @jit
 def _invert(
-    information: FloatArray, k: int, at_share: int, largest: int, reference: FloatArray, by_mean: FloatArray, by_share: FloatArray
+    information: FloatArray,
+    k: int,
+    at_share: int,
+    largest: int,
+    reference: FloatArray,
+    by_mean: FloatArray,
+    by_share: FloatArray,
 ) -> bool:
     """Errors from the inverse of a positive definite matrix; false, and nothing is set, where it is not."""
     size = len(information)

@@ -289,9 +289,7 @@ def _move_shares(
 
 
 @borrowing
-def _move_drift(
-    n: int, i: int, push: float, fit: FloatArray, law: Law, room: FloatArray, own_width: float
-) -> None:
+def _move_drift(n: int, i: int, push: float, fit: FloatArray, law: Law, room: FloatArray, own_width: float) -> None:
     """Update the drift of a surface, together with its mean, by one step of scoring."""
     support = fit[SUPPORT, i]
     if support <= 0.0:
@@ -351,9 +349,7 @@ def _move_drift(
 
 
 @borrowing
-def _with_prior(
-    slope: float, information: float, value: float, scale: float, own_width: float
-) -> tuple[float, float]:
+def _with_prior(slope: float, information: float, value: float, scale: float, own_width: float) -> tuple[float, float]:
     """Slope and information with the prior's, in units of the width; no step where there is no such polynomial."""
     if scale <= 0.0:
         return 0.0, _INFINITE

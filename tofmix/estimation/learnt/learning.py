@@ -120,9 +120,7 @@ class Pixels:
     def chosen(self, which: BoolArray) -> "Pixels":
         """Some of them."""
         light = None if self.amplitude is None else np.ascontiguousarray(self.amplitude[which])
-        return Pixels(
-            samples=np.ascontiguousarray(self.samples[which]), amplitude=light, rounding_mm=self.rounding_mm
-        )
+        return Pixels(samples=np.ascontiguousarray(self.samples[which]), amplitude=light, rounding_mm=self.rounding_mm)
 
 
 class _Learner:
@@ -423,7 +421,9 @@ def _curve_through(fits: ClusterFits, log_width: FloatArray, curve: NoiseCurve) 
     wide = log_width[order] + np.log(curve.sigma(place))
     ranges, sigmas, first = [], [], 0
     while first < len(place):
-        stop = max(first + _LEAST_BIN, int(np.searchsorted(place, place[first] * (1.0 + _WIDE_BIN) + 1e-9, side="right")))
+        stop = max(
+            first + _LEAST_BIN, int(np.searchsorted(place, place[first] * (1.0 + _WIDE_BIN) + 1e-9, side="right"))
+        )
         if len(place) - stop < _LEAST_BIN // 2:
             stop = len(place)
         ranges.append(float(np.median(place[first:stop])))
@@ -447,7 +447,13 @@ def _with_drift(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> Pix
     for d in range(DRIFTS):
         chance = (2.0 * d + 3.0) * width**2 / (information * np.maximum(fits.support, 1.0))
         square = np.quantile(np.abs(fits.drift[:, d]), 0.75) ** 2 / 1.1503**2
-        scales[d] = math.sqrt(max(float(square - np.median(chance)), float(np.mean(np.clip(fits.drift[:, d] ** 2 - chance, 0.0, 9.0 * max(square, 1e-12)))) * 0.25, 0.0))
+        scales[d] = math.sqrt(
+            max(
+                float(square - np.median(chance)),
+                float(np.mean(np.clip(fits.drift[:, d] ** 2 - chance, 0.0, 9.0 * max(square, 1e-12)))) * 0.25,
+                0.0,
+            )
+        )
     scales[scales < 0.02 * sigma] = 0.0  # a fiftieth of sigma moves no count
     return replace(noise, drift_mm=scales)
 

@@ -29,6 +29,9 @@ MOST_PIXELS = 3000
 MOST_FRAMES = 1000
 """Frames of a window that teach, its first ones: a longer one is drift within these."""
 
+LEAST_IN_PIXEL, LEAST_IN_ALL = 5, 100
+"""Valid samples that tell one sigma: in some pixel, and in all together, which makes it right to 7 %."""
+
 QUESTIONED_PIXELS = 1000
 """Pixels by which a file's curve is held against the samples."""
 
@@ -147,6 +150,12 @@ def learn_noise(
     window, stride = window_frames * targets, (stride_frames or window_frames) * targets
     pixels = pixels_of(source, window, stride)
     sensor = replace(source.sensor, noise=None, learnt=None)
+    filled = np.isfinite(pixels.samples).sum(axis=1)
+    if filled.max(initial=0) < LEAST_IN_PIXEL or filled.sum() < LEAST_IN_ALL:
+        raise ValueError(
+            f"noise: {counted(int(filled.sum()), 'valid sample')}, {int(filled.max(initial=0))} in a pixel at most; at"
+            f" least {LEAST_IN_ALL} and {LEAST_IN_PIXEL} are needed to tell one sigma"
+        )
     if not scatters(pixels):
         if measured is None:
             raise ValueError("noise: the samples of most pixels are all equal, and tell no sigma")
@@ -299,9 +308,7 @@ def pixels_of(source: SampleSource, window_frames: int, stride_frames: int, *, m
     rounding = quantisation_step(samples)
     rng = np.random.default_rng(_SEED)
     smooth = samples + rng.uniform(-0.5 * rounding, 0.5 * rounding, samples.shape)
-    return Pixels(
-        samples=np.ascontiguousarray(smooth, dtype=np.float32), amplitude=light, rounding_mm=float(rounding)
-    )
+    return Pixels(samples=np.ascontiguousarray(smooth, dtype=np.float32), amplitude=light, rounding_mm=float(rounding))
 
 
 class _Light:

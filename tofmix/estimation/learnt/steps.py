@@ -36,9 +36,7 @@ _ROUNDS = 8
 
 
 @borrowing
-def _side(
-    value: FloatArray, start: float, weight: float, background: float, width: float, law: Law
-) -> float:
+def _side(value: FloatArray, start: float, weight: float, background: float, width: float, law: Law) -> float:
     """Log likelihood, nat, of the samples on one side of the jump, at the best place of the surface there."""
     place, total = start, 0.0
     for _ in range(_ROUNDS):

@@ -196,7 +196,9 @@ def _standardised(rng: np.random.Generator, noise: PixelNoise, shape: tuple[int,
 
 
 @jit
-def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, place: FloatArray, out: FloatArray) -> None:
+def _gains(
+    block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, place: FloatArray, out: FloatArray
+) -> None:
     """Fill `out` (pixel,) with the gain of the first surface, where pixels have none, or of a second one."""
     pixels, frames = block.shape
     value, time = np.empty(frames), np.empty(frames)

@@ -30,6 +30,7 @@ TIME = "time"
 """Name of an array of one number a frame, s."""
 
 _DIMENSIONS = 3
+_WITH_TARGETS = 4
 _PREFERRED = "range"
 
 
@@ -164,6 +165,8 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
     dimensions = len((axes or FRAMES_FIRST).split(","))
     images = [name for name, shape in shapes.items() if len(shape) == dimensions]
     images = images or [name for name, shape in shapes.items() if len(shape) == IMAGE_DIMENSIONS and min(shape) > 1]
+    # An only array of four axes is it, too: what they are, the user is asked next.
+    images = images or [name for name, shape in shapes.items() if len(shape) == _WITH_TARGETS]
     listed = ", ".join(f"{name} {shape}" for name, shape in sorted(shapes.items())) or "none"
     if wanted is not None:
         if wanted not in shapes:
