@@ -129,7 +129,7 @@ def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: 
     ("extra", "code", "reason"),
     [
         (["--noise", "auto"], ExitCode.BAD_INPUT, "at least 100 and 5 are needed to tell one sigma"),
-        (["--outliers", "auto"], ExitCode.BAD_INPUT, "5 frames; at least 10"),
+        (["--outliers", "auto"], ExitCode.BAD_INPUT, "4 frames; at least 10"),
         (["--outliers", "many"], ExitCode.USAGE, "'many' is neither file, auto nor a probability"),
         (["--outliers", "1"], ExitCode.USAGE, "probability in [0, 1)"),
         (["--outliers", "nan"], ExitCode.USAGE, "probability in [0, 1)"),
@@ -137,7 +137,7 @@ def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: 
     ],
 )
 def test_refusals(tofmix: Tofmix, tmp_path: Path, extra: list[str], code: int, reason: str) -> None:
-    path = write_recording(tmp_path / "a.h5", boards(5))
+    path = write_recording(tmp_path / "a.h5", boards(4))
     outcome = tofmix("estimate", path, *extra)
     assert outcome.code == code
     assert reason in outcome.err

@@ -219,7 +219,7 @@ def _with_learnt(source: "RecordingFile", outliers: str | float, learning: Learn
 
 
 def _as_the_file_says(source: "RecordingFile", learning: Learning, *, question: bool) -> "Sensor":
-    """The sensor with the file's noise, or, where it may be questioned and the samples contradict it, the learnt one."""
+    """The sensor with the file's noise, or, where it may be questioned and samples contradict it, the learnt one."""
     from tofmix.estimation.learnt.recordings import calibrated, has_parts, learn_if_contradicted
 
     sensor = source.sensor
@@ -290,10 +290,9 @@ def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_
         low, high = outlier_interval(sensor, sensor.noise)
         known = sensor.range_min_mm is not None and low == sensor.range_min_mm
         ends = "range_min_mm to the largest sample" if known else "the least sample to the largest"
-        click.echo(
-            f"tofmix: {source.path}: sensor: no range_max_mm: there is no share without a return, and random values are"
-            f" taken to spread from {ends}, {low:.0f} to {high:.0f} mm",
-            err=True,
+        note(
+            f"{source.path}: sensor: no range_max_mm: there is no share without a return, and random values are"
+            f" taken to spread from {ends}, {low:.0f} to {high:.0f} mm"
         )
     if circle_mm is not None and sensor.range_max_mm is not None and not has_no_return(sensor, circle_mm):
         click.echo(

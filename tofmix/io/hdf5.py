@@ -16,7 +16,6 @@ import h5py
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.io import guard
 from tofmix.io.hdf5_memory import make_room
@@ -204,22 +203,27 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
         for key, value in projection_values(sensor.projection).items():
             group.attrs[key] = value
     if sensor.noise is not None:
-        curve = {"noise_range": (sensor.noise.range_mm, "mm"), "noise_sigma": (sensor.noise.sigma_mm, "mm")}
-        if sensor.noise.law is not None:
-            curve |= {name: (getattr(sensor.noise.law, key), "1") for name, key in _LAW.items()}
-        for name, (values, units) in curve.items():
-            dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
-            dataset.attrs["units"] = units
-        # sigma over range: readers that know dimension scales draw the curve as it is.
-        group["noise_range"].make_scale("noise_range")
-        group["noise_sigma"].dims[0].attach_scale(group["noise_range"])
-        if sensor.noise.law is not None:
-            group["noise_reference_amplitude"].dims[0].attach_scale(group["noise_range"])
-            group["noise_amplitude"].make_scale("noise_amplitude")
-            group["noise_amplitude_factor"].dims[0].attach_scale(group["noise_amplitude"])
-        _write_noise_parts(group, sensor.noise, image)
+        _write_noise(group, sensor.noise, image)
     if sensor.learnt is not None:
         _write_learnt(group, sensor.learnt)
+
+
+def _write_noise(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
+    """Write a noise curve, with its law of amplitude and what it has beyond sigma."""
+    curve = {"noise_range": (noise.range_mm, "mm"), "noise_sigma": (noise.sigma_mm, "mm")}
+    if noise.law is not None:
+        curve |= {name: (getattr(noise.law, key), "1") for name, key in _LAW.items()}
+    for name, (values, units) in curve.items():
+        dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+        dataset.attrs["units"] = units
+    # sigma over range: readers that know dimension scales draw the curve as it is.
+    group["noise_range"].make_scale("noise_range")
+    group["noise_sigma"].dims[0].attach_scale(group["noise_range"])
+    if noise.law is not None:
+        group["noise_reference_amplitude"].dims[0].attach_scale(group["noise_range"])
+        group["noise_amplitude"].make_scale("noise_amplitude")
+        group["noise_amplitude_factor"].dims[0].attach_scale(group["noise_amplitude"])
+    _write_noise_parts(group, noise, image)
 
 
 def _write_learnt(group: h5py.Group, learnt: LearntNoise) -> None:
@@ -236,7 +240,7 @@ def _write_learnt(group: h5py.Group, learnt: LearntNoise) -> None:
 def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
     if not any(name in group for name in _LEARNT):
         return None
-    arrays: dict[str, FloatArray] = {}
+    arrays: dict[str, NDArray[np.float64]] = {}
     for name in (*_LEARNT, _PRIOR):
         if name in group:
             with guard.reading(path, f"sensor/{name}"):

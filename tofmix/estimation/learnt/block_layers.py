@@ -39,8 +39,10 @@ def layers_with_learnt(block: Float32Array, beam: Beam, sensor: Sensor, options:
         law, plain = law._replace(width_spread=0.0), plain._replace(width_spread=0.0)
     if options.unambiguous_range_mm is not None:
         law = law._replace(drift_mm=np.zeros(DRIFTS))
-    width = out.noise_width if out.noise_width is not None else np.ones(len(block), dtype=np.float32)
+    width = np.ones(len(block))
     fill_layers(block, out.arrays(), width, beam, (law, plain), thresholds_of(sensor.learnt), knobs_of(options))
+    if out.noise_width is not None:
+        out.noise_width[...] = width
     inflation = math.sqrt((1.0 + sensor.learnt.memory) / (1.0 - sensor.learnt.memory))
     if inflation > 1.0:
         # Samples that remember the last one tell less: the variance of their mean is so much larger.

@@ -42,7 +42,7 @@ _DEGENERATE = int(Status.DEGENERATE)
 
 @jit
 def take_samples(samples: Float32Array, value: FloatArray, time: FloatArray) -> int:
-    """Fill `value` with the valid samples (frame,) of a pixel, ascending, and `time` with that of each; return how many.
+    """Fill `value` with the valid samples of a pixel (frame,), ascending, and `time` with their times; return how many.
 
     Time runs from -1 at the first frame to 1 at the last.
     """
@@ -78,7 +78,7 @@ def fill_layers(
     thresholds: Thresholds,
     knobs: Knobs,
 ) -> None:
-    """Fill `out`, the arrays of `Layers` in their order, and `width` (pixel,), for a block (pixel, frame) of samples."""
+    """Fill `out`, the arrays of `Layers` in their order, and `width` (pixel,), for samples (pixel, frame)."""
     (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
      n_samples, n_iter, status) = out  # fmt: skip
     pixels, frames = block.shape

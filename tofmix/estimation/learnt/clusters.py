@@ -62,9 +62,11 @@ class Clusters(NamedTuple):
 
 
 class ClusterFits(NamedTuple):
-    """One surface fitted to each cluster, all (cluster,): the place, mm, sigma of the curve there, mm, the log width, the
-    drift (cluster, DRIFTS), mm, the samples that are the surface's, whether the surface is missed more than a second
-    one; and `error` (cluster, frame), the standardised errors of all samples of the window, NaN where there is none.
+    """One surface fitted to each cluster, all (cluster,).
+
+    `place` of the surface and `sigma` of the curve there, mm; `log_width`; `drift` (cluster, DRIFTS), mm; `support`, the
+    samples that are the surface's; `gain`, nat, of a second surface; `error` (cluster, frame), the standardised errors
+    of all samples of the window, NaN where there is none.
     """
 
     place: FloatArray
@@ -169,7 +171,8 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
         data = Samples(value[first:stop], time[first:stop])
         common = beam_of_pixel(beam, clusters.pixel[c])
         own = Beam(
-            common.curve_range, common.curve_sigma, np.inf, 1.0, np.inf, np.inf, np.inf, beam.p_outlier, beam.outlier_density,
+            common.curve_range, common.curve_sigma, np.inf, 1.0, np.inf, np.inf, np.inf, beam.p_outlier,
+            beam.outlier_density,
             clusters.low[c], clusters.high[c], beam.own,
         )  # fmt: skip
         fill_times(data, room)

@@ -80,6 +80,7 @@ NEAR_NO_RETURN = 5.0
 _STEEPEST, _SPLIT, _PLAIN = 0, 1, 2  # starts of one surface more
 _STEP = 0.5
 _QUICK_STEPS = 3
+_LEAST_SHARE = 1.0e-9
 _LARGEST_SHARE = 0.9
 _LEAST_INFORMATION = 1.0e-6
 
@@ -219,7 +220,7 @@ def remove(k: int, index: int, fit: FloatArray) -> int:
     if k == 1 and fit[WEIGHT, -1] == 0.0:
         fit[OWN, BACKGROUND] = 1.0
         _forget_own(fit)
-    elif left > 1.0e-9:
+    elif left > _LEAST_SHARE:
         for i in range(k - 1):
             fit[WEIGHT, i] /= left
         fit[WEIGHT, -1] /= left
@@ -274,11 +275,17 @@ def _scores_of(
 
 
 @borrowing
+def _sigmas_to(theta: float, i: int, fit: FloatArray) -> float:
+    """Distance to a surface, in its sigmas."""
+    return float(abs(theta - fit[MEAN, i]) / fit[SIGMA, i])
+
+
+@borrowing
 def _nearest(theta: float, k: int, fit: FloatArray) -> int:
     """Surface nearest to a place, in its sigmas; -1 without any."""
     nearest = -1
     for i in range(k):
-        if nearest < 0 or abs(theta - fit[MEAN, i]) / fit[SIGMA, i] < abs(theta - fit[MEAN, nearest]) / fit[SIGMA, nearest]:  # fmt: skip
+        if nearest < 0 or _sigmas_to(theta, i, fit) < _sigmas_to(theta, nearest, fit):
             nearest = i
     return nearest
 
@@ -411,7 +418,7 @@ def _most_spread(data: Samples, k: int, fit: FloatArray, law: Law, room: FloatAr
 @borrowing
 def _stands(k: int, fit: FloatArray, beam: Beam) -> bool:
     """Whether every surface may be one: within the working range, and of more than a sample."""
-    for i in range(k):
+    for i in range(k):  # noqa: SIM110  numba compiles no generator expression
         if is_beyond(fit[MEAN, i], beam) or fit[SUPPORT, i] < MIN_SUPPORT:
             return False
     return True
@@ -440,7 +447,7 @@ def _moves(i: int, fit: FloatArray, law: Law, n: float) -> bool:
     square = 0.0
     for d in range(DRIFTS):
         square += fit[DRIFT + d, i] ** 2 / (2.0 * d + 3.0)  # mean square of the polynomial
-    return square > (OWN_SIGMAS * sigma) ** 2 / (law.information * n)
+    return bool(square > (OWN_SIGMAS * sigma) ** 2 / (law.information * n))
 
 
 @borrowing
@@ -448,7 +455,7 @@ def _may_hide_a_surface(k: int, fit: FloatArray, law: Law, n: int) -> bool:
     """Whether the pixel's own width or drift stands out of chance: it may be there for a surface that is not."""
     if law.width_spread > 0.0 and fit[OWN, LOG_WIDTH] > OWN_SIGMAS / math.sqrt(law.width_information * n):
         return True
-    for i in range(k):
+    for i in range(k):  # noqa: SIM110  likewise
         if _moves(i, fit, law, max(fit[SUPPORT, i], 1.0)):
             return True
     return False
@@ -533,8 +540,8 @@ def try_one_more(data: Samples, k: int, work: Work, law: Law, beam: Beam, wanted
 def _surely_missed(data: Samples, k: int, index: int, fit: FloatArray, beam: Beam, room: FloatArray) -> bool:
     """Whether a surface's loss costs many nats, told without a fit; after `mix`.
 
-    Without it, its samples are left to the densities of all else where they stand, or of another surface that moves: only
-    one with no other within 12 of the wider's sigmas, and no c_0, is judged.
+    Without it, its samples are left to the densities of all else where they stand, or of another surface that moves:
+    only one with no other within 12 of the wider's sigmas, and no c_0, is judged.
     """
     if fit[SUPPORT, index] < CERTAIN_SUPPORT:
         return False

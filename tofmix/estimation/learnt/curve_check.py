@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import IntArray
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
 from tofmix.estimation.learnt.learning import LEAST_CLUSTERS, Pixels
@@ -124,9 +124,11 @@ def _drifts(fits: ClusterFits) -> float:
     return math.sqrt(max(float(np.quantile(moved**2, 0.75) / 1.1503**2 - np.median(chance)), 0.0))
 
 
-def _far_share(pixels: Pixels, fits: ClusterFits, pixel: FloatArray, owners: FloatArray) -> float:
-    """Median over pixels of the share of samples near no cluster of theirs; pixels with a cluster that is not clear
-    have other surfaces, so that the median tells of background alone where most pixels see one surface.
+def _far_share(pixels: Pixels, fits: ClusterFits, pixel: IntArray, owners: IntArray) -> float:
+    """Median over pixels of the share of samples near no cluster of theirs.
+
+    Pixels with a cluster that does not stand clear have other surfaces: the median tells of background alone where
+    most pixels see one surface.
     """
     share = np.zeros(len(owners))
     for i, owner in enumerate(owners):

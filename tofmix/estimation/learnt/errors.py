@@ -1,7 +1,7 @@
 """Standard errors under the learnt noise: Louis' information of means, shares, width and drift together.
 
 The information of the samples is that of samples whose surface is known, less what not knowing it costs. That of known
-samples is Fisher's, so that the errors of a surface that stands alone are u sigma / sqrt(n I), whatever its samples are.
+samples is Fisher's: the error of a surface that stands alone is u sigma / sqrt(n I), whatever its samples are.
 
 References
 ----------
@@ -37,12 +37,15 @@ from tofmix.estimation.learnt.law import Law, precision_of_t
 from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
 
+_NOTHING = 1.0e-12
+"""A sample of which a surface has a smaller part tells nothing of it."""
+
 _SINGULAR = 1.0e-10
 """A pivot below this, of a matrix with a unit diagonal, is rounding."""
 
 
 @jit
-def standard_errors(
+def standard_errors(  # noqa: PLR0915  one pass over the samples
     data: Samples,
     k: int,
     fit: FloatArray,
@@ -95,7 +98,7 @@ def standard_errors(
         mean_score[at_share + place] = (background_density(beam) - room[DENSITY + largest, j]) / total
         for i in range(k):
             part = fit[WEIGHT, i] * room[DENSITY + i, j] / total
-            if part < 1.0e-12:
+            if part < _NOTHING:
                 continue
             scale = 1.0 / (width * fit[SIGMA, i])
             psi = room[slopes + i, j] / room[DENSITY + i, j]

@@ -31,8 +31,8 @@ from tofmix.vector import log_of, product_of, total_of
 
 MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, DRIFT = 0, 1, 2, 3, 4, 5
 OWN, PLACE, FIRST = DRIFT + DRIFTS, DRIFT + DRIFTS + 1, DRIFT + DRIFTS + 2
-"""Rows of a fit: what each surface has (from DRIFT on its `DRIFTS` coefficients, mm), the pixel's own numbers, steps, and
-from FIRST on three vectors of an acceleration."""
+"""Rows of a fit: what each surface has (from DRIFT on its `DRIFTS` coefficients, mm), the pixel's own numbers, steps,
+and from FIRST on three vectors of an acceleration."""
 
 VECTOR = 3 + DRIFTS
 """Rows of a vector: means in sigmas, shares, drifts in sigmas, the pixel's own numbers."""
@@ -289,7 +289,7 @@ def _move_shares(
 
 
 @borrowing
-def _move_drift(n: int, i: int, push: float, fit: FloatArray, law: Law, room: FloatArray, own_width: float) -> None:
+def _move_drift(  # noqa: PLR0915  sums of one pass, and a 3 x 3 matrixn: int, i: int, push: float, fit: FloatArray, law: Law, room: FloatArray, own_width: float) -> None:
     """Update the drift of a surface, together with its mean, by one step of scoring."""
     support = fit[SUPPORT, i]
     if support <= 0.0:

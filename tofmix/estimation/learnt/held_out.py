@@ -11,20 +11,21 @@ from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
 from tofmix.estimation.learnt.fitting import Samples, background_density, fill_times, maximise, mix
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.pixel_noise import beam_of_pixel
-from tofmix.jit import jit
+from tofmix.jit import borrowing, jit
 
 LEAST_GAIN = 7.0
-"""Gain, nat, that a surface must have here, under whatever model: that of a Gaussian is 6 for one false alarm in 1000."""
+"""Gain, nat, that a surface must have here, under any model: a Gaussian's is 6 for one false alarm in 1000."""
 
 LEAST_FIRST_GAIN = 4.0
 """Gain, nat, that the first surface must have beside background alone: a pixel with a surface must not go without one
-where the recording's ranges, and so the background, span few sigmas; one without a surface costs all models the same."""
+where the recording's ranges, and so the background, span few sigmas; one without any costs all models the same."""
 
 SURPRISES = 0.02
 """Share of background that is mixed into every model here: samples of a surface that half of the frames did not show
 surprise all models alike, and say nothing of noise."""
 
 _CHANCES = len(FALSE_ALARMS)
+_MIX, _BITS = 0x9E3779B1, 0xFFFFFFFF  # 2^32 by the golden ratio, odd (Knuth): it scatters neighbouring frames
 _MAX_ITER, _TOL = 60, 1.0e-3
 
 
@@ -36,6 +37,14 @@ def flat_thresholds() -> Thresholds:
         more=np.full((1, 1, _CHANCES), LEAST_GAIN) + 1e-9 * np.arange(_CHANCES),
         first=np.full((1, _CHANCES), LEAST_FIRST_GAIN) + 1e-9 * np.arange(_CHANCES),
     )
+
+
+@borrowing
+def _half_of(frame: int) -> int:
+    """Half that a frame belongs to, 0 or 1, as if at random: targets of a frame, or surfaces, may take turns."""
+    mixed = (frame + 1) * _MIX & _BITS
+    mixed = (mixed ^ mixed >> 15) * _MIX & _BITS
+    return (mixed ^ mixed >> 13) & 1
 
 
 @jit
@@ -57,7 +66,7 @@ def held_out_scores(
         total, count = 0.0, 0
         for half in range(2):
             for frame in range(frames):
-                part[frame] = samples[pixel, frame] if frame % 2 == half else np.nan
+                part[frame] = samples[pixel, frame] if _half_of(frame) == half else np.nan
             n = take_samples(part, value, time)
             if n < 4:  # noqa: PLR2004  fewer fit nothing
                 continue
@@ -67,7 +76,7 @@ def held_out_scores(
             maximise(data, k, work.fit, law, own, _MAX_ITER, _TOL, work.room)
             found[pixel] += 0.5 * k
             for frame in range(frames):
-                part[frame] = samples[pixel, frame] if frame % 2 != half else np.nan
+                part[frame] = samples[pixel, frame] if _half_of(frame) != half else np.nan
             m = take_samples(part, value, time)
             if m == 0:
                 continue

@@ -30,10 +30,10 @@ class Law(NamedTuple):
     """The learnt noise of all pixels.
 
     `density` and `slope` (point,) are f(z) and -f'(z) at z from -`REACH` on, `STEPS` a sigma. `information` is the mean
-    of (f' / f)^2, `width_information` that of (z f' / f + 1)^2: Fisher's information of location and log scale; `cross_information` is that of both. Between
-    `low` and `high` the density is worth a look. `width_spread` is the scale of log width, 0 if all are alike;
-    `drift_mm` (DRIFTS,) that of each polynomial, 0 if there is none. `background_near` and `background_far` are
-    pseudo-counts, in samples, of background and of the rest.
+    of (f' / f)^2, `width_information` that of (z f' / f + 1)^2: Fisher's information of location and log scale;
+    `cross_information` is that of both. Between `low` and `high` the density is worth a look. `width_spread` is the
+    scale of log width, 0 if all are alike; `drift_mm` (DRIFTS,) that of each polynomial, 0 if there is none.
+    `background_near` and `background_far` are pseudo-counts, in samples, of background and of the rest.
     """
 
     density: FloatArray

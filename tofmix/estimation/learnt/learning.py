@@ -371,6 +371,7 @@ def _learn(learner: _Learner, noise: PixelNoise, part: str) -> PixelNoise | None
     single = _single(learner, noise, clusters)
     if len(single.pixel) < LEAST_CLUSTERS:
         return None
+    trial: PixelNoise | None
     if part == "drift":
         trial = _with_drift(learner, noise, single)
     elif part == "widths":

@@ -43,7 +43,7 @@ _GRID_STEP = math.log(1.12)
 
 @jit
 def _differences(samples: Float32Array, partners: int, place: FloatArray, lag: FloatArray) -> int:
-    """Fill `place` and `lag` with the middle and the absolute difference of pairs of a pixel's samples (pixel, frame)."""
+    """Fill `place` and `lag` with the middle and the absolute difference of pairs of a pixel's samples."""
     pixels, frames = samples.shape
     kept, count = np.empty(frames), 0
     for pixel in range(pixels):
@@ -98,7 +98,7 @@ def sigma_from_differences(samples_mm: Float32Array) -> tuple[FloatArray, FloatA
 
 
 def _bins(place: FloatArray, common: float) -> list[tuple[int, int]]:
-    """Cut ascending places into bins, `WIDE` of the range wide, and many sigmas: a narrow one would cut peaks in two."""
+    """Cut ascending places into bins, `WIDE` of the range and many sigmas wide: a narrow one cuts peaks in two."""
     edges = [float(place[0])]
     while edges[-1] < place[-1]:
         edges.append(edges[-1] + max(WIDE * abs(edges[-1]), 4.0 * LEVEL_SIGMAS * common))
@@ -107,7 +107,7 @@ def _bins(place: FloatArray, common: float) -> list[tuple[int, int]]:
 
 
 def _scale(lags: FloatArray, most: float) -> float | None:
-    """Smallest sigma, up to `most`, that is the scale of its own peak, from ascending lags; None without such a peak."""
+    """Smallest sigma, up to `most`, that is the scale of its own peak in ascending lags; None without one."""
     positive = lags[lags > 0]
     if positive.size < 10:  # noqa: PLR2004  fewer tell nothing
         return None

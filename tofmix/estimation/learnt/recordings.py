@@ -185,7 +185,11 @@ def learn_noise(
 
 
 def learn_if_contradicted(
-    source: SampleSource, *, window_frames: int, stride_frames: int | None = None, **choices: Any
+    source: SampleSource,
+    *,
+    window_frames: int,
+    stride_frames: int | None = None,
+    **choices: Any,  # noqa: ANN401  those of `learn_noise`
 ) -> FoundNoise | None:
     """The noise to use instead of the Gaussian curve that the recording's sensor has.
 
@@ -341,4 +345,4 @@ def background_map(source: SampleSource, noise: PixelNoise, sensor: Sensor, wind
         known = number > 0
         part[known] = (share[known] * number[known] + near) / (number[known] + near + far)
         out[first : first + band] = part.reshape(-1, cols)
-    return np.minimum(out, 0.999)
+    return np.asarray(np.minimum(out, 0.999), dtype=np.float64)

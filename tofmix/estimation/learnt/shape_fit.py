@@ -12,6 +12,7 @@ Silverman, Annals of Statistics 10(3), 1982, doi:10.1214/aos/1176345872.
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 
@@ -108,7 +109,7 @@ def _log_density(counts: FloatArray, penalty: float) -> FloatArray:
             for b in range(a + 1):
                 band[a - b, start + b] += weight * third[a] * third[b]
 
-    def value(log_density: FloatArray) -> float:
+    def value(log_density: NDArray[np.floating]) -> float:
         bend = np.convolve(log_density, third[::-1], mode="valid")
         return float(counts @ log_density - n * STEP * np.exp(log_density).sum() - 0.5 * weight * bend @ bend)
 
@@ -134,13 +135,13 @@ def _log_density(counts: FloatArray, penalty: float) -> FloatArray:
     return np.asarray(g, dtype=np.float64)
 
 
-def _times(band: FloatArray, vector: FloatArray) -> FloatArray:
+def _times(band: FloatArray, vector: NDArray[np.floating]) -> FloatArray:
     """Product of a symmetric matrix in lower band form with a vector."""
     out = band[0] * vector
     for k in range(1, len(band)):
         out[k:] += band[k, :-k] * vector[:-k]
         out[:-k] += band[k, :-k] * vector[k:]
-    return out
+    return np.asarray(out, dtype=np.float64)
 
 
 def _with_tails(log_density: FloatArray, counts: FloatArray) -> FloatArray:

@@ -56,7 +56,7 @@ def _side(value: FloatArray, start: float, weight: float, background: float, wid
 
 @jit
 def jumps(data: Samples, fit: FloatArray, wanted: float, law: Law, beam: Beam) -> bool:
-    """Whether one jump explains the samples of `fit`, which has one surface, to a log likelihood above `wanted`, nat."""
+    """Whether one jump explains the samples of `fit`, of one surface, to a log likelihood above `wanted`, nat."""
     n = len(data.value)
     width = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, 0]
     reach = 0.0

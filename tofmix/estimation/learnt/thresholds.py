@@ -97,7 +97,7 @@ def calibrate(
         For `count_surfaces`.
     """
     numbers = _numbers(*samples)
-    shares = [share for share in SHARES] if noise.background is not None else [beam.p_outlier]
+    shares = list(SHARES) if noise.background is not None else [beam.p_outlier]
     cells = [
         _Cell(samples=n, background=share, number=number)
         for number, (n, share) in enumerate(product(numbers, [*shares, None]))
@@ -106,9 +106,9 @@ def calibrate(
     draw = _Drawing(noise, beam, ranges_mm)
 
     def gains(cell: _Cell) -> FloatArray:
-        block, at = draw.block(cell, draws)
+        block = draw.block(cell, draws)
         out = np.zeros(draws)
-        _gains(block, cell.background is None, laws, beam, at, out)
+        _gains(block, cell.background is None, laws, beam, out)
         return _tail(out)
 
     rows, done = [], 0
@@ -160,12 +160,12 @@ class _Drawing:
         self._noise, self._beam = noise, beam
         self._ranges = np.asarray(ranges_mm, dtype=np.float64)
 
-    def block(self, cell: _Cell, count: int) -> tuple[FloatArray, FloatArray]:
-        """Samples (pixel, frame), mm, and the place (pixel,) of each pixel's surface."""
+    def block(self, cell: _Cell, count: int) -> FloatArray:
+        """Samples (pixel, frame), mm."""
         rng = np.random.default_rng([_SEED, cell.number, cell.samples])
         n, beam, noise = cell.samples, self._beam, self._noise
         if cell.background is None:
-            return rng.uniform(beam.range_min, beam.range_top, (count, n)), np.full(count, beam.range_min)
+            return rng.uniform(beam.range_min, beam.range_top, (count, n))
         place = self._ranges[np.arange(count) % len(self._ranges)]
         width = np.ones(count)
         if noise.curve.width_spread > 0:
@@ -178,7 +178,7 @@ class _Drawing:
         out += coefficients @ basis.T
         random = rng.random((count, n)) < cell.background
         out[random] = rng.uniform(beam.range_min, beam.range_top, int(random.sum()))
-        return out, place
+        return np.asarray(out, dtype=np.float64)
 
 
 def _standardised(rng: np.random.Generator, noise: PixelNoise, shape: tuple[int, int]) -> FloatArray:
@@ -196,9 +196,7 @@ def _standardised(rng: np.random.Generator, noise: PixelNoise, shape: tuple[int,
 
 
 @jit
-def _gains(
-    block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, place: FloatArray, out: FloatArray
-) -> None:
+def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, out: FloatArray) -> None:
     """Fill `out` (pixel,) with the gain of the first surface, where pixels have none, or of a second one."""
     pixels, frames = block.shape
     value, time = np.empty(frames), np.empty(frames)
