@@ -64,9 +64,9 @@ class Clusters(NamedTuple):
 class ClusterFits(NamedTuple):
     """One surface fitted to each cluster, all (cluster,).
 
-    `place` of the surface and `sigma` of the curve there, mm; `log_width`; `drift` (cluster, DRIFTS), mm; `support`, the
-    samples that are the surface's; `gain`, nat, of a second surface; `error` (cluster, frame), the standardised errors
-    of all samples of the window, NaN where there is none.
+    `place` of the surface and `sigma` of the curve there, mm; `log_width`; `drift` (cluster, DRIFTS), mm; `support`,
+    the samples that are the surface's; `gain`, nat, of a second surface; `error` (cluster, frame), the standardised
+    errors of all samples of the window, NaN where there is none.
     """
 
     place: FloatArray

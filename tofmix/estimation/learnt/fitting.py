@@ -289,7 +289,7 @@ def _move_shares(
 
 
 @borrowing
-def _move_drift(  # noqa: PLR0915  sums of one pass, and a 3 x 3 matrixn: int, i: int, push: float, fit: FloatArray, law: Law, room: FloatArray, own_width: float) -> None:
+def _move_drift(n: int, i: int, push: float, fit: FloatArray, law: Law, room: FloatArray, own_width: float) -> None:  # noqa: PLR0915  sums of one pass
     """Update the drift of a surface, together with its mean, by one step of scoring."""
     support = fit[SUPPORT, i]
     if support <= 0.0:
