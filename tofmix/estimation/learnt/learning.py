@@ -9,7 +9,8 @@
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,6 +54,12 @@ MAX_LAYERS = 4
 
 FIRST_PRIOR = (0.5, 2.0)
 """Pseudo-counts of background and of the rest before any pixel has told."""
+
+MOST_TELL_BACKGROUND = 600
+"""Pixels that the prior of the background is measured with: its mean and spread need no more."""
+
+SAME = 1.02
+"""Curves within this factor are one: no count differs by it."""
 
 _SPREADS = np.geomspace(0.02, 1.0, 30)
 _NEVER = 1e-12
@@ -121,6 +128,15 @@ class Pixels:
         """Some of them."""
         light = None if self.amplitude is None else np.ascontiguousarray(self.amplitude[which])
         return Pixels(samples=np.ascontiguousarray(self.samples[which]), amplitude=light, rounding_mm=self.rounding_mm)
+
+    def some(self, most: int) -> "Pixels":
+        """At most so many of them, evenly spread."""
+        count = len(self.samples)
+        if count <= most:
+            return self
+        which = np.zeros(count, dtype=np.bool_)
+        which[np.linspace(0, count - 1, most).astype(int)] = True
+        return self.chosen(which)
 
 
 class _Learner:
@@ -216,6 +232,7 @@ def learn_pixel_noise(
     widths: bool | None = None,
     drift: bool = True,
     instead_of: NoiseCurve | None = None,
+    workers: int = 1,
 ) -> Lesson:
     """Learn the noise from pixels of some windows.
 
@@ -235,6 +252,8 @@ def learn_pixel_noise(
         Whether a pixel's ranges may drift within a window.
     instead_of : NoiseCurve, optional
         A Gaussian curve that what is learnt must beat on pixels that no fit has seen.
+    workers : int
+        Threads, which try parts side by side; nothing depends on them.
 
     Returns
     -------
@@ -254,12 +273,17 @@ def learn_pixel_noise(
     if not curves:
         raise ValueError("noise: no two samples of a pixel differ, or none is valid")
     best: _Trial | None = None
+    plainest: _Trial | None = None
     chosen, added = curves[0], list[str]()
-    for curve in curves:
-        first = PixelNoise.gaussian(curve, sensor.outlier_probability)
-        found, own = _with_parts(folds, first, parts, insisted=("widths",) if widths else ())
-        if found is not None and (best is None or _helps(found, best) > 0.0):
-            best, chosen, added = found, curve, own
+    with ThreadPoolExecutor(workers, thread_name_prefix="tofmix") as pool:
+        for curve, noises in _apart(folds, curves, sensor):
+            plain = _tried(folds, noises)
+            if plain is None or (plainest is not None and _helps(plain, plainest) == 0.0):
+                continue  # a scale that predicts no better as it is will not with more parts
+            plainest = plain
+            found, own = _with_parts(folds, plain, parts, insisted=("widths",) if widths else (), side_by_side=pool.map)
+            if best is None or _helps(found, best) > 0.0:
+                best, chosen, added = found, curve, own
     given_holds = False
     if instead_of is not None and best is not None:
         given = PixelNoise.gaussian(instead_of, sensor.outlier_probability)
@@ -303,6 +327,24 @@ def _first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[Noise
     return curves
 
 
+def _apart(
+    folds: Sequence[_Learner], curves: Sequence[NoiseCurve], sensor: Sensor
+) -> Iterator[tuple[NoiseCurve, list[PixelNoise]]]:
+    """Each curve with Gaussian noise whose sigma(r) each fold has measured from there, but none a second time."""
+    known: list[list[PixelNoise]] = []
+    for curve in curves:
+        first = PixelNoise.gaussian(curve, sensor.outlier_probability)
+        noises = [_with_curve(fold, first) for fold in folds]
+        if not any(all(map(_same, noises, others)) for others in known):
+            known.append(noises)
+            yield curve, noises
+
+
+def _same(one: PixelNoise, other: PixelNoise) -> bool:
+    """Whether two curves have about the same sigma at all ranges of the first."""
+    return bool(np.all(np.abs(np.log(one.curve.sigma_mm / other.curve.sigma(one.curve.range_mm))) < math.log(SAME)))
+
+
 def medians(samples: Float32Array) -> FloatArray:
     """Median of the valid samples of each pixel (pixel, frame) that has any, mm."""
     return np.array([float(np.median(row[np.isfinite(row)])) for row in samples if np.isfinite(row).any()])
@@ -314,34 +356,35 @@ def _ratio(one: NoiseCurve, other: NoiseCurve) -> float:
 
 
 def _with_parts(
-    folds: Sequence[_Learner], noise: PixelNoise, parts: Sequence[str], *, insisted: Sequence[str] = ()
-) -> tuple[_Trial | None, list[str]]:
+    folds: Sequence[_Learner],
+    best: _Trial,
+    parts: Sequence[str],
+    *,
+    insisted: Sequence[str],
+    side_by_side: Callable[[Callable[[str], _Trial | None], Iterable[str]], Iterable[_Trial | None]],
+) -> tuple[_Trial, list[str]]:
     """Add the parts that pixels which no fit has seen ask for, the most helpful first; then drop those not needed.
 
     Parts that are insisted on come first, and stay.
     """
-    best = _tried(folds, [_with_curve(fold, noise) for fold in folds])
-    if best is None:
-        return None, []
     have: list[str] = []
+
+    def one_more(part: str) -> _Trial | None:
+        return _tried(folds, [_learn(fold, one, part) for fold, one in zip(folds, best.noises, strict=True)])
+
     for part in insisted:
-        trial = _tried(folds, [_learn(fold, one, part) for fold, one in zip(folds, best.noises, strict=True)])
+        trial = one_more(part)
         if trial is not None:
             best = trial
             have.append(part)
     while len(have) < len(parts) + len(insisted):
-        most, chosen = 0.0, None
-        for part in parts:
-            if part in have:
-                continue
-            trial = _tried(folds, [_learn(fold, one, part) for fold, one in zip(folds, best.noises, strict=True)])
-            gain = 0.0 if trial is None else _helps(trial, best)
-            if trial is not None and gain > most:
-                most, chosen = gain, (part, trial)
-        if chosen is None:
+        left = [part for part in parts if part not in have]
+        trials = [(part, trial) for part, trial in zip(left, side_by_side(one_more, left), strict=True) if trial]
+        gains = [_helps(trial, best) for _, trial in trials]
+        if max(gains, default=0.0) <= 0.0:
             break
-        have.append(chosen[0])
-        best = chosen[1]
+        part, best = trials[int(np.argmax(gains))]
+        have.append(part)
     for part in tuple(have):
         if len(have) > 1 and part not in insisted:
             trial = _tried(folds, [_without(noise, part) for noise in best.noises])
@@ -512,10 +555,11 @@ def _errors(error: FloatArray) -> FloatArray:
 def _with_background(learner: _Learner, noise: PixelNoise) -> PixelNoise:
     """Learn the prior of each pixel's background: a Beta density with the moments of what pixels have."""
     prior = noise.background or FIRST_PRIOR
+    pixels = learner.learn.some(MOST_TELL_BACKGROUND)
     for _ in range(_ROUNDS):
         trial = replace(noise, background=prior)
         share, n = background_shares(
-            learner.learn.samples, trial.laws(), learner.beam(trial, learner.learn), flat_thresholds(), MAX_LAYERS
+            pixels.samples, trial.laws(), learner.beam(trial, pixels), flat_thresholds(), MAX_LAYERS
         )
         prior = beta_prior(share, n)
     return replace(noise, background=prior)

@@ -164,6 +164,7 @@ def learn_noise(
     lesson = learn_pixel_noise(
         pixels, sensor, None if measured is None else measured.curve, shape=shape, widths=widths,
         drift=drift, instead_of=instead_of,
+        workers=workers,
     )  # fmt: skip
     noise = lesson.noise
     if lesson.given_holds:
