@@ -142,4 +142,4 @@ def _peak(lags: FloatArray, scale: float) -> float | None:
         return None
     over = np.arange(1, near + 1) - level * lags[:near]
     at = int(np.argmax(over >= 0.5 * excess))
-    return float(lags[at] / MEDIAN_OF_DIFFERENCE)
+    return float(lags[at] / MEDIAN_OF_DIFFERENCE) if lags[at] > 0 else None

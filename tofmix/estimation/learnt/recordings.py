@@ -35,6 +35,9 @@ LEAST_IN_PIXEL, LEAST_IN_ALL = 5, 100
 QUESTIONED_PIXELS = 1000
 """Pixels by which a file's curve is held against the samples."""
 
+FEW_PIXELS = 0.02
+"""Share of the pixels whose number of samples may lie outside those that gains are drawn for, at either end."""
+
 _SEED = 20080922
 
 
@@ -284,10 +287,13 @@ def scatters(pixels: Pixels) -> bool:
 
 
 def _numbers(pixels: Pixels, min_samples: int, window: int) -> tuple[int, int]:
-    """Fewest and most valid samples of the pixels that can be fitted."""
+    """Fewest and most valid samples that all but a few of the pixels have which can be fitted."""
     number = np.isfinite(pixels.samples).sum(axis=1)
     known = number[number >= min_samples]
-    return (min_samples, window) if known.size == 0 else (int(np.quantile(known, 0.02)), int(known.max()))
+    if known.size == 0:
+        return min_samples, window
+    low, high = np.quantile(known, (FEW_PIXELS, 1.0 - FEW_PIXELS))
+    return int(low), math.ceil(high)
 
 
 def pixels_of(source: SampleSource, window_frames: int, stride_frames: int, *, most: int = MOST_PIXELS) -> Pixels:

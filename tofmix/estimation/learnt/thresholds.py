@@ -42,7 +42,9 @@ TAIL = 0.05
 """Share of the gains that the tail is fitted to."""
 
 SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 0.85)
-"""Shares of background that are drawn, where pixels have shares of their own."""
+"""Shares of background that are drawn, where pixels have shares of their own: those that one in a thousand has."""
+
+RARE_SHARE = 1.0e-3
 
 SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
 """Numbers of samples that are drawn, as far as the recording's windows have them; past the last, its gains hold."""
@@ -97,7 +99,7 @@ def calibrate(
         For `count_surfaces`.
     """
     numbers = _numbers(*samples)
-    shares = list(SHARES) if noise.background is not None else [beam.p_outlier]
+    shares = [beam.p_outlier] if noise.background is None else _shares(noise.background)
     cells = [
         _Cell(samples=n, background=share, number=number)
         for number, (n, share) in enumerate(product(numbers, [*shares, None]))
@@ -125,6 +127,16 @@ def calibrate(
         more=np.ascontiguousarray(table[:, :-1]),
         first=np.ascontiguousarray(table[:, -1]),
     )
+
+
+def _shares(prior: tuple[float, float]) -> list[float]:
+    """Those of `SHARES` that enclose all but rare shares of the prior."""
+    from scipy.special import betaincinv
+
+    low, high = betaincinv(*prior, [RARE_SHARE, 1.0 - RARE_SHARE])
+    first = max((i for i, share in enumerate(SHARES) if share <= low), default=0)
+    last = min((i for i, share in enumerate(SHARES) if share >= high), default=len(SHARES) - 1)
+    return list(SHARES[first : max(last, first) + 1])
 
 
 def _numbers(least: int, most: int) -> list[int]:
