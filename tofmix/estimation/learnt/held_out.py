@@ -13,6 +13,10 @@ from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.pixel_noise import beam_of_pixel
 from tofmix.jit import borrowing, jit
 
+PARTS = 4
+"""Parts of a pixel's frames, each predicted from the others: a fit to half of a few samples predicts badly under the
+true noise too, most of all where a shape is steep."""
+
 LEAST_GAIN = 7.0
 """Gain, nat, that a surface must have here, under any model: a Gaussian's is 6 for one false alarm in 1000."""
 
@@ -21,7 +25,7 @@ LEAST_FIRST_GAIN = 4.0
 where the recording's ranges, and so the background, span few sigmas; one without any costs all models the same."""
 
 SURPRISES = 0.02
-"""Share of background that is mixed into every model here: samples of a surface that half of the frames did not show
+"""Share of background that is mixed into every model here: samples of a surface that the other frames did not show
 surprise all models alike, and say nothing of noise."""
 
 _CHANCES = len(FALSE_ALARMS)
@@ -40,20 +44,20 @@ def flat_thresholds() -> Thresholds:
 
 
 @borrowing
-def _half_of(frame: int) -> int:
-    """Half that a frame belongs to, 0 or 1, as if at random: targets of a frame, or surfaces, may take turns."""
+def _part_of(frame: int) -> int:
+    """Part that a frame belongs to, 0 to PARTS - 1, as if at random: targets of a frame, or surfaces, may take turns."""
     mixed = (frame + 1) * _MIX & _BITS
     mixed = (mixed ^ mixed >> 15) * _MIX & _BITS
-    return (mixed ^ mixed >> 13) & 1
+    return (mixed ^ mixed >> 13) % PARTS
 
 
 @jit
 def held_out_scores(
     samples: Float32Array, laws: tuple[Law, Law], beam: Beam, thresholds: Thresholds, max_layers: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Log likelihood, nat, of each half of a pixel's frames under a fit to the other half.
+    """Log likelihood, nat, of each of `PARTS` of a pixel's frames under a fit to the others.
 
-    Returns the sum (pixel,) of both, NaN where there are too few samples, and the surfaces found (pixel,) on average.
+    Returns the sum (pixel,) of all, NaN where there are too few samples, and the surfaces found (pixel,) on average.
     """
     pixels, frames = samples.shape
     out, found = np.full(pixels, np.nan), np.zeros(pixels)
@@ -64,9 +68,9 @@ def held_out_scores(
     for pixel in range(pixels):
         own = beam_of_pixel(beam, pixel)
         total, count = 0.0, 0
-        for half in range(2):
+        for held in range(PARTS):
             for frame in range(frames):
-                part[frame] = samples[pixel, frame] if _half_of(frame) == half else np.nan
+                part[frame] = samples[pixel, frame] if _part_of(frame) != held else np.nan
             n = take_samples(part, value, time)
             if n < 4:  # noqa: PLR2004  fewer fit nothing
                 continue
@@ -74,9 +78,9 @@ def held_out_scores(
             fill_times(data, work.room)
             k, law = count_surfaces(data, work, laws, own, thresholds, rules)
             maximise(data, k, work.fit, law, own, _MAX_ITER, _TOL, work.room)
-            found[pixel] += 0.5 * k
+            found[pixel] += k / PARTS
             for frame in range(frames):
-                part[frame] = samples[pixel, frame] if _half_of(frame) != half else np.nan
+                part[frame] = samples[pixel, frame] if _part_of(frame) == held else np.nan
             m = take_samples(part, value, time)
             if m == 0:
                 continue
