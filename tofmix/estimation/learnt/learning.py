@@ -533,19 +533,18 @@ def width_spread(log_width: FloatArray, variance: FloatArray) -> float | None:
 
 
 def _with_shape(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
-    """Learn the shape: errors of clusters in two folds of pixels, located anew with each shape found."""
-    for _ in range(_ROUNDS):
-        fits = learner.fits(noise, clusters)
-        taken = 1.0 + np.count_nonzero(noise.drift_mm)
-        stretch = 1.0 / np.sqrt(np.maximum(1.0 - taken / np.maximum(fits.support, taken + 2.0), 0.1))
-        error = fits.error * stretch[:, None]
-        even = clusters.pixel % 2 == 0
-        folds = (_errors(error[even]), _errors(error[~even]))
-        shape = fit_shape(folds)
-        if shape is None:
-            return None
-        noise = replace(noise, curve=replace(noise.curve, shape=shape))
-    return noise
+    """Learn the shape: errors of clusters in two folds of pixels.
+
+    They are located once, under the shape so far: located anew under each shape found, errors crowd where that shape is
+    high by chance, and it becomes steeper than the truth from round to round.
+    """
+    fits = learner.fits(noise, clusters)
+    taken = 1.0 + np.count_nonzero(noise.drift_mm)
+    stretch = 1.0 / np.sqrt(np.maximum(1.0 - taken / np.maximum(fits.support, taken + 2.0), 0.1))
+    error = fits.error * stretch[:, None]
+    even = clusters.pixel % 2 == 0
+    shape = fit_shape((_errors(error[even]), _errors(error[~even])))
+    return None if shape is None else replace(noise, curve=replace(noise.curve, shape=shape))
 
 
 def _errors(error: FloatArray) -> FloatArray:
