@@ -48,7 +48,7 @@ from tofmix.estimation.learnt.fitting import (
     value_of,
 )
 from tofmix.estimation.learnt.law import Law, at_table, precision_of_t
-from tofmix.estimation.learnt.steps import jumps
+from tofmix.estimation.learnt.steps import value_of_jump
 from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
 from tofmix.vector import log_of, product_of, total_of
@@ -450,6 +450,15 @@ def _moves(i: int, fit: FloatArray, law: Law, n: float) -> bool:
     return bool(square > (OWN_SIGMAS * sigma) ** 2 / (law.information * n))
 
 
+@jit
+def gain_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> float:
+    """Log likelihood, nat, that one jump gains over the drift of a fit of one surface; 0 where it does not drift."""
+    if not _moves(0, fit, law, max(fit[SUPPORT, 0], 1.0)):
+        return 0.0
+    drifting = value_of(data, 1, fit, law, beam, room) - log_priors(1, fit, law)
+    return value_of_jump(data, fit, law, beam) - drifting
+
+
 @borrowing
 def _may_hide_a_surface(k: int, fit: FloatArray, law: Law, n: int) -> bool:
     """Whether the pixel's own width or drift stands out of chance: it may be there for a surface that is not."""
@@ -610,12 +619,10 @@ def count_surfaces(
     n = float(len(data.value))
     start_empty(data, fit, beam)
     gain, empty = first_surface(data, work, law, beam)
-    if _moves(0, best, law, max(best[SUPPORT, 0], 1.0)):
-        value = value_of(data, 1, best, law, beam, room) - log_priors(1, best, law)
-        if jumps(data, best, value + _wanted(n, 1, best, work, thresholds, rules), law, beam):
-            law = laws[1]
-            start_empty(data, fit, beam)
-            gain, empty = first_surface(data, work, law, beam)
+    if gain_of_jump(data, best, law, beam, room) > _wanted(n, 1, best, work, thresholds, rules):
+        law = laws[1]
+        start_empty(data, fit, beam)
+        gain, empty = first_surface(data, work, law, beam)
     wanted = _wanted(n, 0, fit, work, thresholds, rules)
     copy_fit(best, fit)
     k = 1

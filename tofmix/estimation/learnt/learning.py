@@ -19,7 +19,7 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import LEAST_GAIN, flat_thresholds, held_out_scores
-from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, TAIL_DEGREES
+from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, TAIL_DEGREES, precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
@@ -72,7 +72,8 @@ _FREE_DRIFT_SIGMAS = 3.0
 
 _PARTS = ("background", "drift", "widths", "shape")
 _ROUNDS = 3
-_MEMORY_WORTH = 0.05
+_MEMORY_WORTH, _MOST_MEMORY = 0.05, 0.95
+_MEMORY_ROUNDS = 30
 _MAD = 1.4826
 _LEAST_BIN = 20
 _WIDE_BIN = 0.12
@@ -293,7 +294,7 @@ def learn_pixel_noise(
     for part in added:
         noise = _learn(whole, noise, part) or noise
     fits = whole.fits(noise, whole.clusters(noise))
-    noise = replace(noise, memory=_memory(fits))
+    noise = replace(noise, memory=_memory(fits, noise))
     ranges = fits.place if len(fits.place) else medians(pixels.samples)
     return Lesson(
         noise=noise,
@@ -576,13 +577,25 @@ def beta_prior(share: FloatArray, n: FloatArray) -> tuple[float, float]:
     return mean * together, (1.0 - mean) * together
 
 
-def _memory(fits: ClusterFits) -> float:
-    """Correlation of the errors from one frame to the next, over all clusters; 0 where it is within chance."""
+def _memory(fits: ClusterFits, noise: PixelNoise) -> float:
+    """Correlation of the errors from one frame to the next, over all clusters; 0 where it is within chance.
+
+    The mean and each polynomial of a drift take a part `taken` / n of the slow errors' variance, which is that of all
+    errors by (1 + rho) / (1 - rho) for AR(1) noise, from the covariance and from the variance.
+    """
     a, b = fits.error[:, :-1], fits.error[:, 1:]
     both = np.isfinite(a) & np.isfinite(b) & (np.abs(a) < 4.0) & (np.abs(b) < 4.0)  # noqa: PLR2004  background is not
     if both.sum() < 100:  # noqa: PLR2004  nothing to tell
         return 0.0
     x, y = a[both], b[both]
-    n = float(np.median(fits.support)) if len(fits.support) else 2.0
-    found = float((x * y).mean() / math.sqrt((x * x).mean() * (y * y).mean())) + 1.0 / max(n, 2.0)  # the mean's part
+    n = max(float(np.median(fits.support)), 2.0)
+    seen = float((x * y).mean() / math.sqrt((x * x).mean() * (y * y).mean()))
+    taken = 1.0
+    for d, scale in enumerate(noise.drift_mm.tolist()):
+        told = n * noise.laws()[0].information / (float(np.median(fits.sigma)) ** 2 * (2.0 * d + 3.0))
+        taken += told / (told + precision_of_t(0.0, scale)) if scale > 0.0 else 0.0
+    found = seen
+    for _ in range(_MEMORY_ROUNDS):
+        slow = (1.0 + found) / (1.0 - found) * taken / n
+        found = min(max(seen + slow * (1.0 - seen), 0.0), _MOST_MEMORY)
     return found if found > max(_MEMORY_WORTH, 3.0 / math.sqrt(both.sum())) else 0.0

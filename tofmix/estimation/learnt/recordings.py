@@ -11,7 +11,7 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.curve_check import doubts
 from tofmix.estimation.learnt.held_out import flat_thresholds
-from tofmix.estimation.learnt.learning import MAX_LAYERS, Lesson, Pixels, beta_prior, learn_pixel_noise, medians
+from tofmix.estimation.learnt.learning import MANY_PIXELS, MAX_LAYERS, Lesson, Pixels, beta_prior, learn_pixel_noise, medians
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import background_shares
 from tofmix.estimation.learnt.thresholds import calibrate
@@ -25,6 +25,9 @@ from tofmix.wording import counted
 
 MOST_PIXELS = 3000
 """Pixels, each of one window, that teach; more tell little more."""
+
+MOST_SAMPLES = 300_000
+"""Samples that teach, in `MANY_PIXELS` pixels or more: with many frames, fewer pixels tell as much."""
 
 MOST_FRAMES = 1000
 """Frames of a window that teach, its first ones: a longer one is drift within these."""
@@ -297,12 +300,13 @@ def _numbers(pixels: Pixels, min_samples: int, window: int) -> tuple[int, int]:
 
 
 def pixels_of(source: SampleSource, window_frames: int, stride_frames: int, *, most: int = MOST_PIXELS) -> Pixels:
-    """Up to `most` pixels, evenly spread over the image and the windows.
+    """Up to `most` pixels, evenly spread over the image and the windows; fewer of more than `MOST_SAMPLES` in all.
 
     Rounding is spread evenly over the step of stored ranges: equal samples tell no width.
     """
     frames, rows, cols = source.shape
     length = min(window_frames, MOST_FRAMES, frames)
+    most = min(most, max(MANY_PIXELS, MOST_SAMPLES // length))
     count = max(1, 1 + (frames - window_frames) // stride_frames) if frames >= window_frames else 1
     some = min(count, max(1, most // (rows * cols)))
     starts = np.unique(np.linspace(0, count - 1, some).astype(int)) * stride_frames

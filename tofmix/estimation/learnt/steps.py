@@ -55,8 +55,11 @@ def _side(value: FloatArray, start: float, weight: float, background: float, wid
 
 
 @jit
-def jumps(data: Samples, fit: FloatArray, wanted: float, law: Law, beam: Beam) -> bool:
-    """Whether one jump explains the samples of `fit`, of one surface, to a log likelihood above `wanted`, nat."""
+def value_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam) -> float:
+    """Log likelihood, nat, of the samples of `fit`, of one surface, with one jump at the best time instead of a drift.
+
+    Minus infinity where there are too few samples for two sides.
+    """
     n = len(data.value)
     width = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, 0]
     reach = 0.0
@@ -87,9 +90,9 @@ def jumps(data: Samples, fit: FloatArray, wanted: float, law: Law, beam: Beam) -
             best, at = between, j
             first_mean, second_mean = below / before, (total - below) / after
     if at < 0:
-        return False
+        return -math.inf
     background = fit[OWN, BACKGROUND] * background_density(beam) + 1.0e-30
     weight = fit[WEIGHT, 0]
     jump = _side(value[: at + 1], first_mean, weight, background, width, law)
     jump += _side(value[at + 1 :], second_mean, weight, background, width, law)
-    return jump > wanted
+    return jump

@@ -25,6 +25,7 @@ from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import (
     Thresholds,
     first_surface,
+    gain_of_jump,
     new_work,
     start_empty,
     try_one_more,
@@ -35,8 +36,12 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
 
-DRAWS = 6000
-"""Pixels drawn for each number of samples and share of background: 300 exceed the tail's start."""
+DRAWS = 6000, 20_000
+"""Fewest and most pixels drawn for each number of samples and share of background: 300 or more exceed the tail's
+start."""
+
+DRAWS_IN_ALL = 120_000
+"""Pixels drawn in all, within these."""
 
 TAIL = 0.05
 """Share of the gains that the tail is fitted to."""
@@ -70,7 +75,7 @@ def calibrate(
     ranges_mm: FloatArray,
     *,
     samples: tuple[int, int],
-    draws: int = DRAWS,
+    draws: int | None = None,
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Thresholds:
@@ -86,8 +91,8 @@ def calibrate(
         Ranges of surfaces as the recording has them, mm: draws take them in turn.
     samples : (int, int)
         Fewest and most valid samples of the recording's pixels in a window.
-    draws : int
-        Pixels a cell.
+    draws : int, optional
+        Pixels a cell; by `DRAWS` and `DRAWS_IN_ALL` without it.
     workers : int
         Threads; the table does not depend on them.
     progress : callable, optional
@@ -104,12 +109,13 @@ def calibrate(
         _Cell(samples=n, background=share, number=number)
         for number, (n, share) in enumerate(product(numbers, [*shares, None]))
     ]
+    count = draws or min(max(DRAWS[0], DRAWS_IN_ALL // len(cells)), DRAWS[1])
     laws = noise.laws()
     draw = _Drawing(noise, beam, ranges_mm)
 
     def gains(cell: _Cell) -> FloatArray:
-        block = draw.block(cell, draws)
-        out = np.zeros(draws)
+        block = draw.block(cell, count)
+        out = np.zeros(count)
         _gains(block, cell.background is None, laws, beam, out)
         return _tail(out)
 
@@ -209,7 +215,7 @@ def _standardised(rng: np.random.Generator, noise: PixelNoise, shape: tuple[int,
 
 @jit
 def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, out: FloatArray) -> None:
-    """Fill `out` (pixel,) with the gain of the first surface, where pixels have none, or of a second one."""
+    """Fill `out` (pixel,) with the gain of the first surface, where pixels have none, or of a second one or a jump."""
     pixels, frames = block.shape
     value, time = np.empty(frames), np.empty(frames)
     work = new_work(3, frames, 1)
@@ -223,4 +229,5 @@ def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, ou
             out[pixel] = gain
         elif gain > 0.0:
             copy_fit(work.best, work.fit)
-            out[pixel] = try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH)
+            jump = gain_of_jump(data, work.fit, laws[0], beam, work.room)
+            out[pixel] = max(jump, try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH))
