@@ -23,7 +23,7 @@ from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, TAIL_DEGREES, precision
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
-from tofmix.estimation.learnt.shares import background_shares
+from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
 from tofmix.estimation.pixel_noise import own_curves
 from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import NoiseCurve, Sensor
@@ -46,6 +46,9 @@ _SEED = 20080922
 LEAST_CLUSTERS = 12
 """Fewer clusters teach no part but sigma."""
 
+COMMON = 0.05
+"""Clusters a pixel, at least, that sigma(r) is measured with: fewer may stand clear by chance alone."""
+
 SCALES = (1.0, 0.5, 0.25, 0.125)
 """Factors on the scale of the differences that are tried: where surfaces lie close in every pixel, they widen it."""
 
@@ -55,8 +58,8 @@ MAX_LAYERS = 4
 FIRST_PRIOR = (0.5, 2.0)
 """Pseudo-counts of background and of the rest before any pixel has told."""
 
-MOST_TELL_BACKGROUND = 600
-"""Pixels that the prior of the background is measured with: its mean and spread need no more."""
+MOST_COUNTED = 600
+"""Pixels whose surfaces are counted to measure backgrounds, or widths where no cluster is clear: more tell no more."""
 
 SAME = 1.02
 """Curves within this factor are one: no count differs by it."""
@@ -160,6 +163,12 @@ class _Learner:
 
     def clusters(self, noise: PixelNoise) -> Clusters:
         return find_clusters(self.learn.samples, self.beam(noise, self.learn))
+
+    def widths(self, noise: PixelNoise, free: PixelNoise) -> PixelWidths:
+        """Widths of some pixels, by a count."""
+        pixels, thresholds = self.learn.some(MOST_COUNTED), flat_thresholds()
+        beam = self.beam(noise, pixels)
+        return pixel_widths(pixels.samples, noise.laws(), free.laws()[0], beam, thresholds, MAX_LAYERS)
 
     def fits(self, noise: PixelNoise, clusters: Clusters, *, second: bool = False) -> ClusterFits:
         free = replace(noise, background=noise.background or (0.5, 5.0))
@@ -275,6 +284,7 @@ def learn_pixel_noise(
         raise ValueError("noise: no two samples of a pixel differ, or none is valid")
     best: _Trial | None = None
     plainest: _Trial | None = None
+    measured = curves[0]
     chosen, added = curves[0], list[str]()
     with ThreadPoolExecutor(workers, thread_name_prefix="tofmix") as pool:
         for curve, noises in _apart(folds, curves, sensor):
@@ -284,13 +294,13 @@ def learn_pixel_noise(
             plainest = plain
             found, own = _with_parts(folds, plain, parts, insisted=("widths",) if widths else (), side_by_side=pool.map)
             if best is None or _helps(found, best) > 0.0:
-                best, chosen, added = found, curve, own
+                best, chosen, added, measured = found, curve, own, plain.noises[-1].curve
     given_holds = False
     if instead_of is not None and best is not None:
         given = PixelNoise.gaussian(instead_of, sensor.outlier_probability)
         trial = _tried(folds, [given] * len(folds))
         given_holds = trial is not None and _helps(best, trial) == 0.0
-    noise = _with_curve(whole, PixelNoise.gaussian(chosen, sensor.outlier_probability))
+    noise = _with_curve(whole, PixelNoise.gaussian(measured, sensor.outlier_probability))
     for part in added:
         noise = _learn(whole, noise, part) or noise
     fits = whole.fits(noise, whole.clusters(noise))
@@ -438,14 +448,19 @@ def _single(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> Cluster
 
 
 def _with_curve(learner: _Learner, noise: PixelNoise) -> PixelNoise:
-    """Measure sigma by range anew: the median width of the clusters near each range."""
+    """Measure sigma by range anew: the median width of the clusters near each range; of pixels, where none is clear."""
     for _ in range(_ROUNDS):
-        clusters = learner.clusters(noise)
-        if len(clusters.pixel) < LEAST_CLUSTERS:
-            return noise
         free = replace(noise, curve=replace(noise.curve, width_spread=_FREE_WIDTH))
-        fits = learner.fits(free, clusters)
-        curve = _curve_through(fits, fits.log_width + _bias(noise, fits), noise.curve)
+        clusters = learner.clusters(noise)
+        if len(clusters.pixel) >= max(LEAST_CLUSTERS, COMMON * len(learner.learn.samples)):
+            fits = learner.fits(free, clusters)
+            place, wide = fits.place, fits.log_width + _bias(noise, fits.support, 1.0)
+        else:
+            pixels = learner.widths(noise, free)
+            if len(pixels.place) < LEAST_CLUSTERS:
+                return noise
+            place, wide = pixels.place, pixels.log_width + _bias(noise, pixels.support, pixels.surfaces)
+        curve = _curve_through(place, wide, noise.curve)
         change = abs(math.log(_ratio(curve, noise.curve)))
         noise = replace(noise, curve=curve)
         if change < 0.01:  # noqa: PLR2004  1 % of sigma is below what samples tell of it
@@ -453,16 +468,16 @@ def _with_curve(learner: _Learner, noise: PixelNoise) -> PixelNoise:
     return noise
 
 
-def _bias(noise: PixelNoise, fits: ClusterFits) -> FloatArray:
-    """Log factor by which fitted widths fall short: the mean and the drift have taken their part of the spread."""
-    taken = 1.0 + np.count_nonzero(noise.drift_mm)
-    return np.asarray(-0.5 * np.log(np.maximum(1.0 - taken / np.maximum(fits.support, taken + 2.0), 0.1)))
+def _bias(noise: PixelNoise, support: FloatArray, surfaces: FloatArray | float) -> FloatArray:
+    """Log factor by which fitted widths fall short: means and drifts have taken their part of the spread."""
+    taken = surfaces * (1.0 + np.count_nonzero(noise.drift_mm))
+    return np.asarray(-0.5 * np.log(np.maximum(1.0 - taken / np.maximum(support, taken + 2.0), 0.1)))
 
 
-def _curve_through(fits: ClusterFits, log_width: FloatArray, curve: NoiseCurve) -> NoiseCurve:
+def _curve_through(at_mm: FloatArray, log_width: FloatArray, curve: NoiseCurve) -> NoiseCurve:
     """Curve through the median widths of bins of range."""
-    order = np.argsort(fits.place, kind="stable")
-    place = fits.place[order]
+    order = np.argsort(at_mm, kind="stable")
+    place = at_mm[order]
     wide = log_width[order] + np.log(curve.sigma(place))
     ranges, sigmas, first = [], [], 0
     while first < len(place):
@@ -555,7 +570,7 @@ def _errors(error: FloatArray) -> FloatArray:
 def _with_background(learner: _Learner, noise: PixelNoise) -> PixelNoise:
     """Learn the prior of each pixel's background: a Beta density with the moments of what pixels have."""
     prior = noise.background or FIRST_PRIOR
-    pixels = learner.learn.some(MOST_TELL_BACKGROUND)
+    pixels = learner.learn.some(MOST_COUNTED)
     for _ in range(_ROUNDS):
         trial = replace(noise, background=prior)
         share, n = background_shares(
