@@ -35,7 +35,7 @@ from tofmix.estimation.pixel_noise import beam_of_pixel
 from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
 
-WINDOW = 12.0
+WINDOW = 16.0
 """A cluster's window reaches this many sigma to either side of its densest place."""
 
 CLEAR = 0.2

@@ -432,6 +432,8 @@ def _learn(learner: _Learner, noise: PixelNoise, part: str) -> PixelNoise | None
         trial = _with_widths(learner, noise, single)
     else:
         trial = _with_shape(learner, noise, single)
+        if trial is not None:  # a wrong shape took some pixels for two surfaces: those that least look like it
+            trial = _with_shape(learner, noise, _single(learner, _with_curve(learner, trial), clusters))
     return None if trial is None else _with_curve(learner, trial)
 
 

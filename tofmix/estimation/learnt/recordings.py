@@ -11,7 +11,15 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.curve_check import doubts
 from tofmix.estimation.learnt.held_out import flat_thresholds
-from tofmix.estimation.learnt.learning import MANY_PIXELS, MAX_LAYERS, Lesson, Pixels, beta_prior, learn_pixel_noise, medians
+from tofmix.estimation.learnt.learning import (
+    MANY_PIXELS,
+    MAX_LAYERS,
+    Lesson,
+    Pixels,
+    beta_prior,
+    learn_pixel_noise,
+    medians,
+)
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import background_shares
 from tofmix.estimation.learnt.thresholds import calibrate

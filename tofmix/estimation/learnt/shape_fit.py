@@ -25,7 +25,7 @@ STEP = 0.125
 REACH = 16.0
 """Errors past this many sigma are not binned: nothing is known of the shape there, and it ends."""
 
-RING = (9.0, 12.0)
+RING = (12.0, 16.0)
 """Distances, in sigmas, at which what is seen is background and not the surface."""
 
 _PENALTIES = np.logspace(-5, 5, 11)
