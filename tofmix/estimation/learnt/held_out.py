@@ -45,7 +45,7 @@ def flat_thresholds() -> Thresholds:
 
 @borrowing
 def _part_of(frame: int) -> int:
-    """Part that a frame belongs to, 0 to PARTS - 1, as if at random: targets of a frame, or surfaces, may take turns."""
+    """Part of a frame, 0 to PARTS - 1, as if at random: targets of a frame, or surfaces, may take turns."""
     mixed = (frame + 1) * _MIX & _BITS
     mixed = (mixed ^ mixed >> 15) * _MIX & _BITS
     return (mixed ^ mixed >> 13) % PARTS
