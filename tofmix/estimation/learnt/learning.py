@@ -22,7 +22,7 @@ from tofmix.estimation.learnt.held_out import LEAST_GAIN, flat_thresholds, held_
 from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, TAIL_DEGREES, precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
-from tofmix.estimation.learnt.shape_fit import fit_shape, histogram
+from tofmix.estimation.learnt.shape_fit import fit_shape, histogram, shapes_differ
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
 from tofmix.estimation.pixel_noise import own_curves
 from tofmix.learnt_noise import DRIFTS
@@ -100,6 +100,8 @@ class Lesson:
         Whether no other curve predicts better than the one that was given to start from.
     given_holds : bool
         Whether the curve to beat predicts as well as what was learnt.
+    shapes_differ : bool
+        Whether the shape of the error differs between pixels, for which one is used.
     """
 
     noise: PixelNoise
@@ -108,6 +110,7 @@ class Lesson:
     clusters: int
     kept_start: bool
     given_holds: bool
+    shapes_differ: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -313,6 +316,7 @@ def learn_pixel_noise(
         clusters=len(fits.place),
         kept_start=chosen is curves[0] and start is not None,
         given_holds=given_holds,
+        shapes_differ=shapes_differ(fits.error),
     )
 
 

@@ -46,6 +46,9 @@ LEAST_IN_PIXEL, LEAST_IN_ALL = 5, 100
 QUESTIONED_PIXELS = 1000
 """Pixels by which a file's curve is held against the samples."""
 
+DISAGREE = 1.25
+"""Ratio of two measurements of sigma from which on the other is said: drifts and shapes move it by less."""
+
 FEW_PIXELS = 0.02
 """Share of the pixels whose number of samples may lie outside those that gains are drawn for, at either end."""
 
@@ -92,7 +95,23 @@ class FoundNoise:
             said.append(f"memory {learnt.memory:.2g}")
         if self.lesson is None:
             return f"{', '.join(said)}; the samples of most pixels are all equal"
-        return f"{', '.join(said)}; learnt from {counted(self.lesson.pixels, 'pixel')}"
+        told = f"{', '.join(said)}; learnt from {counted(self.lesson.pixels, 'pixel')}"
+        if self.lesson.shapes_differ:
+            told += "; the shape of the error differs between pixels, and one is used for all"
+        return told + self._disagreement()
+
+    def _disagreement(self) -> str:
+        """What pixels that seem to see one surface tell of sigma, where that differs from the learnt one."""
+        curve = self.sensor.noise
+        if self.measured is None or curve is None:
+            return ""
+        other = self.measured.curve
+        wide = 1.0 if curve.shape is None else curve.shape.moments()[1]
+        ratio = float(np.exp(np.median(np.log(other.sigma_mm / (wide * curve.sigma(other.range_mm))))))
+        if max(ratio, 1.0 / ratio) < DISAGREE:
+            return ""
+        low, high = float(other.sigma_mm.min()), float(other.sigma_mm.max())
+        return f"; pixels taken for one surface alone would give sigma {low:.3g} to {high:.3g} mm"
 
 
 def _shape_text(curve: NoiseCurve) -> str:

@@ -43,6 +43,14 @@ _LEAST_FALL = 0.5
 _SEEN = 3.0
 """Bins with less than so many errors from there outward tell nothing more."""
 
+FAR = 4.0
+"""Errors past this many sigma are not asked whether shapes differ: background is among them."""
+
+LEAST_SAMPLES, LEAST_SURFACES = 10, 30
+"""Samples of a surface, and surfaces, that tell whether shapes differ."""
+
+UNLIKE, SURE = 1.3, 5.0
+
 CENTRES = np.arange(-round(REACH / STEP), round(REACH / STEP) + 1) * STEP
 
 
@@ -79,6 +87,34 @@ def fit_shape(folds: tuple[FloatArray, FloatArray]) -> NoiseShape | None:
     log_density = _with_tails(_log_density(both, float(chosen)), both)
     fine = np.linspace(CENTRES[0], CENTRES[-1], 2 * len(CENTRES) - 1)
     return NoiseShape.standardised(fine, np.exp(CubicSpline(CENTRES, log_density)(fine)))
+
+
+def shapes_differ(error: FloatArray) -> bool:
+    """Whether the shape of the error differs between surfaces by more than chance.
+
+    Each surface has a mean of H3(z) = z^3 - 3 z, the part of its errors that is lopsided and that neither its mean nor
+    its width moves. Were all shapes alike, these means would differ by the variance within surfaces over the number of
+    samples; here they must differ by `UNLIKE` times as much or more, and by `SURE` standard errors of that ratio.
+
+    Parameters
+    ----------
+    error : (surface, frame) float64
+        Standardised errors, NaN where there is none.
+    """
+    known = np.isfinite(error) & (np.abs(error) < FAR)
+    z = np.where(known, error, 0.0)
+    number = known.sum(axis=1)
+    kept = number >= LEAST_SAMPLES
+    if kept.sum() < LEAST_SURFACES:
+        return False
+    z, known, number = z[kept], known[kept], number[kept]
+    lopsided = np.where(known, z**3 - 3.0 * z, 0.0)
+    mean = lopsided.sum(axis=1) / number
+    within = np.where(known, (lopsided - mean[:, None]) ** 2, 0.0).sum(axis=1) / (number - 1)
+    # Each surface counts alike: where some are longer-tailed than others, each has a chance of its own.
+    square = (mean - np.average(mean, weights=number)) ** 2 * number / np.maximum(within, within.mean())
+    ratio, spread = float(square.mean()), math.sqrt(2.0 / len(square))
+    return ratio > max(UNLIKE, 1.0 + SURE * spread)
 
 
 def _without_background(counts: FloatArray) -> FloatArray:
