@@ -629,12 +629,21 @@ def count_surfaces(
     if gain < wanted:
         # Where background is rare, one surface that leaves others unexplained is no gain: two may be.
         more = _wanted(n, 1, fit, work, thresholds, rules)
-        if fit[SUPPORT, 0] < MIN_SUPPORT or gain + try_one_more(data, 1, work, law, beam, more) < wanted + more:
+        pair = -math.inf
+        if fit[SUPPORT, 0] >= MIN_SUPPORT:
+            pair = gain + try_one_more(data, 1, work, law, beam, more)
+        if pair < wanted + more:
             start_empty(data, fit, beam)
             settle(data, 0, fit, law, beam, room)
             return 0, law
-        k = 2
         copy_fit(best, fit)
+        if rules.max_layers == 1:
+            # Of the two, the weaker is left out; the other stands by what both gain.
+            remove(2, 0 if fit[WEIGHT, 0] < fit[WEIGHT, 1] else 1, fit)
+            settle(data, 1, fit, law, beam, room)
+            fit[GAIN, 0] = pair - more
+            return 1, law
+        k = 2
     while k < rules.max_layers:
         wanted = _wanted(n, k, fit, work, thresholds, rules)
         gain = try_one_more(data, k, work, law, beam, wanted)
