@@ -1,0 +1,93 @@
+"""Tables of the learnt shape: densities of an area of 1, Fisher's information, and the priors' Student t."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from learnt_pixels import KNOWN
+from scipy import integrate, stats
+
+from tofmix.estimation.learnt.law import REACH, STEPS, TAIL_DEGREES, at_table, law_of, log_prior_t, precision_of_t
+from tofmix.noise_shape import NoiseShape
+
+Z = np.linspace(-REACH, REACH, int(2 * REACH * STEPS) + 1)
+FLAT = (1.0, 10.0)
+
+
+def _shape_of(name: str) -> NoiseShape | None:
+    return None if name == "gaussian" else KNOWN[name].shape()
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_table_has_an_area_of_1_and_follows_the_density(name: str) -> None:
+    law = law_of(_shape_of(name), background=FLAT)
+    assert integrate.trapezoid(law.density, Z) == pytest.approx(1.0, abs=1e-6)
+    # Between its points a table is a line: half a percent of a density's peak where it is sharp.
+    assert np.abs(law.density - KNOWN[name].pdf(Z)).max() < 0.005 * KNOWN[name].pdf(np.linspace(-3, 3, 601)).max()
+
+
+def test_table_without_a_shape_is_scipys_gaussian() -> None:
+    law = law_of(None, background=FLAT)
+    np.testing.assert_allclose(law.density, stats.norm.pdf(Z), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(law.slope, Z * stats.norm.pdf(Z), rtol=1e-12, atol=1e-15)
+    assert law.information == pytest.approx(1.0, abs=1e-9)
+    assert law.width_information == pytest.approx(2.0, abs=1e-9)
+    assert law.cross_information == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["skewed", "student", "laplace"])
+def test_information_is_that_of_an_integral_over_the_true_density(name: str) -> None:
+    known, law = KNOWN[name], law_of(_shape_of(name), background=FLAT)
+
+    def score(z: float) -> float:
+        step = 1e-5
+        return float(np.log(known.pdf(z + step) / known.pdf(z - step)) / (2.0 * step))
+
+    low = (0.0 - known.middle) / known.half + 1e-3 if name == "skewed" else -20.0
+
+    def mean(of: Callable[[float], float]) -> float:
+        parts = [(low, 0.0), (0.0, 20.0)]
+        return sum(integrate.quad(lambda z: float(known.pdf(z)) * of(z), a, b, limit=200)[0] for a, b in parts)
+
+    # At its end a gamma of 4 rises as z^3. A table has a corner there: (f' / f)^2 is larger.
+    margin = 0.10 if name == "skewed" else 0.02
+    assert law.information == pytest.approx(mean(lambda z: score(z) ** 2), rel=margin)
+    assert law.width_information == pytest.approx(mean(lambda z: (z * score(z) + 1.0) ** 2), rel=margin)
+    assert law.cross_information == pytest.approx(mean(lambda z: score(z) * (z * score(z) + 1.0)), rel=margin, abs=0.02)
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_slope_is_the_fall_of_the_density_and_the_ends_hold_what_is_worth_a_look(name: str) -> None:
+    law = law_of(_shape_of(name), background=FLAT)
+    away = np.abs(Z[1:-1]) > 0.1  # a Laplace density has a corner at 0
+    differences = -(law.density[2:] - law.density[:-2]) * STEPS / 2.0
+    np.testing.assert_allclose(law.slope[1:-1][away], differences[away], atol=2e-3)
+    outside = ~((law.low <= Z) & (law.high >= Z))
+    assert law.density[outside].max() <= 1e-4 * law.density.max()
+
+
+def test_table_is_read_off_linearly_and_is_0_beyond_its_ends() -> None:
+    table = law_of(KNOWN["skewed"].shape(), background=FLAT).density
+    for z in np.linspace(-REACH + 0.01, REACH - 0.01, 77):
+        assert at_table(float(z), table) == pytest.approx(float(np.interp(z, Z, table)), abs=1e-12)
+    assert at_table(-REACH - 1.0, table) == 0.0
+    assert at_table(REACH + 1.0, table) == 0.0
+    assert at_table(math.nan, table) == 0.0
+
+
+@pytest.mark.parametrize("value", [-3.0, -0.2, 0.0, 0.4, 5.0])
+@pytest.mark.parametrize("scale", [0.3, 2.0])
+def test_prior_is_students_t_over_its_peak_and_its_precision_the_slope_of_its_logarithm(
+    value: float, scale: float
+) -> None:
+    prior = stats.t(TAIL_DEGREES, scale=scale)
+    assert log_prior_t(value, scale) == pytest.approx(float(prior.logpdf(value) - prior.logpdf(0.0)), abs=1e-12)
+    if value != 0.0:
+        step = 1e-6
+        slope = float(prior.logpdf(value + step) - prior.logpdf(value - step)) / (2.0 * step)
+        assert -precision_of_t(value, scale) * value == pytest.approx(slope, rel=1e-5)
+
+
+def test_prior_without_a_scale_costs_nothing() -> None:
+    assert log_prior_t(3.0, 0.0) == 0.0
