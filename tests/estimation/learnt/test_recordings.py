@@ -214,3 +214,10 @@ def test_a_curve_that_states_parts_gets_the_gains_of_its_own_noise(rng: np.rando
     assert (layer_pixels(samples, sensor).n_modes == 1).mean() >= 0.95
     with pytest.raises(ValueError, match="no noise curve"):
         calibrated(_recording(samples), window_frames=40)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 3])
+def test_images_of_few_rows_teach_as_well(rows: int, rng: np.random.Generator) -> None:
+    samples = surfaces(rng, (20, 20_000 // rows * rows), (2000.0,)).reshape(20, rows, -1)
+    source = ArrayRecording(samples.astype(np.float32), CAMERA)
+    assert len(pixels_of(source, 20, 20, most=100).samples) >= 50

@@ -105,7 +105,7 @@ def law_of(
     density, slope = density / area, slope / area
     # With g = sqrt(f), (f' / f)^2 f = 4 g'^2: no quotient of small numbers where a density ends at an edge.
     root = np.sqrt(density)
-    steep = np.gradient(root, z)
+    steep = -0.5 * z * root if shape is None else np.gradient(root, z)
     wide = 2.0 * z * steep + root
     seen = np.flatnonzero(density > NEGLIGIBLE * density.max())
     return Law(

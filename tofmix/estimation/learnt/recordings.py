@@ -46,6 +46,9 @@ LEAST_IN_PIXEL, LEAST_IN_ALL = 5, 100
 QUESTIONED_PIXELS = 1000
 """Pixels by which a file's curve is held against the samples."""
 
+COARSE = 1.0
+"""Steps of the stored ranges, in sigmas, from which on rounding is a part of the noise that samples show."""
+
 DISAGREE = 1.25
 """Ratio of two measurements of sigma from which on the other is said: drifts and shapes move it by less."""
 
@@ -203,12 +206,14 @@ def learn_noise(
     if lesson.given_holds:
         return FoundNoise(sensor=source.sensor, measured=measured, lesson=lesson)
     if noise.is_gaussian:
-        curve = measured.curve if measured is not None and lesson.kept_start else noise.curve
+        curve = _without_spread(noise.curve, pixels.rounding_mm)
+        if measured is not None and lesson.kept_start and pixels.rounding_mm < COARSE * curve.sigma_mm.min():
+            curve = measured.curve
         return FoundNoise(sensor=replace(sensor, noise=curve), measured=measured, lesson=lesson)
     beam = beam_of(replace(sensor, noise=noise.curve))
     thresholds = calibrate(
-        noise, beam, lesson.ranges_mm, samples=_numbers(pixels, min_samples, window), workers=workers,
-        progress=progress,
+        noise, beam, lesson.ranges_mm, samples=_numbers(pixels, min_samples, window),
+        rounding_mm=pixels.rounding_mm, workers=workers, progress=progress,
     )  # fmt: skip
     curve = noise.curve
     if noise.background is not None:
@@ -257,6 +262,12 @@ def learn_if_contradicted(
     return None if found.lesson is None or found.lesson.given_holds else found
 
 
+def _without_spread(curve: NoiseCurve, rounding_mm: float) -> NoiseCurve:
+    """The curve without the even spread over a step that samples were given to teach; the rounding itself stays."""
+    variance = curve.sigma_mm**2 - rounding_mm**2 / 12.0
+    return replace(curve, sigma_mm=np.sqrt(np.maximum(variance, rounding_mm**2 / 12.0)))
+
+
 def has_parts(curve: NoiseCurve) -> bool:
     """Whether a file's curve says more than sigma by range and amplitude."""
     return curve.shape is not None or curve.width_spread > 0 or curve.background is not None
@@ -301,6 +312,7 @@ def calibrated(
         beam_of(sensor),
         ranges if ranges.size else np.array(sensor.noise.range_mm),
         samples=_numbers(pixels, min_samples, window_frames * samples_a_frame(source)),
+        rounding_mm=pixels.rounding_mm,
         workers=workers,
         progress=progress,
     )
@@ -338,7 +350,7 @@ def pixels_of(source: SampleSource, window_frames: int, stride_frames: int, *, m
     some = min(count, max(1, most // (rows * cols)))
     starts = np.unique(np.linspace(0, count - 1, some).astype(int)) * stride_frames
     step = max(1, math.floor(math.sqrt(rows * cols / most)))
-    chosen = np.arange(step // 2, rows, step)
+    chosen = np.arange(min(step // 2, (rows - 1) // 2), rows, step)  # an image of few rows keeps its middle one
     series = read_runs(source, starts.tolist(), length, chosen, None)
     keep = np.unique(np.linspace(0, len(series.samples) - 1, min(len(series.samples), most)).astype(int))
     samples = series.samples[keep]

@@ -75,6 +75,7 @@ def calibrate(
     ranges_mm: FloatArray,
     *,
     samples: tuple[int, int],
+    rounding_mm: float = 0.0,
     draws: int | None = None,
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
@@ -91,6 +92,8 @@ def calibrate(
         Ranges of surfaces as the recording has them, mm: draws take them in turn.
     samples : (int, int)
         Fewest and most valid samples of the recording's pixels in a window.
+    rounding_mm : float
+        Step of the stored ranges: draws are rounded to it.
     draws : int, optional
         Pixels a cell; by `DRAWS` and `DRAWS_IN_ALL` without it.
     workers : int
@@ -111,7 +114,7 @@ def calibrate(
     ]
     count = draws or min(max(DRAWS[0], DRAWS_IN_ALL // len(cells)), DRAWS[1])
     laws = noise.laws()
-    draw = _Drawing(noise, beam, ranges_mm)
+    draw = _Drawing(noise, beam, ranges_mm, rounding_mm)
 
     def gains(cell: _Cell) -> FloatArray:
         block = draw.block(cell, count)
@@ -174,8 +177,8 @@ def _tail(gains: FloatArray) -> FloatArray:
 class _Drawing:
     """Draws blocks of pixels from the learnt model."""
 
-    def __init__(self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray) -> None:
-        self._noise, self._beam = noise, beam
+    def __init__(self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, rounding_mm: float) -> None:
+        self._noise, self._beam, self._rounding_mm = noise, beam, rounding_mm
         self._ranges = np.asarray(ranges_mm, dtype=np.float64)
 
     def block(self, cell: _Cell, count: int) -> FloatArray:
@@ -196,6 +199,8 @@ class _Drawing:
         out += coefficients @ basis.T
         random = rng.random((count, n)) < cell.background
         out[random] = rng.uniform(beam.range_min, beam.range_top, int(random.sum()))
+        if self._rounding_mm > 0.0:
+            out = np.clip(self._rounding_mm * np.rint(out / self._rounding_mm), beam.range_min, beam.range_top)
         return np.asarray(out, dtype=np.float64)
 
 
