@@ -605,6 +605,33 @@ def _without_no_return(data: Samples, k: int, work: Work, law: Law, beam: Beam, 
         copy_fit(trial, fit)
 
 
+@borrowing
+def _without_spare(
+    data: Samples, k: int, work: Work, law: Law, beam: Beam, thresholds: Thresholds, rules: Rules
+) -> int:
+    """Take surfaces out of work.fit until each of several gains what it must; fill row GAIN; return how many stay."""
+    fit, _, best, room, _ = work
+    n = float(len(data.value))
+    while k > 1:
+        full = value_of(data, k, fit, law, beam, room)
+        least, weakest = math.inf, -1
+        for i in range(k):
+            fit[GAIN, i] = math.inf
+        for i in range(k):
+            mix(data, k, fit, law, beam, room)
+            if _surely_missed(data, k, i, fit, beam, room):
+                continue
+            fit[GAIN, i] = gain_of(data, k, i, full, work, law, beam)
+            if fit[GAIN, i] < least:
+                least, weakest = fit[GAIN, i], i
+                copy_fit(work.trial, best)
+        if weakest < 0 or least >= _wanted(n, k - 1, best, work, thresholds, rules):
+            break
+        k -= 1
+        copy_fit(best, fit)
+    return k
+
+
 @jit
 def count_surfaces(
     data: Samples, work: Work, laws: tuple[Law, Law], beam: Beam, thresholds: Thresholds, rules: Rules
@@ -652,23 +679,7 @@ def count_surfaces(
         k += 1
         copy_fit(best, fit)
     _without_no_return(data, k, work, law, beam, rules)
-    while k > 1:
-        full = value_of(data, k, fit, law, beam, room)
-        least, weakest = math.inf, -1
-        for i in range(k):
-            fit[GAIN, i] = math.inf
-        for i in range(k):
-            mix(data, k, fit, law, beam, room)
-            if _surely_missed(data, k, i, fit, beam, room):
-                continue
-            fit[GAIN, i] = gain_of(data, k, i, full, work, law, beam)
-            if fit[GAIN, i] < least:
-                least, weakest = fit[GAIN, i], i
-                copy_fit(work.trial, best)
-        if weakest < 0 or least >= _wanted(n, k - 1, best, work, thresholds, rules):
-            break
-        k -= 1
-        copy_fit(best, fit)
+    k = _without_spare(data, k, work, law, beam, thresholds, rules)
     if k == 1:
         fit[GAIN, 0] = value_of(data, 1, fit, law, beam, room) - empty
     return k, law
