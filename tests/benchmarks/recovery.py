@@ -6,14 +6,13 @@ Prints Markdown tables; docs/method.md holds a copy. Asserts nothing.
 """
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.noise import measure_noise
+from tofmix.estimation.learnt.recordings import learn_noise
 from tofmix.estimation.sequence import estimate_layers
 from tofmix.io.model_file import load_model
 from tofmix.io.recording_file import open_recording
@@ -98,12 +97,12 @@ def _linear_share(frames: Float32Array) -> FloatArray:
     return np.asarray(slope**2 * (time @ time) / (centred**2).sum(axis=0))
 
 
-def real_recording(*, measured: bool) -> None:
-    """Print what comes out of the real sample recording, with the file's noise curve or the measured one."""
-    print("noise measured, as by --noise auto:" if measured else "the file's noise curve:")
+def real_recording(*, learnt: bool) -> None:
+    """Print what comes out of the real sample recording, with the file's noise curve or the learnt noise."""
+    print("noise learnt, as without an option:" if learnt else "the file's noise curve, as by --noise file:")
     with open_recording(SAMPLE) as recording:
-        if measured:
-            recording.sensor = replace(recording.sensor, noise=measure_noise(recording).curve)
+        if learnt:
+            recording.sensor = learn_noise(recording, window_frames=recording.frames, workers=2).sensor
         layers = estimate_layers(recording, workers=2)
         frames = recording.read_range(slice(None), slice(None))
     samples = np.sort(frames, axis=0)
@@ -141,9 +140,9 @@ def main() -> None:
     print()
     separations(np.random.default_rng(404))
     print()
-    real_recording(measured=False)
+    real_recording(learnt=False)
     print()
-    real_recording(measured=True)
+    real_recording(learnt=True)
 
 
 if __name__ == "__main__":
