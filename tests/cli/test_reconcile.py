@@ -76,6 +76,15 @@ def verdict(*files: Path, kinds: tuple[str, ...]) -> str:
     return reconcile(model, evidence, Settings(kinds=kinds), also=also).verified.verdict
 
 
+def test_no_more_effects_are_added_than_asked_for(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
+    options = "--effects", "fixed_pattern", "--max-effects", "0", "--json"
+    done = tofmix("reconcile", *files, "-o", tmp_path / "gap", *options)
+    assert done.code == 0
+    said = json.loads(done.out)
+    assert said["effects"] == []
+    assert said["verdict"] == "unexplained"
+
+
 def test_folder_holds_gap_report_and_a_model_that_runs(
     tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path
 ) -> None:
