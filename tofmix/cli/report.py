@@ -56,10 +56,17 @@ def report(
             remedy = remedy_for(made, file.shape[0], str(recording))
             of_samples = findings_of_samples(source, made.sensor, made.unambiguous_range_mm, remedy)
             summary = replace(summary, warnings=(*of_samples, *find(file, remedy)))
+        singles = None
+        if source is not None and summary.noise is not None:
+            from tofmix.report.single_pixels import single_pixels
+
+            start, stop = int(file.window_start[window]), int(file.window_stop[window])
+            singles = single_pixels(file.read_window(window), made, recording=source, start=start, stop=stop)
+            summary = replace(summary, noise=replace(summary.noise, scatter_over_sigma=singles.spread()))
         if html is not None:
             from tofmix.report.page import render_page
 
-            page = render_page(file, recording=source, window=window, summary=summary)
+            page = render_page(file, recording=source, window=window, summary=summary, singles=singles)
             write_text(html, page, overwrite=overwrite, inputs=inputs)
         if as_json:
             click.echo(json.dumps(summary.as_dict(), indent=2, allow_nan=False))

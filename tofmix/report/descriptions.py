@@ -18,6 +18,7 @@ from tofmix.arrays import FloatArray
 from tofmix.flags import Status, status_name
 from tofmix.projection import projection_values
 from tofmix.report.findings import Finding, count_findings, target_findings
+from tofmix.report.noise_numbers import noise_numbers
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary import remedy_for
 from tofmix.report.tables import printable
@@ -186,6 +187,8 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         "options": dict(sorted(provenance.options.items())),
         "sensor": _sensor_section(provenance.sensor),
     }  # fmt: skip
+    noise = _noise_section(provenance.sensor)
+    sections |= {"noise": noise} if noise else {}
     warnings = count_findings(
         pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers,
         remedy=remedy_for(provenance, windows),
@@ -309,6 +312,24 @@ def _noise_parts(noise: NoiseCurve) -> Section:
         low, middle, high = np.quantile(noise.background, (0.0, 0.5, 1.0))
         parts |= {"noise_background_least": low, "noise_background_median": middle, "noise_background_most": high}
     return {key: float(value) if isinstance(value, np.floating) else value for key, value in parts.items()}
+
+
+def _noise_section(sensor: Sensor) -> Section:
+    """The noise of a layers file in a line and part by part; nothing where it is a Gaussian of the curve."""
+    numbers = noise_numbers(sensor)
+    if numbers is None:
+        return {}
+    section: Section = {"found": numbers.line, "shape": numbers.shape}
+    parts: Section = {
+        "skewness": numbers.skewness,
+        "excess_kurtosis": numbers.excess_kurtosis,
+        "width_spread": numbers.width_spread,
+        "drift_mm": numbers.drift_mm,
+        "memory": numbers.memory,
+    }
+    if numbers.background is not None:
+        parts |= {f"background_{name}": getattr(numbers.background, name) for name in ("q05", "q50", "q95")}
+    return section | {key: value for key, value in parts.items() if value is not None}
 
 
 def _profile_section(camera: SensorProfile | CameraSheet) -> Section:

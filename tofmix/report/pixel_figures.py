@@ -153,7 +153,8 @@ def _draw_pixel(
     status = "" if view.status == "ok" else f", {view.status.replace('_', ' ')}"
     style_axes(axes, f"{view.name}: {counted(count, 'layer')}{status}", theme)
     highest, samples, mixture = 0.0, view.samples_mm, view.mixture
-    room = _room(count + (mixture is not None))
+    own = None if mixture is None else _own_noise(view, mixture)
+    room = _room(count + (0 if own is None else 1 + own.count("\n")))
     if samples is not None and samples.size:
         bins = np.linspace(range_m[0], range_m[-1], _bins(samples, range_m) + 1)
         bars = np.histogram(samples / _M, bins)[0] / (samples.size * np.diff(bins))
@@ -172,7 +173,7 @@ def _draw_pixel(
         highest = max(highest, float(p.max()))
         axes.plot(range_m, p, color=theme.ink, linewidth=1.3)
         axes.plot(range_m, _M * mixture.floor(_M * range_m), color=theme.ink, linestyle=":", linewidth=1.2)
-        axes.plot([], [], " ", label=_own_noise(view, mixture))
+        axes.plot([], [], " ", label=own)
     elif samples is not None and samples.size and noise is not None and view.modes_mm is not None:
         p = _M * density(samples, _M * range_m, noise)
         highest = max(highest, float(p.max()))
@@ -202,8 +203,8 @@ def _own_noise(view: PixelView, mixture: PixelMixture) -> str:
     said = f"width {mixture.width:.2f}, background {100 * mixture.background:.1f} %"
     if mixture.drift_mm.any():
         extent = ", ".join(f"{mm:.1f}" for mm in mixture.drift_extent_mm())
-        return f"{said}, drift {extent} mm"
-    return f"{said}, its drift not known" if mixture.drifts and view.samples_mm is None else said
+        return f"{said}\ndrift {extent} mm in the window"
+    return f"{said}\ndrift not known" if mixture.drifts and view.samples_mm is None else said
 
 
 def _explain(figure: Figure, theme: Theme, *, learnt: bool) -> None:
