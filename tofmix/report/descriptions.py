@@ -35,6 +35,9 @@ _BYTES_A_SAMPLE = 6
 _NAME_WIDTH = 26
 _TEXT_WIDTH = 100
 _LONGEST_SENTENCE = 1000
+_LONGEST_VALUE = 120
+_SENTENCES = ("found",)
+"""Names of values that are sentences, and are not cut."""
 _OF_SENTENCES = ("sources", "next_steps")
 """Sections whose values are sentences."""
 
@@ -266,7 +269,8 @@ def _lines(key: str, value: Value) -> list[str]:
     if isinstance(value, list) and value and isinstance(value[0], dict):
         rows = (", ".join(f"{k} {_shown(v)}" for k, v in item.items()) for item in value)
         return [f"  {key} {number}: {printable(row, 160)}" for number, row in enumerate(rows, 1)]
-    return [f"  {printable(key, _NAME_WIDTH):<{_NAME_WIDTH}} {printable(_shown(value), 120)}"]
+    longest = _LONGEST_SENTENCE if key in _SENTENCES else _LONGEST_VALUE
+    return [f"  {printable(key, _NAME_WIDTH):<{_NAME_WIDTH}} {printable(_shown(value), longest)}"]
 
 
 def _shown(value: object) -> str:

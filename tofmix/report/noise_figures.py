@@ -22,6 +22,9 @@ _WIDTH_BINS = 40
 _LEAST_DENSITY = 1.0e-5
 """Lowest density drawn of a shape, per sigma: one sample in a few ten thousand."""
 
+_MOST_MEDIANS = 5.0
+"""Pixels wider than five times the median are above the view, unless the curve is there."""
+
 _LEAST_REACH, _MOST_REACH = 5.0, 12.0
 """How far errors are drawn at least and at most, in sigmas."""
 
@@ -39,7 +42,8 @@ def curve_figure(curve: NoiseCurve, singles: SinglePixels, *, theme: Theme) -> F
     expected = curve.sigma(grid)
     most = [1.15 * float(expected.max())]
     if singles.sigma_mm.size:
-        most.append(1.15 * float(np.quantile(singles.sigma_mm, 0.98)))
+        middle, high = np.quantile(singles.sigma_mm, (0.5, 0.98)).tolist()
+        most.append(min(1.15 * high, _MOST_MEDIANS * middle))
     top = max(most)
     shown = singles.sigma_mm <= top
     said = "samples of a pixel" if singles.from_samples else "a pixel's fitted sigma"

@@ -233,7 +233,8 @@ def learnt_sensor(provenance: Provenance) -> Sensor | None:
     Free sigmas, and peaks taken for surfaces, know a Gaussian alone.
     """
     sensor, options = provenance.sensor, provenance.options
-    gaussian = options.get("sigma") == SigmaMode.FREE or options.get("refine") == Refine.NONE
+    of_peaks = bool(options.get("paper")) or options.get("refine") == Refine.NONE
+    gaussian = of_peaks or options.get("sigma") == SigmaMode.FREE
     return None if sensor.noise is None or sensor.learnt is None or gaussian else sensor
 
 
