@@ -6,6 +6,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.layers import Layers, Provenance
+from tofmix.noise_shape import NoiseShape
 from tofmix.report.noise_figures import curve_figure, shape_figure, width_figure
 from tofmix.report.noise_numbers import NoiseNumbers
 from tofmix.report.picture import Picture, make_picture
@@ -45,7 +46,7 @@ def draw_noise(layers: Layers, provenance: Provenance, singles: SinglePixels, nu
     assert curve is not None  # noqa: S101  its numbers are there
     pictures = [_curve_picture(curve, singles)]
     if curve.shape is not None:
-        pictures.append(_shape_picture(curve, singles))
+        pictures.append(_shape_picture(curve.shape, singles))
     if curve.width_spread and layers.noise_width is not None and (layers.n_modes > 0).any():
         own = layers.noise_width[layers.n_modes > 0].astype(np.float64)
         pictures.append(_width_picture(own[np.isfinite(own) & (own > 0)], curve.width_spread))
@@ -87,27 +88,32 @@ def _curve_picture(curve: NoiseCurve, singles: SinglePixels) -> Picture:
         else f"Sigma of each pixel of one layer{of_all} as it was fitted, beside sigma(r). With --recording the points"
         " come from the samples themselves."
     )
-    amplitude = " Noise by amplitude spreads them too." if curve.law is not None else ""
+    if curve.law is not None:
+        shows += " Noise by amplitude spreads them too."
+    elif not singles.from_samples and not curve.width_spread:
+        shows += " Widths are alike here, so that all lie on the curve."
     return make_picture(
         lambda theme: curve_figure(curve, singles, theme=theme),
         "svg",
         title="Sigma of single pixels",
         alt=alt,
-        shows=shows + amplitude,
+        shows=shows,
         good="Points on both sides of the curve at every range.",
         bad="Points on one side of it over a stretch of ranges: the curve does not fit there.",
     )
 
 
-def _shape_picture(curve: NoiseCurve, singles: SinglePixels) -> Picture:
-    shape = curve.shape
-    assert shape is not None  # noqa: S101  asked of shapes alone
+def _shape_picture(shape: NoiseShape, singles: SinglePixels) -> Picture:
     _, _, skewness, kurtosis = shape.moments()
-    measured = (
-        f" Grey: {counted(singles.errors.size, 'sample', ',')} of pixels of one layer, less their drift and background."
-        if singles.errors.size
-        else ""
-    )
+    samples = counted(singles.errors.size, "sample", ",")
+    if singles.errors.size:
+        grey = f" Grey: {samples} of pixels of one layer, less what is their drift and background."
+        good = "The learnt line along the samples, into the tails."
+        bad = "Samples beside the line: the shape is not the same for all pixels, or surfaces are merged."
+    else:
+        grey = " With --recording samples stand beside them."
+        good = "One smooth hump, near the Gaussian in its middle."
+        bad = "Several humps: pixels of two close surfaces taught it."
     return make_picture(
         lambda theme: shape_figure(shape, singles, theme=theme),
         "svg",
@@ -115,9 +121,9 @@ def _shape_picture(curve: NoiseCurve, singles: SinglePixels) -> Picture:
         alt=f"Density of the error beside a Gaussian of the same central 68 %: skewness {skewness:.2f}, excess"
         f" kurtosis {kurtosis:.2f}.",
         shows="The learnt density of a sample's error, in units of sigma, beside the Gaussian of the same central 68 %."
-        + measured,
-        good="The learnt line along the samples, into the tails.",
-        bad="Samples beside the line: the shape is not the same for all pixels, or surfaces are merged.",
+        + grey,
+        good=good,
+        bad=bad,
     )
 
 
