@@ -115,6 +115,17 @@ def test_the_mixture_of_a_circle_is_drawn_across_the_fold() -> None:
     assert trapezoid(p, range_mm / 1000.0) == pytest.approx(0.9, abs=0.02)
 
 
+def test_layers_whose_numbers_cannot_be_have_no_component() -> None:
+    sensor = camera(Parts(drift_mm=(40.0, 0.0, 0.0)), (1, 1))
+    layers = one_pixel((1500.0, 2000.0), 0.1, 1.0)
+    layers.sigma[0, 0, 0] = np.nan
+    view = viewed(sensor, layers, 2000.0 + SIGMA_MM * np.random.default_rng(5).standard_normal(FRAMES))
+    assert view.mixture is not None
+    range_mm = np.linspace(1000.0, 3000.0, 2001)
+    assert not view.mixture.component(0, range_mm).any()
+    assert trapezoid(view.mixture.component(1, range_mm), range_mm) == pytest.approx(0.45, abs=0.01)
+
+
 def test_a_pixel_without_a_layer_is_drawn() -> None:
     sensor = camera(ALL, (1, 1))
     samples = np.random.default_rng(4).uniform(400.0, 5200.0, FRAMES)

@@ -115,3 +115,13 @@ def test_ranges_on_a_circle_are_held_to_their_layer_across_the_fold() -> None:
     source = ArrayRecording(np.mod(case.samples_mm + shift + 1.0, length).astype(np.float32), case.sensor)
     found = single_pixels(layers, on_circle, recording=source, start=0, stop=200)
     np.testing.assert_allclose(found.over_curve, 1.0, atol=0.25)
+
+
+def test_pixels_whose_numbers_cannot_be_are_passed_over() -> None:
+    case = made(Parts(drift_mm=(60.0, 20.0, 10.0)), frames=30, image=(2, 3))
+    layers = true_layers(case)
+    layers.sigma[0, 0, 0], layers.sigma[0, 1, 0], layers.range[0, 2, 0] = np.nan, 0.0, np.inf
+    layers.weight[1, 0, 0], layers.weight_outlier[1, 1] = np.nan, np.nan
+    found = looked_at(case, layers)
+    assert found.pixels_of_one_layer == found.range_mm.size == 2
+    assert np.isfinite(found.errors).all()

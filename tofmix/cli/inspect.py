@@ -85,10 +85,13 @@ def inspect(
         from tofmix.report.pixels import learnt_sensor, neighbour_columns, view_pixels
 
         cols = [col] if over_frames else neighbour_columns(col, cols=file.shape[2], neighbours=neighbours)
-        views = view_pixels(
-            file.read_window(window), row=row, cols=cols, samples=samples, noise=file.provenance.sensor.noise,
-            unambiguous_range_mm=file.provenance.unambiguous_range_mm, learnt=learnt_sensor(file.provenance),
-        )  # fmt: skip
+        try:
+            views = view_pixels(
+                file.read_window(window), row=row, cols=cols, samples=samples, noise=file.provenance.sensor.noise,
+                unambiguous_range_mm=file.provenance.unambiguous_range_mm, learnt=learnt_sensor(file.provenance),
+            )  # fmt: skip
+        except ValueError as error:  # a noise or a working range that no estimate could have had
+            raise BadInputError(f"{file.path}: {error}") from error
         growth = _growth(views[0], file) if over_frames else None
         if output is not None:
             _write_figure(output, views, file, growth, inputs, overwrite)

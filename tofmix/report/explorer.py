@@ -15,7 +15,7 @@ from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
 from tofmix.report.packing import pack_numbers
-from tofmix.report.pixels import learnt_sensor
+from tofmix.report.pixels import drifts, learnt_sensor
 from tofmix.report.rasters import ABOVE, BELOW, count_colours, count_label, range_shades
 from tofmix.report.sample_packing import MOST_SAMPLES, PackedSamples, pack_samples
 from tofmix.report.sources import LayersSource
@@ -253,8 +253,7 @@ def _windows_note(chosen: range, windows: int) -> str:
 
 
 def _drift_note(provenance: Provenance, *, shown: bool) -> str:
-    sensor = learnt_sensor(provenance)
-    if not shown or sensor is None or sensor.learnt is None or not sensor.learnt.drift_mm.any():
+    if not shown or not drifts(provenance):
         return ""
     return (
         "Where a pixel's ranges drift within the window its samples lie wider than its component; tofmix inspect draws"

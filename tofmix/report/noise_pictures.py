@@ -10,6 +10,7 @@ from tofmix.noise_shape import NoiseShape
 from tofmix.report.noise_figures import curve_figure, shape_figure, width_figure
 from tofmix.report.noise_numbers import NoiseNumbers
 from tofmix.report.picture import Picture, make_picture
+from tofmix.report.pixels import drifts
 from tofmix.report.rasters import ImagePicture, range_uri
 from tofmix.report.single_pixels import SinglePixels
 from tofmix.sensor import NoiseCurve
@@ -51,10 +52,12 @@ def draw_noise(layers: Layers, provenance: Provenance, singles: SinglePixels, nu
         own = layers.noise_width[layers.n_modes > 0].astype(np.float64)
         pictures.append(_width_picture(own[np.isfinite(own) & (own > 0)], curve.width_spread))
     images = [] if curve.background is None else [_background_picture(curve.background, layers.shape)]
-    return NoisePictures(notes=_notes(curve, singles, numbers), pictures=tuple(pictures), images=tuple(images))
+    return NoisePictures(notes=_notes(provenance, singles, numbers), pictures=tuple(pictures), images=tuple(images))
 
 
-def _notes(curve: NoiseCurve, singles: SinglePixels, numbers: NoiseNumbers) -> tuple[str, ...]:
+def _notes(provenance: Provenance, singles: SinglePixels, numbers: NoiseNumbers) -> tuple[str, ...]:
+    curve = provenance.sensor.noise
+    assert curve is not None  # noqa: S101  its numbers are there
     notes = [f"{numbers.line[:1].upper()}{numbers.line[1:]}."]
     spread = singles.spread()
     if singles.from_samples and spread is not None:
@@ -63,7 +66,7 @@ def _notes(curve: NoiseCurve, singles: SinglePixels, numbers: NoiseNumbers) -> t
             f" is {spread.q50:.2f} times the curve (median); 5 to 95 % of them lie between {spread.q05:.2f} and"
             f" {spread.q95:.2f}."
         )
-    if numbers.drift_mm is not None:
+    if drifts(provenance):
         ranges = "Ranges of a pixel drift within a window"
         if not singles.from_samples:
             notes.append(f"{ranges}; sigma is what is left of the samples without it.")
@@ -151,7 +154,8 @@ def _background_picture(background: FloatArray, shape: tuple[int, ...]) -> Image
         title="Background",
         alt=f"Share of background over the image plane: median {middle:.1f} %, 5 to 95 % of the pixels from {low:.1f}"
         f" to {most:.1f} %.",
-        shows="Share of each pixel's samples that lie anywhere in the working range.",
+        shows="Share of each pixel's samples that lie anywhere in the working range, as learnt from the first window or"
+        " stated by the file.",
         good="Smooth, or high where the scene is dark or far.",
         bad="High on single surfaces with plain edges: samples of a surface are taken for background.",
         light=uri,

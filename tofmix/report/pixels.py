@@ -238,6 +238,13 @@ def learnt_sensor(provenance: Provenance) -> Sensor | None:
     return None if sensor.noise is None or sensor.learnt is None or gaussian else sensor
 
 
+def drifts(provenance: Provenance) -> bool:
+    """Whether the ranges of a pixel could drift within a window when its layers were fitted; on a circle none could."""
+    sensor = learnt_sensor(provenance)
+    on_line = provenance.unambiguous_range_mm is None
+    return on_line and sensor is not None and sensor.learnt is not None and bool(sensor.learnt.drift_mm.any())
+
+
 def _mixture(
     layers: Layers,
     pixel: tuple[int, int],

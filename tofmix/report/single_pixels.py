@@ -13,7 +13,7 @@ from tofmix.estimation.learnt.pixel_mixture import drifts_of, legendre, times
 from tofmix.layers import Layers, Provenance
 from tofmix.noise_shape import CENTRAL
 from tofmix.recording import SampleSource, samples_a_frame
-from tofmix.report.pixels import learnt_sensor
+from tofmix.report.pixels import drifts
 from tofmix.report.quantiles import Quantiles
 
 MOST_PIXELS = 1000
@@ -30,7 +30,7 @@ LEAST_SAMPLES = 12
 REACH = 12.0
 """Samples more than this many sigma from the surface are background. What it adds nearer by is taken off."""
 
-_FRAMES_A_BLOCK = 1000
+_FRAMES_A_BLOCK = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -98,7 +98,8 @@ def single_pixels(
     curve = sensor.noise
     if curve is None:
         raise ValueError("the sensor has no noise curve")
-    one = np.flatnonzero(((layers.n_modes == 1) & np.isfinite(layers.sigma[..., 0])).ravel())
+    known = np.isfinite(layers.range[..., 0]) & (layers.sigma[..., 0] > 0) & np.isfinite(layers.sigma[..., 0])
+    one = np.flatnonzero(((layers.n_modes == 1) & known & (layers.weight[..., 0] > 0)).ravel())
     each = 1 if recording is None else samples_a_frame(recording)
     frames = (stop - start) * each
     step = max(1, math.ceil(frames / MOST_FRAMES))
@@ -120,18 +121,18 @@ def single_pixels(
     beam = beam_of(sensor, length)
     density = share / (beam.range_top - beam.range_min)
     freedom = np.zeros(chosen.size)
-    if learnt_sensor(provenance) is not None and length is None:
+    if drifts(provenance):
         law, _ = PixelNoise.of(sensor).laws()
         away, freedom = _without_drift(away, sigma_mm, weight, density, law)
     number = np.isfinite(away).sum(axis=1)
     half = np.array([_half_width(*values) for values in zip(away, REACH * sigma_mm, density, weight, strict=True)])
     half *= np.sqrt(number / np.maximum(number - freedom, 1.0))
-    known = np.isfinite(half)
+    told = np.isfinite(half)
     every = max(1, int(number.sum()))
     return SinglePixels(
-        range_mm=range_mm[known],
-        sigma_mm=half[known],
-        over_curve=half[known] / curve.sigma(range_mm[known]),
+        range_mm=range_mm[told],
+        sigma_mm=half[told],
+        over_curve=half[told] / curve.sigma(range_mm[told]),
         errors=(away / sigma_mm[:, np.newaxis])[np.isfinite(away)],
         background=float((number * density * sigma_mm).sum() / every),
         held=float((number * weight).sum() / every),

@@ -36,7 +36,7 @@ class PixelMixture:
     Parameters
     ----------
     range_mm, sigma_mm, weight : (layer,) float64
-        Its layers; sigma with the pixel's own width.
+        Its layers; sigma with the pixel's own width. A layer with a number that cannot be has the share 0.
     width : float
         The pixel's own width, a factor on the common sigma.
     background : float
@@ -147,6 +147,9 @@ def pixel_mixture(
     """
     beam = beam_of(sensor, unambiguous_range_mm)
     law, _ = PixelNoise.of(sensor).laws()
+    fitted = np.isfinite(range_mm) & np.isfinite(sigma_mm) & (sigma_mm > 0.0) & (weight > 0.0)
+    range_mm, sigma_mm = np.where(fitted, range_mm, 0.0), np.where(fitted, sigma_mm, 1.0)
+    weight = np.where(fitted, weight, 0.0)
     share = no_return if math.isfinite(no_return) and math.isfinite(beam.range_max) else 0.0
     mixture = PixelMixture(
         range_mm=range_mm,
