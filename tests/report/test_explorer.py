@@ -3,6 +3,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pytest
+from learnt_noises import ALL, Parts, camera
 from unpacking import samples_of, unpack
 
 from tofmix.layers import Layers
@@ -100,3 +102,34 @@ def test_names_cannot_end_the_script(
     found = made(make_source(make_layers()))
     assert found is not None
     assert "<" not in found.text
+
+
+def test_components_have_the_learnt_shape_and_of_a_gaussian_nothing_is_said(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    layers = make_layers()
+    assert not {"shape", "background"} & set(content(made(make_source(layers))))
+    first, step, densities = content(made(make_source(layers, sensor=camera(ALL, (9, 11)))))["shape"]
+    assert ALL.shape is not None
+    z = first + step * np.arange(len(densities))
+    np.testing.assert_allclose(densities, ALL.shape.pdf(z), atol=1e-5)
+    assert step * sum(densities) == pytest.approx(1.0, abs=0.01)
+    background = content(made(make_source(layers, sensor=camera(Parts(background=0.2), (9, 11)))))
+    assert background["background"] is True
+    assert "shape" not in background
+
+
+def test_drift_of_pixels_is_said_where_there_are_samples(
+    make_layers: Callable[..., Layers],
+    make_source: Callable[..., LayersSource],
+    make_recording: Callable[..., SampleSource],
+) -> None:
+    note = "Where a pixel's ranges drift within the window"
+    for parts, recording, expected in (
+        (ALL, make_recording(), True),
+        (ALL, None, False),
+        (Parts(width_spread=0.2), make_recording(), False),
+    ):
+        found = made(make_source(make_layers(), sensor=camera(parts, (9, 11))), recording)
+        assert found is not None
+        assert (note in found.note) == expected

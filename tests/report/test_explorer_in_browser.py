@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from chromium import Tab, chromium, tab
+from learnt_noises import ALL, camera
 
 from tofmix.estimation.density import density
 from tofmix.layers import Layers
@@ -216,3 +217,26 @@ def test_samples_and_density_are_those_of_the_estimator(
     expected = np.sort(expected[np.isfinite(expected)]).astype(np.float64)
     np.testing.assert_allclose(samples, expected, rtol=0, atol=0.051)
     np.testing.assert_allclose(p, density(np.array(samples), places, curve), rtol=1e-9, atol=1e-15)
+
+
+def test_components_of_learnt_noise_are_drawn_with_its_shape(
+    browser: Tab, make_source: Callable[..., LayersSource], make_recording: Callable[..., SampleSource], tmp_path: Path
+) -> None:
+    layers = Layers.empty((ROWS, COLS), 2)
+    layers.n_modes[...], layers.n_samples[...] = 1, 50
+    layers.range[..., 0], layers.sigma[..., 0], layers.weight[..., 0] = 2000.0, 20.0, 0.8
+    layers.weight_no_return[...], layers.weight_outlier[...] = 0.0, 0.2
+    source = make_source(layers, sensor=camera(ALL, (ROWS, COLS)))
+    path = tmp_path / "learnt.html"
+    path.write_text(render_page(source, recording=make_recording((50, ROWS, COLS))), encoding="utf-8")
+    browser.said.clear()
+    browser.open(path, link="#pixel=2,3", ready=READY)
+    drawn = browser.value("document.querySelector('#x-mixture path[fill=\"var(--layer-1)\"]').getAttribute('d')")
+    x, y = np.array([pair.split() for pair in drawn.strip("MZ").split("L")[1:-1]], dtype=float).T
+    height = y.max() - y
+    assert ALL.shape is not None
+    top = x[height.argmax()]
+    left, right = height[x < top].sum(), height[x > top].sum()
+    peak = ALL.shape.z[ALL.shape.density.argmax()]
+    assert left / (left + right) == pytest.approx(float(ALL.shape.cdf(peak)), abs=0.05)
+    assert browser.said == []

@@ -43,7 +43,7 @@ def plot(layers: "Estimate", *, pixel: tuple[int, int] | None = None, window: in
         from tofmix.report.theme import LIGHT, drawing
     except ImportError as error:
         raise UsageError("plot needs matplotlib: pip install 'tofmix[report]'") from error
-    from tofmix.report.pixels import neighbour_columns, row_samples, view_pixels
+    from tofmix.report.pixels import learnt_sensor, neighbour_columns, row_samples, view_pixels
 
     windows, rows, cols = layers.shape
     if not 0 <= window < windows:
@@ -64,7 +64,7 @@ def plot(layers: "Estimate", *, pixel: tuple[int, int] | None = None, window: in
     circle_mm = layers.provenance.unambiguous_range_mm
     views = view_pixels(
         one, row=row, cols=neighbour_columns(col, cols=cols, neighbours=neighbours), samples=samples,
-        noise=layers.sensor.noise, unambiguous_range_mm=circle_mm,
+        noise=layers.sensor.noise, unambiguous_range_mm=circle_mm, learnt=learnt_sensor(layers.provenance),
     )  # fmt: skip
     with drawing(LIGHT):
         figure = neighbours_figure(views, noise=layers.sensor.noise, theme=LIGHT, unambiguous_range_mm=circle_mm)

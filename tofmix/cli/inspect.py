@@ -57,6 +57,8 @@ def inspect(
     Prints each layer's range and share with their standard errors, sigma and
     probability. The figure (-o) shows the fitted components and, with --recording, the
     samples and their density: the paper's Fig. 8, or its Fig. 7 with --over-frames.
+    Under learnt noise the line over the samples is the fitted mixture instead, with the
+    learnt shape, the pixel's own width, its background and its drift.
     """
     from tofmix.io.layers_file import open_layers
     from tofmix.io.storage import claimed
@@ -80,13 +82,16 @@ def inspect(
             check_recording(file, source)
             frames = int(file.window_start[window]), int(file.window_stop[window])
             samples = row_samples(source, row=row, start=frames[0], stop=frames[1])
-        from tofmix.report.pixels import neighbour_columns, view_pixels
+        from tofmix.report.pixels import learnt_sensor, neighbour_columns, view_pixels
 
         cols = [col] if over_frames else neighbour_columns(col, cols=file.shape[2], neighbours=neighbours)
-        views = view_pixels(
-            file.read_window(window), row=row, cols=cols, samples=samples, noise=file.provenance.sensor.noise,
-            unambiguous_range_mm=file.provenance.unambiguous_range_mm,
-        )  # fmt: skip
+        try:
+            views = view_pixels(
+                file.read_window(window), row=row, cols=cols, samples=samples, noise=file.provenance.sensor.noise,
+                unambiguous_range_mm=file.provenance.unambiguous_range_mm, learnt=learnt_sensor(file.provenance),
+            )  # fmt: skip
+        except ValueError as error:  # a noise or a working range that no estimate could have had
+            raise BadInputError(f"{file.path}: {error}") from error
         growth = _growth(views[0], file) if over_frames else None
         if output is not None:
             _write_figure(output, views, file, growth, inputs, overwrite)

@@ -34,7 +34,7 @@ def report(
     pixels by status. A page (--html) shows the same in pictures, and lets you choose
     a pixel to look into; without --recording it has no samples.
     """
-    from tofmix.errors import UsageError
+    from tofmix.errors import BadInputError, UsageError
     from tofmix.io.layers_file import open_layers
     from tofmix.io.storage import claimed, write_text
     from tofmix.report.summary import find, remedy_for, summarise
@@ -56,10 +56,20 @@ def report(
             remedy = remedy_for(made, file.shape[0], str(recording))
             of_samples = findings_of_samples(source, made.sensor, made.unambiguous_range_mm, remedy)
             summary = replace(summary, warnings=(*of_samples, *find(file, remedy)))
+        singles = None
+        if source is not None and summary.noise is not None:
+            from tofmix.report.single_pixels import single_pixels
+
+            start, stop = int(file.window_start[window]), int(file.window_stop[window])
+            try:
+                singles = single_pixels(file.read_window(window), made, recording=source, start=start, stop=stop)
+            except ValueError as error:  # a noise or a working range that no estimate could have had
+                raise BadInputError(f"{layers}: {error}") from error
+            summary = replace(summary, noise=replace(summary.noise, scatter_over_sigma=singles.spread()))
         if html is not None:
             from tofmix.report.page import render_page
 
-            page = render_page(file, recording=source, window=window, summary=summary)
+            page = render_page(file, recording=source, window=window, summary=summary, singles=singles)
             write_text(html, page, overwrite=overwrite, inputs=inputs)
         if as_json:
             click.echo(json.dumps(summary.as_dict(), indent=2, allow_nan=False))

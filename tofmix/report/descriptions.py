@@ -18,6 +18,7 @@ from tofmix.arrays import FloatArray
 from tofmix.flags import Status, status_name
 from tofmix.projection import projection_values
 from tofmix.report.findings import Finding, count_findings, target_findings
+from tofmix.report.noise_numbers import noise_numbers
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary import remedy_for
 from tofmix.report.tables import printable
@@ -34,6 +35,9 @@ _BYTES_A_SAMPLE = 6
 _NAME_WIDTH = 26
 _TEXT_WIDTH = 100
 _LONGEST_SENTENCE = 1000
+_LONGEST_VALUE = 120
+_SENTENCES = ("found",)
+"""Names of values that are sentences, and are not cut."""
 _OF_SENTENCES = ("sources", "next_steps")
 """Sections whose values are sentences."""
 
@@ -186,6 +190,8 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         "options": dict(sorted(provenance.options.items())),
         "sensor": _sensor_section(provenance.sensor),
     }  # fmt: skip
+    noise = _noise_section(provenance.sensor)
+    sections |= {"noise": noise} if noise else {}
     warnings = count_findings(
         pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers,
         remedy=remedy_for(provenance, windows),
@@ -263,7 +269,8 @@ def _lines(key: str, value: Value) -> list[str]:
     if isinstance(value, list) and value and isinstance(value[0], dict):
         rows = (", ".join(f"{k} {_shown(v)}" for k, v in item.items()) for item in value)
         return [f"  {key} {number}: {printable(row, 160)}" for number, row in enumerate(rows, 1)]
-    return [f"  {printable(key, _NAME_WIDTH):<{_NAME_WIDTH}} {printable(_shown(value), 120)}"]
+    longest = _LONGEST_SENTENCE if key in _SENTENCES else _LONGEST_VALUE
+    return [f"  {printable(key, _NAME_WIDTH):<{_NAME_WIDTH}} {printable(_shown(value), longest)}"]
 
 
 def _shown(value: object) -> str:
@@ -309,6 +316,24 @@ def _noise_parts(noise: NoiseCurve) -> Section:
         low, middle, high = np.quantile(noise.background, (0.0, 0.5, 1.0))
         parts |= {"noise_background_least": low, "noise_background_median": middle, "noise_background_most": high}
     return {key: float(value) if isinstance(value, np.floating) else value for key, value in parts.items()}
+
+
+def _noise_section(sensor: Sensor) -> Section:
+    """The noise of a layers file in a line and part by part; nothing where it is a Gaussian of the curve."""
+    numbers = noise_numbers(sensor)
+    if numbers is None:
+        return {}
+    section: Section = {"found": numbers.line, "shape": numbers.shape}
+    parts: Section = {
+        "skewness": numbers.skewness,
+        "excess_kurtosis": numbers.excess_kurtosis,
+        "width_spread": numbers.width_spread,
+        "drift_mm": numbers.drift_mm,
+        "memory": numbers.memory,
+    }
+    if numbers.background is not None:
+        parts |= {f"background_{name}": getattr(numbers.background, name) for name in ("q05", "q50", "q95")}
+    return section | {key: value for key, value in parts.items() if value is not None}
 
 
 def _profile_section(camera: SensorProfile | CameraSheet) -> Section:

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from tofmix.flags import STATUS_MEANINGS, Status, status_name
-from tofmix.layers import Layers
+from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
 from tofmix.report.packing import pack_numbers
+from tofmix.report.pixels import drifts, learnt_sensor
 from tofmix.report.rasters import ABOVE, BELOW, count_colours, count_label, range_shades
 from tofmix.report.sample_packing import MOST_SAMPLES, PackedSamples, pack_samples
 from tofmix.report.sources import LayersSource
@@ -43,6 +44,9 @@ _LAYER_UNITS = {
     "range": 0.01, "range_stderr": 0.01, "weight": 1e-4, "weight_stderr": 1e-4, "sigma": 0.01, "probability": 1e-6,
 }  # fmt: skip
 _AVERAGED_UNIT_MM = 0.1
+_SHAPE_POINTS = 161
+_LEAST_DENSITY = 1.0e-4
+"""Points of a shape in a page, and the part of its peak below which it is not seen."""
 _ANGLE_DIGITS = 6  # of an angle in rad: 0.01 mm at 10 m
 
 
@@ -118,7 +122,11 @@ def make_explorer(
     most = max(held["most_layers"] for held in windows)
     content = _settings(layers_file, scale, most) | {"shown": window, "windows": windows}
     text = json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    notes = _windows_note(chosen, layers_file.shape[0]), _samples_note(samples, recorded=recording is not None)
+    notes = (
+        _windows_note(chosen, layers_file.shape[0]),
+        _samples_note(samples, recorded=recording is not None),
+        _drift_note(layers_file.provenance, shown=samples is not None),
+    )
     return Explorer(text=text, note=" ".join(note for note in notes if note))
 
 
@@ -201,7 +209,25 @@ def _settings(layers_file: LayersSource, scale: tuple[float, float], most: int) 
         "circle": layers_file.provenance.unambiguous_range_mm,
         "angles": _angles(sensor, (rows, cols)),
         "noise": None if curve is None else [curve.range_mm.tolist(), curve.sigma_mm.tolist()],
+        **_learnt(layers_file.provenance),
     }
+
+
+def _learnt(provenance: Provenance) -> dict[str, Any]:
+    """How components are drawn under learnt noise; nothing of a Gaussian.
+
+    It is the shape, [first z, step, densities], and whether there is a background to leave out of the view.
+    """
+    sensor = learnt_sensor(provenance)
+    if sensor is None or sensor.noise is None:
+        return {}
+    said: dict[str, Any] = {"background": True} if sensor.noise.background is not None else {}
+    shape = sensor.noise.shape
+    if shape is not None:
+        seen = shape.z[shape.density > _LEAST_DENSITY * shape.density.max()]
+        z = np.linspace(seen[0], seen[-1], _SHAPE_POINTS)
+        said["shape"] = [round(float(z[0]), 4), float(z[1] - z[0]), [round(float(p), 5) for p in shape.pdf(z)]]
+    return said
 
 
 def _angles(sensor: Sensor, shape: tuple[int, int]) -> list[list[float]] | None:
@@ -224,6 +250,15 @@ def _windows_note(chosen: range, windows: int) -> str:
         return "" if windows == 1 else f"All {windows} windows are in this page."
     held = f"window {chosen[0]}" if len(chosen) == 1 else f"windows {chosen[0]} to {chosen[-1]}"
     return f"This page holds {held} of 0 to {windows - 1}; --window chooses others."
+
+
+def _drift_note(provenance: Provenance, *, shown: bool) -> str:
+    if not shown or not drifts(provenance):
+        return ""
+    return (
+        "Where a pixel's ranges drift within the window its samples lie wider than its component; tofmix inspect draws"
+        " the drift."
+    )
 
 
 def _samples_note(samples: PackedSamples | None, *, recorded: bool) -> str:

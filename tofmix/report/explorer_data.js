@@ -115,6 +115,18 @@ function openedAt(cut, circle, layers, samples) {
 
 const bell = (z) => Math.exp(-0.5 * z * z) / Math.sqrt(2 * Math.PI);
 
+/** Density of the standardised error: the Gaussian's, or a learnt shape's, [first z, step, densities]; 0 past its ends. */
+function errorDensity(shape) {
+  if (!shape) return bell;
+  const [first, step, densities] = shape;
+  return (z) => {
+    const at = (z - first) / step;
+    if (!(at >= 0 && at < densities.length - 1)) return 0;
+    const k = Math.floor(at);
+    return densities[k] + (at - k) * (densities[k + 1] - densities[k]);
+  };
+}
+
 /** Equation (4): the kernel density of ascending samples at ascending places, 1/mm. */
 function densityAt(samples, places, noise) {
   let first = 0;

@@ -74,6 +74,11 @@ const told = (value) => String(Number(value.toPrecision(6)));
 const layerColour = (k) => `var(--layer-${(k % 3) + 1})`;
 const LINES = ["", "6 3", "2 3"]; // with the colours, so that none is needed to tell layers apart
 
+/** Samples without those that are background, 12 sigma or more from every layer: these do not stretch the view. */
+function nearLayers(layers, samples) {
+  return layers.length ? samples.filter((r) => layers.some(({ range, sigma }) => Math.abs(r - range) < 12 * sigma)) : samples;
+}
+
 /** Limits in mm that hold every component and most samples. */
 function pixelLimits(layers, samples) {
   const ends = layers.flatMap(({ range, sigma }) => (Number.isFinite(sigma) ? [range - 5 * sigma, range + 5 * sigma] : [range]));
@@ -109,13 +114,14 @@ function histogram(samples, [low, high], step) {
 function drawPixel(svg, { step, noReturn, settings, ...seen }) {
   const cut = settings.circle ? cutBetween(seen.layers, settings.circle) : 0;
   const { layers, samples } = settings.circle ? openedAt(cut, settings.circle, seen.layers, seen.samples) : seen;
-  const limits = pixelLimits(layers, samples);
+  const limits = pixelLimits(layers, settings.background && samples ? nearLayers(layers, samples) : samples);
   const places = Array.from({ length: 401 }, (_, k) => limits[0] + ((limits[1] - limits[0]) * k) / 400);
-  const component = ({ range, sigma, weight }) => places.map((r) => (1000 * weight * bell((r - range) / sigma)) / sigma);
-  const fitted = layers.map(component);
+  const component = ({ range, sigma, weight }, form) => places.map((r) => (1000 * weight * form((r - range) / sigma)) / sigma);
+  const learnt = errorDensity(settings.shape);
+  const fitted = layers.map((layer) => component(layer, learnt));
   const end = settings.rangeMax < cut ? settings.rangeMax + settings.circle : settings.rangeMax;
   const open = settings.rangeMax && settings.noise && noReturn > 0
-    ? component({ range: end, sigma: sigmaAt(settings.noise, settings.rangeMax), weight: noReturn }) : [];
+    ? component({ range: end, sigma: sigmaAt(settings.noise, settings.rangeMax), weight: noReturn }, bell) : [];
   const bins = samples && samples.length ? histogram(samples, limits, step) : null;
   const density = bins && settings.noise ? densityAt(samples, places, settings.noise).map((p) => 1000 * p) : [];
   const tops = [...fitted.flat(), ...open, ...(bins ? bins.bars : []), ...density].filter(Number.isFinite);

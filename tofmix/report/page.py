@@ -14,6 +14,7 @@ from tofmix.layers import Provenance
 from tofmix.projection import projection_values
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
+from tofmix.report.single_pixels import SinglePixels, single_pixels
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary import Summary, noise_of, summarise
 from tofmix.report.tables import ordinal
@@ -32,6 +33,7 @@ def render_page(
     recording: SampleSource | None = None,
     window: int = 0,
     summary: Summary | None = None,
+    singles: SinglePixels | None = None,
 ) -> str:
     """Render the page of a layers file.
 
@@ -45,6 +47,8 @@ def render_page(
         The window of the pictures, from 0.
     summary : Summary, optional
         From `summarise`, if it is at hand; all windows are read for it otherwise.
+    singles : SinglePixels, optional
+        From `single_pixels` of this window, if they are at hand.
 
     Returns
     -------
@@ -82,6 +86,12 @@ def render_page(
     explorer = import_module("tofmix.report.explorer").make_explorer(
         layers_file, recording=recording, window=window, layers=layers, averaged=averaged, scale=scale
     )
+    noise_pictures = None
+    if summary.noise is not None:
+        start, stop = frames
+        singles = singles or single_pixels(layers, provenance, recording=recording, start=start, stop=stop)
+        draw_noise = import_module("tofmix.report.noise_pictures").draw_noise
+        noise_pictures = draw_noise(layers, provenance, singles, summary.noise)
     script = page_script()
     return template.render(
         source=provenance.source,
@@ -99,6 +109,7 @@ def render_page(
         options=[(name, str(value)) for name, value in sorted(provenance.options.items())],
         sensor=_sensor_rows(provenance),
         noise=_noise_rows(provenance),
+        noise_pictures=noise_pictures,
         provenance=_provenance_rows(summary, provenance.sensor.name),
     )
 

@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from tofmix.arrays import FloatArray
 from tofmix.circle import cut_between
 from tofmix.estimation.density import density
+from tofmix.estimation.learnt.pixel_mixture import PixelMixture
 from tofmix.report.pixels import GrowingDensity, PixelView
 from tofmix.report.theme import Theme
 from tofmix.sensor import NoiseCurve
@@ -27,6 +28,8 @@ _PLACES = 1500
 _MARGIN_SIGMAS = 5.0
 _MOST_SIGMAS = 150.0
 """Width of a view in units of the narrowest sigma, beyond which each pixel has a view of its own."""
+_BACKGROUND_SIGMAS = 12.0
+"""Under learnt noise, samples this many sigma from every layer are background, and may lie outside the view."""
 _LEAST_MARGIN_M = 0.05
 _MOST_BINS = 80
 _M = 1000.0
@@ -66,6 +69,9 @@ def neighbours_figure(
 ) -> Figure:
     """Draw pixels side by side: histogram and density of the samples, fitted components with their means (Fig. 8).
 
+    Of pixels under learnt noise the line is the fitted mixture, with its shape, the pixel's own width and background;
+    where ranges drift within the window, it is the mean over the window.
+
     Parameters
     ----------
     views : list of PixelView
@@ -101,7 +107,7 @@ def neighbours_figure(
         axes.tick_params(labelbottom=below or not shared)
     for axes in panels.flat[len(views) :]:
         axes.set_visible(False)
-    _explain(figure, theme)
+    _explain(figure, theme, learnt=any(view.mixture is not None for view in views))
     return figure
 
 
@@ -146,26 +152,35 @@ def _draw_pixel(
     count = len(view.range_mm)
     status = "" if view.status == "ok" else f", {view.status.replace('_', ' ')}"
     style_axes(axes, f"{view.name}: {counted(count, 'layer')}{status}", theme)
-    highest = 0.0
-    samples = view.samples_mm
+    highest, samples, mixture = 0.0, view.samples_mm, view.mixture
+    own = None if mixture is None else _own_noise(view, mixture)
+    room = _room(count + (0 if own is None else 1 + own.count("\n")))
     if samples is not None and samples.size:
         bins = np.linspace(range_m[0], range_m[-1], _bins(samples, range_m) + 1)
         bars = np.histogram(samples / _M, bins)[0] / (samples.size * np.diff(bins))
-        axes.stairs(bars, bins, fill=True, color=theme.grid, label=counted(samples.size, "sample"))
+        outside = int(((samples < _M * bins[0]) | (samples > _M * bins[-1])).sum())
+        said = counted(samples.size, "sample") + (f", {outside} outside" if mixture is not None and outside else "")
+        axes.stairs(bars, bins, fill=True, color=theme.grid, label=said)
         highest = float(bars.max())
     for k in range(count):
-        part = _component(view, k, range_m)
+        part = _component(view, k, range_m) if mixture is None else _M * mixture.component(k, _M * range_m)
         highest = max(highest, float(part.max()))
         colour = theme.layers[k % len(theme.layers)]
         axes.fill_between(range_m, 0.0, part, color=colour, alpha=0.45, linewidth=0, label=names[k])
         axes.plot(range_m, part, color=colour, linewidth=1.2)
-    if samples is not None and samples.size and noise is not None and view.modes_mm is not None:
+    if mixture is not None:
+        p = _M * mixture.total(_M * range_m)
+        highest = max(highest, float(p.max()))
+        axes.plot(range_m, p, color=theme.ink, linewidth=1.3)
+        axes.plot(range_m, _M * mixture.floor(_M * range_m), color=theme.ink, linestyle=":", linewidth=1.2)
+        axes.plot([], [], " ", label=own)
+    elif samples is not None and samples.size and noise is not None and view.modes_mm is not None:
         p = _M * density(samples, _M * range_m, noise)
         highest = max(highest, float(p.max()))
-        axes.set_ylim(0.0, _room(count) * highest)
+        axes.set_ylim(0.0, room * highest)
         draw_density(axes, range_m, p, _within(view.modes_mm / _M, range_m[0], range_m[-1]), theme)
-    axes.set_ylim(0.0, _room(count) * highest if highest > 0 else 1.0)
-    _mark_layers(axes, view, theme, top=1.05 / _room(count))
+    axes.set_ylim(0.0, room * highest if highest > 0 else 1.0)
+    _mark_layers(axes, view, theme, top=1.05 / room)
     if count or (samples is not None and samples.size):
         axes.legend(loc="upper left", fontsize=8, handlelength=1.2, borderaxespad=0.2, labelspacing=0.25)
 
@@ -183,13 +198,30 @@ def _axis(cut_mm: float, length_mm: float | None) -> str:
     return "range (m)" if length_mm is None or cut_mm == 0.0 else f"range (m); 0 again at {length_mm / _M:.3f}"
 
 
-def _explain(figure: Figure, theme: Theme) -> None:
+def _own_noise(view: PixelView, mixture: PixelMixture) -> str:
+    """What the pixel has of its own under learnt noise, for its legend."""
+    said = f"width {mixture.width:.2f}, background {100 * mixture.background:.1f} %"
+    if mixture.drift_mm.any():
+        extent = ", ".join(f"{mm:.1f}" for mm in mixture.drift_extent_mm())
+        return f"{said}\ndrift {extent} mm in the window"
+    return f"{said}\ndrift not known" if mixture.drifts and view.samples_mm is None else said
+
+
+def _explain(figure: Figure, theme: Theme, *, learnt: bool) -> None:
     """Say below the panels what is the same in each."""
-    handles = [
-        Line2D([], [], color=theme.ink, linewidth=1.3, label="density of the samples"),
-        Line2D([], [], color=theme.accent, linestyle="none", marker="v", markersize=6.5, label="its modes"),
-        Line2D([], [], color=theme.ink, linestyle="--", linewidth=1.0, label="fitted means, with standard errors"),
-    ]
+    means = Line2D([], [], color=theme.ink, linestyle="--", linewidth=1.0, label="fitted means, with standard errors")
+    if learnt:
+        handles = [
+            Line2D([], [], color=theme.ink, linewidth=1.3, label="learnt mixture"),
+            Line2D([], [], color=theme.ink, linestyle=":", linewidth=1.2, label="its background, no return"),
+            means,
+        ]
+    else:
+        handles = [
+            Line2D([], [], color=theme.ink, linewidth=1.3, label="density of the samples"),
+            Line2D([], [], color=theme.accent, linestyle="none", marker="v", markersize=6.5, label="its modes"),
+            means,
+        ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
 
 
@@ -232,8 +264,9 @@ def _view(views: list[PixelView]) -> tuple[float, float]:
         reach = _MARGIN_SIGMAS * view.sigma_mm
         lows += (view.range_mm - reach).tolist()
         highs += (view.range_mm + reach).tolist()
-        if view.samples_mm is not None and view.samples_mm.size:
-            inner = np.percentile(view.samples_mm, [5.0, 95.0]).tolist()
+        samples = _near_layers(view)
+        if samples is not None and samples.size:
+            inner = np.percentile(samples, [5.0, 95.0]).tolist()
             lows.append(inner[0])
             highs.append(inner[1])
     if not lows:
@@ -241,6 +274,14 @@ def _view(views: list[PixelView]) -> tuple[float, float]:
     low, high = min(lows) / _M, max(highs) / _M
     margin = max(_LEAST_MARGIN_M, 0.03 * (high - low))
     return low - margin, high + margin
+
+
+def _near_layers(view: PixelView) -> FloatArray | None:
+    """Samples that the view is to hold; under learnt noise without those that are background, far from every layer."""
+    if view.samples_mm is None or view.mixture is None or not len(view.range_mm):
+        return view.samples_mm
+    reach = _BACKGROUND_SIGMAS * view.sigma_mm + view.mixture.drift_extent_mm()
+    return view.samples_mm[(np.abs(view.samples_mm[:, np.newaxis] - view.range_mm) < reach).any(axis=1)]
 
 
 def _bins(samples_mm: FloatArray, range_m: FloatArray) -> int:

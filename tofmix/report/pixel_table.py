@@ -19,6 +19,8 @@ def _pixel_lines(view: PixelView) -> list[str]:
         lines.append(f"{'layer':>7}{'range mm':>11}{'+-':>9}{'weight':>9}{'+-':>8}{'sigma mm':>10}{'probability':>13}")
     lines += [_layer_line(view, k) for k in range(count)]
     lines.append(f"  no return {view.weight_no_return:.4f}, outliers {view.weight_outlier:.2g}")
+    if view.mixture is not None and count:
+        lines.append(f"  own noise: {_own_noise(view)}")
     if view.modes_mm is not None:
         lines.append(f"  modes of the density (mm): {_listed(view.modes_mm)}")
     return lines
@@ -29,6 +31,16 @@ def _layer_line(view: PixelView, k: int) -> str:
         f"{k + 1:>7}{view.range_mm[k]:>11.2f}{view.range_stderr_mm[k]:>9.2f}{view.weight[k]:>9.4f}"
         f"{view.weight_stderr[k]:>8.4f}{view.sigma_mm[k]:>10.2f}{view.probability[k]:>13.6f}"
     )
+
+
+def _own_noise(view: PixelView) -> str:
+    """Width, background and drift of a pixel under learnt noise."""
+    mixture = view.mixture
+    assert mixture is not None  # noqa: S101  asked of learnt noise alone
+    said = f"width {mixture.width:.2f}, background {100 * mixture.background:.1f} %"
+    if not mixture.drift_mm.any():
+        return said
+    return f"{said}, drift (mm): {_listed(mixture.drift_extent_mm())}"
 
 
 def format_growth(growth: GrowingDensity) -> str:

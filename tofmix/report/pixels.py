@@ -12,9 +12,11 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.circle import cut_between, fold, open_at
 from tofmix.estimation.incremental import IncrementalDensity
+from tofmix.estimation.learnt.pixel_mixture import PixelMixture, pixel_mixture
 from tofmix.estimation.modes import find_modes
+from tofmix.estimation.settings import Refine, SigmaMode
 from tofmix.flags import Status, status_name
-from tofmix.layers import Layers
+from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -42,6 +44,8 @@ class PixelView:
         Valid samples in the order of their frames; None without a recording.
     modes_mm : (mode,) float64 or None
         Peaks of the density of these samples; None without samples or without a noise curve.
+    mixture : PixelMixture or None
+        The fitted mixture under learnt noise; None where the pixel was fitted with Gaussians of the curve.
     """
 
     row: int
@@ -59,6 +63,7 @@ class PixelView:
     n_peaks: int
     samples_mm: FloatArray | None = None
     modes_mm: FloatArray | None = None
+    mixture: PixelMixture | None = None
 
     @property
     def name(self) -> str:
@@ -76,10 +81,15 @@ class PixelView:
             range_mm=open_at(self.range_mm, cut_mm, unambiguous_range_mm),
             samples_mm=opened(self.samples_mm),
             modes_mm=opened(self.modes_mm),
+            mixture=None if self.mixture is None else self.mixture.opened(cut_mm, unambiguous_range_mm),
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the same as dicts and lists, for JSON; None for what is not known."""
+        """Return the same as dicts and lists, for JSON; None for what is not known.
+
+        ``learnt_noise`` is there with learnt noise alone: the pixel's own width, its background, and how far each of
+        its layers drifts within the window.
+        """
         layers = [{name: _number(getattr(self, name)[k]) for name in _PER_LAYER} for k in range(len(self.range_mm))]
         return {
             "row": self.row,
@@ -92,6 +102,7 @@ class PixelView:
             "weight_outlier": _number(self.weight_outlier),
             "samples_mm": None if self.samples_mm is None else self.samples_mm.tolist(),
             "modes_mm": None if self.modes_mm is None else self.modes_mm.tolist(),
+            **({} if self.mixture is None else {"learnt_noise": _own_noise(self)}),
         }
 
 
@@ -160,6 +171,7 @@ def view_pixels(
     samples: FloatArray | None,
     noise: NoiseCurve | None,
     unambiguous_range_mm: float | None = None,
+    learnt: Sensor | None = None,
 ) -> list[PixelView]:
     """View pixels of one row.
 
@@ -177,6 +189,8 @@ def view_pixels(
         sigma(r), for the modes.
     unambiguous_range_mm : float, optional
         Where the ranges are on a circle: its length, mm. Samples are folded, and modes looked for across the fold.
+    learnt : Sensor, optional
+        The sensor, where the layers were counted under its learnt noise; see `learnt_sensor`.
     """
     views = []
     for col in cols:
@@ -190,6 +204,10 @@ def view_pixels(
             if unambiguous_range_mm is not None:
                 valid = fold(valid, unambiguous_range_mm)
             modes = None if noise is None or valid.size == 0 else _modes(valid, noise, of_layers, unambiguous_range_mm)
+        mixture = None
+        if learnt is not None:
+            of_frames = None if samples is None else samples[:, col].astype(np.float64)
+            mixture = _mixture(layers, (row, col), of_layers, of_frames, learnt, unambiguous_range_mm)
         value = int(layers.status[row, col])
         views.append(
             PixelView(
@@ -203,9 +221,55 @@ def view_pixels(
                 n_peaks=int(layers.n_peaks[row, col]),
                 samples_mm=valid,
                 modes_mm=modes,
+                mixture=mixture,
             )
         )
     return views
+
+
+def learnt_sensor(provenance: Provenance) -> Sensor | None:
+    """The sensor of a layers file whose surfaces were counted under learnt noise; None for any other file.
+
+    Free sigmas, and peaks taken for surfaces, know a Gaussian alone.
+    """
+    sensor, options = provenance.sensor, provenance.options
+    of_peaks = bool(options.get("paper")) or options.get("refine") == Refine.NONE
+    gaussian = of_peaks or options.get("sigma") == SigmaMode.FREE
+    return None if sensor.noise is None or sensor.learnt is None or gaussian else sensor
+
+
+def drifts(provenance: Provenance) -> bool:
+    """Whether the ranges of a pixel could drift within a window when its layers were fitted; on a circle none could."""
+    sensor = learnt_sensor(provenance)
+    on_line = provenance.unambiguous_range_mm is None
+    return on_line and sensor is not None and sensor.learnt is not None and bool(sensor.learnt.drift_mm.any())
+
+
+def _mixture(
+    layers: Layers,
+    pixel: tuple[int, int],
+    of_layers: dict[str, FloatArray],
+    samples: FloatArray | None,
+    sensor: Sensor,
+    length_mm: float | None,
+) -> PixelMixture:
+    return pixel_mixture(
+        sensor,
+        **{name: of_layers[name] for name in ("range_mm", "sigma_mm", "weight")},
+        width=1.0 if layers.noise_width is None else float(layers.noise_width[pixel]),
+        background=float(layers.weight_outlier[pixel]),
+        no_return=float(layers.weight_no_return[pixel]),
+        samples_mm=samples,
+        unambiguous_range_mm=length_mm,
+    )
+
+
+def _own_noise(view: PixelView) -> dict[str, Any]:
+    mixture = view.mixture
+    assert mixture is not None  # noqa: S101  asked of learnt noise alone
+    drift = mixture.drift_extent_mm().tolist()
+    known = view.samples_mm is not None
+    return {"width": mixture.width, "background": mixture.background, "drift_mm": drift if known else None}
 
 
 def _modes(

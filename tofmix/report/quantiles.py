@@ -4,6 +4,8 @@ Use it where the values of thousands of windows pass by once. Where they all fit
 in memory, `numpy.quantile` does.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +16,16 @@ KEY_LIMIT = 65_536
 
 _SIGN = np.uint32(0x8000_0000)
 _LARGEST_FINITE_KEY = np.uint32(0xFF7F_FFFF)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantiles:
+    """How values spread: their count, and the values below which 5, 50 and 95 % lie (None without a value)."""
+
+    count: int
+    q05: float | None
+    q50: float | None
+    q95: float | None
 
 
 class ValueCounts:
@@ -114,3 +126,9 @@ def _interpolated(values: FloatArray, last_rank: IntArray, probability: float) -
     below = int(np.floor(position))
     low, high = values[np.searchsorted(last_rank, [below, min(below + 1, int(last_rank[-1]) - 1)], side="right")]
     return float(low + (high - low) * (position - below))
+
+
+def spread_of(values: ValueCounts) -> Quantiles:
+    """Count and quantiles of values."""
+    q05, q50, q95 = values.quantiles(0.05, 0.5, 0.95)
+    return Quantiles(count=values.count, q05=q05, q50=q50, q95=q95)

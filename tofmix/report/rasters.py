@@ -54,7 +54,7 @@ class ImagePicture(Plane):
 
     title; alt, what it shows in numbers for those who do not see it; shows, good and bad, a line each; light and
     dark, ``data:`` URIs, the same where no colour depends on the theme; bar, the labels of the colour bar or none;
-    legend, CSS colour and label.
+    legend, CSS colour and label; unit, that of the bar.
     """
 
     title: str
@@ -66,6 +66,7 @@ class ImagePicture(Plane):
     dark: str
     bar: tuple[str, ...]
     legend: tuple[tuple[str, str], ...]
+    unit: str = "mm"
 
 
 def pixel_ticks(count: int) -> list[tuple[float, int]]:

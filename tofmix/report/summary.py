@@ -15,22 +15,13 @@ from tofmix.circle import circular_noise
 from tofmix.flags import Status, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.report.findings import CLOSE_SIGMAS, Finding, Remedy, count_findings, sigma_findings, target_findings
-from tofmix.report.quantiles import ValueCounts
+from tofmix.report.noise_numbers import NoiseNumbers, noise_numbers
+from tofmix.report.quantiles import Quantiles, ValueCounts, spread_of
 from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve
 
 DOMINANT_WEIGHT = 0.5
 """Components above this share tell of the noise curve; weak ones tell of the fit."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Quantiles:
-    """How values spread: their count, and the values below which 5, 50 and 95 % lie (None without a value)."""
-
-    count: int
-    q05: float | None
-    q50: float | None
-    q95: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,6 +69,8 @@ class Summary:
         sigma / sigma(r) over components with a share above 0.5.
     samples : Quantiles
         Valid samples a pixel.
+    noise : NoiseNumbers or None
+        The noise, where it has learnt parts, or parts of a file, beyond sigma by range and amplitude.
     warnings : tuple of Finding
         What to be wary of.
     """
@@ -103,6 +96,7 @@ class Summary:
     weight_no_return: Quantiles
     sigma_over_curve: Quantiles
     samples: Quantiles
+    noise: NoiseNumbers | None
     warnings: tuple[Finding, ...]
 
     def as_dict(self) -> dict[str, Any]:
@@ -153,9 +147,10 @@ def summarise(layers_file: LayersSource) -> Summary:
         share_several_surfaces=sum(tally.surfaces[2:]) / max(1, pixels),
         share_no_surface=sum(tally.surfaces[:1]) / max(1, pixels),
         layers=summaries,
-        weight_no_return=_quantiles(tally.no_return),
-        sigma_over_curve=_quantiles(tally.dominant_ratio),
-        samples=_quantiles(tally.samples),
+        weight_no_return=spread_of(tally.no_return),
+        sigma_over_curve=spread_of(tally.dominant_ratio),
+        samples=spread_of(tally.samples),
+        noise=noise_numbers(provenance.sensor, tally.widths),
         warnings=tally.findings(layers_file, pixels, remedy_for(provenance, windows)),
     )
 
@@ -253,12 +248,15 @@ class _Tally(_FindingTally):
         self._layers = [_LayerTally() for _ in range(max_layers)]
         self.no_return = ValueCounts()
         self.samples = ValueCounts()
+        self.widths = ValueCounts()
 
     def add(self, window: Layers) -> None:
         super().add(window)
         self.peaks = _added(self.peaks, window.n_peaks)
         self.no_return.add(window.weight_no_return)
         self.samples.add(window.n_samples.astype(np.float32))
+        if window.noise_width is not None:
+            self.widths.add(window.noise_width[window.n_modes > 0])
         ratio = self.ratio(window)
         for k, layer in enumerate(self._layers):
             layer.range.add(window.range[..., k])
@@ -272,7 +270,7 @@ class _Tally(_FindingTally):
             LayerSummary(
                 layer=k,
                 count=tally.range.count,
-                range_mm=_quantiles(tally.range),
+                range_mm=spread_of(tally.range),
                 weight_median=tally.weight.quantiles(0.5)[0],
                 range_stderr_median_mm=tally.stderr.quantiles(0.5)[0],
                 sigma_median_mm=tally.sigma.quantiles(0.5)[0],
@@ -323,11 +321,6 @@ def _added(totals: list[int], values: np.ndarray[Any, np.dtype[np.uint8]]) -> li
     """Add the counts of small integers to running ones, lengthening as needed."""
     counts = np.bincount(values.ravel()).tolist()
     return [a + b for a, b in zip_longest(totals, counts, fillvalue=0)]
-
-
-def _quantiles(values: ValueCounts) -> Quantiles:
-    q05, q50, q95 = values.quantiles(0.05, 0.5, 0.95)
-    return Quantiles(count=values.count, q05=q05, q50=q50, q95=q95)
 
 
 def _no_nan(value: str | float) -> str | int | float | None:

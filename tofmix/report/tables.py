@@ -6,7 +6,8 @@ reads the same everywhere.
 
 import textwrap
 
-from tofmix.report.summary import LayerSummary, Quantiles, Summary
+from tofmix.report.quantiles import Quantiles
+from tofmix.report.summary import LayerSummary, Summary
 from tofmix.wording import counted, number
 
 COLUMNS = 80
@@ -52,12 +53,16 @@ def _head(summary: Summary) -> list[str]:
     windows = f"{summary.windows} of {counted(summary.window_frames, 'frame')}"
     if summary.frames_left_out:
         windows += f"; {counted(summary.frames_left_out, 'frame')} left out at the end"
-    return [
+    head = [
         f"source     {printable(summary.source)}",
         f"windows    {windows}",
         f"pixels     {summary.pixels} ({counted(summary.rows, 'row')} x {counted(summary.cols, 'column')} a window)",
         f"samples    {_number(summary.samples.q50, '.0f')} valid a pixel (median)",
     ]
+    if summary.noise is not None:
+        indent = " " * len("samples    ")
+        head += textwrap.wrap(f"noise      {summary.noise.line}", COLUMNS, subsequent_indent=indent)
+    return head
 
 
 def _surfaces(summary: Summary) -> list[str]:

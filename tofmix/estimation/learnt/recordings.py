@@ -23,6 +23,7 @@ from tofmix.estimation.learnt.learning import (
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import background_shares
 from tofmix.estimation.learnt.thresholds import calibrate
+from tofmix.estimation.learnt.words import noise_words
 from tofmix.estimation.noise import MeasuredNoise, measure_noise
 from tofmix.estimation.noise_series import quantisation_step, read_runs
 from tofmix.estimation.samples import FARTHEST_MM
@@ -83,19 +84,7 @@ class FoundNoise:
 
     def line(self) -> str:
         """What was found, for a user."""
-        curve = self.sensor.noise
-        assert curve is not None  # noqa: S101  it was learnt
-        low, high = float(curve.sigma_mm.min()), float(curve.sigma_mm.max())
-        said = [f"sigma {low:.3g} mm" if f"{low:.3g}" == f"{high:.3g}" else f"sigma {low:.3g} to {high:.3g} mm"]
-        said.append("Gaussian" if curve.shape is None else _shape_text(curve))
-        learnt = self.sensor.learnt
-        if learnt is not None and learnt.background is not None:
-            said.append(_background_text(curve))
-        said.append(f"widths differ by {100 * curve.width_spread:.0f} %" if curve.width_spread else "widths alike")
-        if learnt is not None and learnt.drift_mm.any():
-            said.append(f"pixels drift by {2.0 * learnt.drift_mm.max():.2g} mm in a window")
-        if learnt is not None and learnt.memory:
-            said.append(f"memory {learnt.memory:.2g}")
+        said = noise_words(self.sensor)
         if self.lesson is None:
             return f"{', '.join(said)}; the samples of most pixels are all equal"
         told = f"{', '.join(said)}; learnt from {counted(self.lesson.pixels, 'pixel')}"
@@ -115,21 +104,6 @@ class FoundNoise:
             return ""
         low, high = float(other.sigma_mm.min()), float(other.sigma_mm.max())
         return f"; pixels taken for one surface alone would give sigma {low:.3g} to {high:.3g} mm"
-
-
-def _shape_text(curve: NoiseCurve) -> str:
-    assert curve.shape is not None  # noqa: S101  asked of shapes alone
-    _, _, skewness, kurtosis = curve.shape.moments()
-    if abs(skewness) >= 0.2:  # noqa: PLR2004  less is not seen in a plot
-        return f"skewed ({skewness:.1f})"
-    return "long-tailed" if kurtosis > 0 else "short-tailed"
-
-
-def _background_text(curve: NoiseCurve) -> str:
-    if curve.background is None:
-        return "background by pixel"
-    low, high = np.quantile(curve.background, (0.05, 0.95))
-    return f"background {100 * low:.0f} to {100 * high:.0f} % by pixel"
 
 
 def learn_noise(
