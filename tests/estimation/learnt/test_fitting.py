@@ -27,7 +27,7 @@ from tofmix.estimation.learnt.fitting import (
     new_room,
     value_of,
 )
-from tofmix.estimation.learnt.law import TAIL_DEGREES, Law
+from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.learnt_noise import DRIFTS
@@ -103,7 +103,7 @@ def written_out(samples: FloatArray, noise: PixelNoise, fitted: Fitted) -> float
     near, far = noise.background or (1000.0 * noise.p_outlier, 1000.0 * (1.0 - noise.p_outlier))
     value = float(np.log(likelihood).sum()) + near * math.log(fitted.background) + far * math.log1p(-fitted.background)
     if noise.curve.width_spread > 0:
-        prior = stats.t(TAIL_DEGREES, scale=noise.curve.width_spread)
+        prior = stats.t(TAIL_DEGREES, scale=SCALE_OF_SPREAD * noise.curve.width_spread)
         value += float(prior.logpdf(fitted.log_width) - prior.logpdf(0.0))
     for d in range(DRIFTS):
         if noise.drift_mm[d] > 0:

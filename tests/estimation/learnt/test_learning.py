@@ -15,7 +15,7 @@ from tofmix.estimation.learnt.learning import (
     better_by,
     learn_pixel_noise,
     medians,
-    width_spread,
+    width_scale,
 )
 from tofmix.sensor import NoiseCurve
 
@@ -68,8 +68,7 @@ def test_widths_are_learnt_and_nothing_else(rng: np.random.Generator) -> None:
     width = np.exp(0.3 * rng.standard_normal(PIXELS))
     lesson = _lesson(surfaces(rng, (FRAMES, PIXELS), (2000.0,), width=width))
     assert _parts(lesson) == {"widths"}
-    # The scale of a Student t of four degrees whose central 68 % are nearest to a Gaussian's of 0.3.
-    assert lesson.noise.curve.width_spread == pytest.approx(0.26, abs=0.08)
+    assert lesson.noise.curve.width_spread == pytest.approx(0.3, abs=0.08)
     assert lesson.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM * np.median(width), rel=0.05)
 
 
@@ -186,8 +185,8 @@ def test_samples_without_a_spread_teach_nothing(samples: FloatArray) -> None:
 def test_spread_of_widths_is_found_beyond_chance(scale: float, variance: float, rng: np.random.Generator) -> None:
     chance = np.full(3000, variance)
     seen = scale * rng.standard_t(4.0, 3000) + np.sqrt(chance) * rng.standard_normal(3000)
-    assert width_spread(seen, chance) == pytest.approx(scale, rel=0.15)  # the scales that are tried are 14 % apart
-    assert (width_spread(np.sqrt(chance) * rng.standard_normal(3000), chance) or 0.0) < 0.3 * np.sqrt(variance)
+    assert width_scale(seen, chance) == pytest.approx(scale, rel=0.15)  # the scales that are tried are 14 % apart
+    assert (width_scale(np.sqrt(chance) * rng.standard_normal(3000), chance) or 0.0) < 0.3 * np.sqrt(variance)
 
 
 @pytest.mark.parametrize(("near", "far"), [(0.5, 4.0), (2.0, 2.0), (8.0, 30.0)])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from learnt_pixels import CAMERA, camera_with, flat, pixel_noise
 
+from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
 from tofmix.estimation.learnt.model import SURE_SAMPLES, PixelNoise, follows_drift, thresholds_of
 
 FULL = pixel_noise("skewed", background=(1.0, 9.0), width_spread=0.3, drift_mm=(5.0, 0.0, 2.0), memory=0.4)
@@ -46,7 +47,7 @@ def test_second_law_differs_by_its_drift_alone() -> None:
     np.testing.assert_array_equal(law.drift_mm, [5.0, 0.0, 2.0])
     np.testing.assert_array_equal(plain.drift_mm, np.zeros(3))
     np.testing.assert_array_equal(law.density, plain.density)
-    assert law.width_spread == plain.width_spread == 0.3
+    assert law.width_spread == plain.width_spread == SCALE_OF_SPREAD * 0.3
 
 
 def test_known_background_is_as_sure_as_a_thousand_samples() -> None:

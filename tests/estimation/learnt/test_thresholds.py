@@ -9,6 +9,7 @@ from tofmix.estimation.beam import beam_of
 from tofmix.estimation.false_alarms import FALSE_ALARMS, gain_table
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.counting import Thresholds
+from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.thresholds import SAMPLES, SHARES, calibrate
 from tofmix.estimation.settings import EstimateOptions
@@ -95,7 +96,7 @@ def test_false_alarms_are_as_rare_as_promised_on_fresh_pixels(name: str, rng: np
     sensor = camera_with(noise, _calibrated(noise, (60, 100), 4000))
     shape = name if name in KNOWN else ("gaussian" if noise.curve.shape is None else "skewed")
     errors = KNOWN["student" if name == "long-tailed" else shape].draw
-    width = np.exp(noise.curve.width_spread * np.clip(rng.standard_t(4.0, pixels), -4.0, 4.0))
+    width = np.exp(SCALE_OF_SPREAD * noise.curve.width_spread * np.clip(rng.standard_t(4.0, pixels), -4.0, 4.0))
     share = _background(noise, pixels, rng)
     samples = surfaces(rng, (80, pixels), (2000.0,), errors=errors, width=width, background=share)
     for promised in (0.01, 0.001):

@@ -22,6 +22,9 @@ NEGLIGIBLE = 1.0e-4
 TAIL_DEGREES = 4.0
 """Degrees of freedom of the Student t priors of log width and drift: some pixels are far wider than most."""
 
+SCALE_OF_SPREAD = 0.831
+"""Scale of the Student t of `TAIL_DEGREES` that is nearest to a Gaussian of standard deviation 1, in likelihood."""
+
 MOST_LOG_WIDTH = 1.5
 """A pixel's width is between exp(-1.5) and exp(1.5) times the common one."""
 

@@ -19,7 +19,7 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import LEAST_GAIN, flat_thresholds, held_out_scores
-from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, TAIL_DEGREES, precision_of_t
+from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, SCALE_OF_SPREAD, TAIL_DEGREES, precision_of_t
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram, shapes_differ
@@ -67,7 +67,7 @@ SAME = 1.02
 _SPREADS = np.geomspace(0.02, 1.0, 30)
 _NEVER = 1e-12
 
-_FREE_WIDTH = 0.5
+_FREE_WIDTH = 0.6
 """Spread of log width while widths are measured: wide enough to leave each to its own samples."""
 
 _FREE_DRIFT_SIGMAS = 3.0
@@ -528,11 +528,13 @@ def _with_widths(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> Pi
     """Measure how far the widths of pixels differ beyond chance."""
     fits = learner.fits(replace(noise, curve=replace(noise.curve, width_spread=_FREE_WIDTH)), clusters)
     chance = 1.0 / (noise.laws()[0].width_information * np.maximum(fits.support, 1.0))
-    spread = width_spread(fits.log_width - float(np.median(fits.log_width)), np.asarray(chance))
-    return None if spread is None else replace(noise, curve=replace(noise.curve, width_spread=spread))
+    scale = width_scale(fits.log_width - float(np.median(fits.log_width)), np.asarray(chance))
+    if scale is None:
+        return None
+    return replace(noise, curve=replace(noise.curve, width_spread=scale / SCALE_OF_SPREAD))
 
 
-def width_spread(log_width: FloatArray, variance: FloatArray) -> float | None:
+def width_scale(log_width: FloatArray, variance: FloatArray) -> float | None:
     """Scale of the Student t density of log width that measured ones show best; None where chance is all there is.
 
     Parameters

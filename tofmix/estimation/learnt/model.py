@@ -6,7 +6,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.counting import Thresholds
-from tofmix.estimation.learnt.law import Law, law_of
+from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law, law_of
 from tofmix.learnt_noise import DRIFTS, LearntNoise
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -22,7 +22,8 @@ class PixelNoise:
     ----------
     curve : NoiseCurve
         sigma by range, and by amplitude where there is a law; with the shape of the error, None for a Gaussian, and
-        `width_spread`, 0 where the widths of all pixels are alike.
+        `width_spread`, 0 where the widths of all pixels are alike:
+        their logarithms follow the Student t density that is nearest to a Gaussian of this standard deviation.
     background : (float, float) or None
         Prior of each pixel's share of uniform background, a Beta density: pseudo-counts, in samples, of background and
         of the rest. None: every pixel has about the sensor's p(c_r), `p_outlier`.
@@ -62,7 +63,7 @@ class PixelNoise:
         law = law_of(
             self.curve.shape,
             background=self.background or known,
-            width_spread=self.curve.width_spread,
+            width_spread=SCALE_OF_SPREAD * self.curve.width_spread,
             drift_mm=self.drift_mm,
         )
         return law, law._replace(drift_mm=np.zeros(DRIFTS))

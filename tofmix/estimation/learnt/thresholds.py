@@ -31,7 +31,7 @@ from tofmix.estimation.learnt.counting import (
     try_one_more,
 )
 from tofmix.estimation.learnt.fitting import Samples, copy_fit, fill_times
-from tofmix.estimation.learnt.law import TAIL_DEGREES, Law
+from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
@@ -190,7 +190,8 @@ class _Drawing:
         place = self._ranges[np.arange(count) % len(self._ranges)]
         width = np.ones(count)
         if noise.curve.width_spread > 0:
-            width = np.exp(noise.curve.width_spread * np.clip(rng.standard_t(TAIL_DEGREES, count), -4.0, 4.0))
+            scale = SCALE_OF_SPREAD * noise.curve.width_spread
+            width = np.exp(scale * np.clip(rng.standard_t(TAIL_DEGREES, count), -4.0, 4.0))
         z = _standardised(rng, noise, (count, n))
         out = place[:, None] + width[:, None] * noise.curve.sigma(place)[:, None] * z
         time = np.linspace(-1.0, 1.0, n)
