@@ -6,7 +6,7 @@ before tests are collected, and what is left is compiled after that.
 
 import fcntl
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 
 from tofmix.jit import cache_folder
 
@@ -29,14 +29,25 @@ def noise_and_reconciliation() -> None:
     warm_up(load_model("three-boards"))
 
 
-PARTS: tuple[Callable[[], None], ...] = (layers, noise_and_reconciliation)
+def learnt_noise() -> None:
+    """Compile what learns noise, and counts under it."""
+    from tofmix.estimation.learnt.warm_up import warm_up
+
+    warm_up()
+
+
+PARTS: tuple[Callable[[], None], ...] = (layers, learnt_noise, noise_and_reconciliation)
 
 
 def begin(worker: int) -> None:
-    """Compile the part of a worker, which other workers with the same part wait for."""
-    part = PARTS[worker % len(PARTS)]
-    with _alone_with(part):
-        part()
+    """Compile the parts that no other worker has begun, each worker from another one on."""
+    first = worker % len(PARTS)
+    for part in PARTS[first:] + PARTS[:first]:
+        done = cache_folder() / f"{part.__name__}.done"
+        with suppress(BlockingIOError), _alone_with(part, wait=False):
+            if not done.exists():
+                part()
+                done.touch()
 
 
 def finish() -> None:
@@ -51,9 +62,15 @@ def finish() -> None:
 
 
 @contextmanager
-def _alone_with(part: Callable[[], None]) -> Iterator[None]:
-    """Let one process at a time into the block."""
+def _alone_with(part: Callable[[], None], *, wait: bool = True) -> Iterator[None]:
+    """Let one process at a time into the block.
+
+    Raises
+    ------
+    BlockingIOError
+        If another one is in it, and this one is not to wait.
+    """
     cache_folder().mkdir(parents=True, exist_ok=True)
     with (cache_folder() / f"{part.__name__}.lock").open("a") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
+        fcntl.flock(file, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield

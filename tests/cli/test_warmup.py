@@ -13,7 +13,7 @@ from sizes import sized
 
 from tofmix.jit import cache_folder
 
-KERNELS = 14
+KERNELS = 22
 """Kernels that commands call: other kernels are compiled inside these."""
 
 

@@ -325,7 +325,7 @@ def _compile(options: "EstimateOptions") -> None:
 def _say_compiling() -> None:
     if not _compiling_said.is_set():
         _compiling_said.set()
-        click.echo("tofmix: compiling the kernels; a first run takes 15 to 30 seconds longer", err=True)
+        click.echo("tofmix: compiling the kernels; a first run takes half a minute or more", err=True)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from tofmix.estimation.counters import COUNTERS
 from tofmix.estimation.layering import layer_pixels, warm_up
+from tofmix.estimation.learnt import warm_up as learnt
 from tofmix.estimation.noise import measure_noise
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.io.model_file import load_model
@@ -29,6 +30,7 @@ def compile_all() -> None:
     warm_up(EstimateOptions(unambiguous_range_mm=2.0 * _RANGE_MM))
     warm_up(EstimateOptions(paper=True))
     compile_noise()
+    learnt.warm_up()
     range_mm, sensor, amplitude = _made_up()
     law = AmplitudeLaw(np.array([100.0]), np.array([50.0, 200.0]), np.array([2.0, 0.5]))
     by_amplitude = replace(sensor, noise=NoiseCurve(np.array([_RANGE_MM]), np.array([10.0]), law))
