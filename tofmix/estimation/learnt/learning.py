@@ -285,19 +285,18 @@ def learn_pixel_noise(
     curves = _first_curves(pixels.samples, start)
     if not curves:
         raise ValueError("noise: no two samples of a pixel differ, or none is valid")
-    best: _Trial | None = None
-    plainest: _Trial | None = None
-    measured = curves[0]
-    chosen, added = curves[0], list[str]()
-    with ThreadPoolExecutor(workers, thread_name_prefix="tofmix") as pool:
-        for curve, noises in _apart(folds, curves, sensor):
-            plain = _tried(folds, noises)
-            if plain is None or (plainest is not None and _helps(plain, plainest) == 0.0):
-                continue  # a scale that predicts no better as it is will not with more parts
-            plainest = plain
-            found, own = _with_parts(folds, plain, parts, insisted=("widths",) if widths else (), side_by_side=pool.map)
-            if best is None or _helps(found, best) > 0.0:
-                best, chosen, added, measured = found, curve, own, plain.noises[-1].curve
+    chosen, plain = curves[0], None
+    for curve, noises in _apart(folds, curves, sensor):
+        trial = _tried(folds, noises)
+        if trial is not None and (plain is None or _helps(trial, plain) > 0.0):
+            chosen, plain = curve, trial
+    best, added, measured = plain, list[str](), curves[0]
+    if plain is not None:
+        measured = plain.noises[-1].curve
+        with ThreadPoolExecutor(workers, thread_name_prefix="tofmix") as pool:
+            best, added = _with_parts(
+                folds, plain, parts, insisted=("widths",) if widths else (), side_by_side=pool.map
+            )
     given_holds = False
     if instead_of is not None and best is not None:
         given = PixelNoise.gaussian(instead_of, sensor.outlier_probability)
