@@ -101,7 +101,7 @@ def test_what_goes_wrong_anywhere_is_one_line_and_a_code(
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("tofmix.cli.main._discard_stdout", lambda: None)  # pytest's own
+    monkeypatch.setattr("tofmix.cli.main._discard", lambda _: None)  # pytest's own
     for command in main.commands.values():
         monkeypatch.setattr(command, "callback", fail)
     outcome = tofmix("warmup")

@@ -3,9 +3,8 @@
 import os
 import signal
 import sys
-from contextlib import suppress
 from types import FrameType
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 import click
 
@@ -109,7 +108,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
         # click leaves with 1 where the reader of a pipe has gone (`| head`); by our table that were a bug of ours.
         sys.exit(ExitCode.CLOSED_PIPE if leave.code == 1 else leave.code)
     except OSError as error:
-        _discard_stdout()
+        _discard(sys.stdout)
         _fail(os_error_text(error, error.filename or "standard output"), ExitCode.STORAGE)
     except Exception as error:
         if not _is_want_of_memory(error):
@@ -124,14 +123,16 @@ def _is_want_of_memory(error: BaseException | None) -> bool:
 
 
 def _fail(text: str, code: ExitCode) -> NoReturn:
-    with suppress(OSError):  # stderr may be a file on the very disk that is full: the code must still tell
+    try:
         click.echo(f"tofmix: {' '.join(text.split())}", err=True)
+    except OSError:  # stderr may be a file on the very disk that is full: the code must still tell
+        _discard(sys.stderr)
     sys.exit(code)
 
 
-def _discard_stdout() -> None:
-    """Keep the interpreter from failing again, at exit, on what stdout still holds."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _discard(stream: TextIO) -> None:
+    """Keep the interpreter from failing again, at exit, on what a stream still holds: its exit code would be 120."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _die(number: int, _: FrameType | None) -> None:
