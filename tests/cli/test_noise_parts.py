@@ -20,6 +20,19 @@ CONTRACT = Path(__file__).parents[3] / "shared" / "check_contract.py"
 PARTS = shape_keys(skewed()) + "width_spread = 0.2\n"
 
 
+_MADE: dict[str, bytes] = {}  # layers of the recording, estimated once
+
+
+@pytest.fixture
+def layers(tofmix: Tofmix, recording: Path, tmp_path: Path) -> Path:
+    path = tmp_path / "a.layers.h5"
+    if "layers" not in _MADE:
+        assert tofmix("estimate", recording, "-o", path, "--noise", "file").code == 0
+        _MADE["layers"] = path.read_bytes()
+    path.write_bytes(_MADE["layers"])
+    return path
+
+
 @pytest.fixture
 def recording(tofmix: Tofmix, tmp_path: Path) -> Path:
     np.save(tmp_path / "share.npy", np.linspace(0.0, 0.3, 96, dtype=np.float32).reshape(8, 12))
@@ -54,9 +67,8 @@ def test_one_background_of_all_pixels_is_written_as_a_map(tofmix: Tofmix, tmp_pa
 
 
 @pytest.mark.skipif(not CONTRACT.exists(), reason="the shared contract checker is not beside this checkout")
-def test_files_fit_the_contract(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
-    assert tofmix("estimate", recording, "-o", tmp_path / "a.layers.h5", "--noise", "file").code == 0
-    for path in (recording, tmp_path / "a.layers.h5"):
+def test_files_fit_the_contract(recording: Path, layers: Path) -> None:
+    for path in (recording, layers):
         checked = subprocess.run([sys.executable, CONTRACT, path], capture_output=True, text=True, check=False)
         assert checked.returncode == 0, checked.stdout + checked.stderr
 
@@ -138,12 +150,9 @@ def test_import_takes_the_parts_from_a_camera_file(tofmix: Tofmix, recording: Pa
 )
 @pytest.mark.parametrize("kind", ["recording", "layers"])
 def test_unfit_datasets_are_refused_in_one_line(
-    tofmix: Tofmix, recording: Path, tmp_path: Path, kind: str, name: str, values: np.ndarray | None, reason: str
+    tofmix: Tofmix, request: pytest.FixtureRequest, kind: str, name: str, values: np.ndarray | None, reason: str
 ) -> None:
-    path = recording
-    if kind == "layers":
-        path = tmp_path / "a.layers.h5"
-        assert tofmix("estimate", recording, "-o", path, "--noise", "file").code == 0
+    path = request.getfixturevalue(kind)
     with h5py.File(path, "r+") as root:
         group = root["sensor"]
         if name == "noise_shape_z":

@@ -40,6 +40,8 @@ FAR_OFF = 1.5
 SURE = 3.0
 _MAD = 1.4826
 _NEAR_SIGMAS = 8.0
+_QUARTILE_ERROR = 1.83
+"""Relative standard error of the upper quartile of n chi-square variables of one degree, times sqrt(n)."""
 _CENTRAL = 4.0
 
 
@@ -87,7 +89,7 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
         found.append("widths")
     if _is_shaped(fits):
         found.append("shape")
-    if _drifts(drifting) > DRIFT_TOLERANCE:
+    if _drifts(drifting):
         found.append("drift")
     far = _far_share(pixels, fits, clusters.pixel, owners)
     if far > sensor.outlier_probability + BACKGROUND_TOLERANCE:
@@ -116,12 +118,21 @@ def _is_shaped(fits: ClusterFits) -> bool:
     )
 
 
-def _drifts(fits: ClusterFits) -> float:
-    """Typical change over a window by the first polynomial, chance taken off, in sigmas."""
+def _drifts(fits: ClusterFits) -> bool:
+    """Whether the typical change over a window by the first polynomial, chance taken off, is worth learning for.
+
+    Without drift, the square of that change over the width is 12 / n times an F variable of 1 and n - 4 degrees: mean
+    and polynomials have taken four.
+    """
+    from scipy.stats import f
+
     width = np.exp(fits.log_width) * fits.sigma
-    moved = 2.0 * fits.drift[:, 0] / width
-    chance = 4.0 * 3.0 / np.maximum(fits.support, 1.0)
-    return math.sqrt(max(float(np.quantile(moved**2, 0.75) / 1.1503**2 - np.median(chance)), 0.0))
+    n = max(float(np.median(fits.support)), 1.0)
+    free = max(n - 1.0 - DRIFTS, 1.0)
+    chance = 12.0 / free
+    quartile = float(f.ppf(0.75, 1.0, free))
+    square = float(np.quantile((2.0 * fits.drift[:, 0] / width) ** 2, 0.75)) / quartile
+    return square - chance > DRIFT_TOLERANCE**2 + SURE * chance * _QUARTILE_ERROR / math.sqrt(len(width))
 
 
 def _far_share(pixels: Pixels, fits: ClusterFits, pixel: IntArray, owners: IntArray) -> float:
