@@ -80,6 +80,7 @@ def test_amplitude_without_effect_is_told_and_changes_nothing(tofmix: Tofmix, tm
             np.testing.assert_array_equal(one[name][...], other[name][...])
 
 
+@pytest.mark.slow
 def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_reflective(tmp_path / "a.h5", 0.85)
     auto = ["--noise", "auto", "--window", 30]

@@ -22,6 +22,7 @@ def _three(rng: np.random.Generator, n: int = 150) -> NDArray[np.float64]:
     return np.asarray(rng.normal(np.array([0.0, 4.0, 7.0])[which], np.array([1.0, 0.5, 1.5])[which]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variances", Variances)
 @pytest.mark.parametrize("k", [1, 2, 3, pytest.param(5, marks=pytest.mark.compiled("five surfaces take long"))])
 def test_no_random_start_of_textbook_em_ends_higher(k: int, variances: Variances, rng: np.random.Generator) -> None:

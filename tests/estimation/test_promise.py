@@ -58,6 +58,7 @@ def test_it_cannot_tell_where_surfaces_overlap_or_samples_lie_elsewhere(
     assert promise_of_clear(data, 1, work.fit, beam, work.room, math.inf) == math.inf
 
 
+@pytest.mark.slow
 def test_it_agrees_with_the_search_that_looks_everywhere(rng: np.random.Generator, sensor: Sensor) -> None:
     block = draw(rng, sensor, ranges_mm=[1200, 3000], shares=[0.5, 0.5], n=200, pixels=sized(200, 30))
     both = []
