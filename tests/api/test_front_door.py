@@ -111,6 +111,7 @@ def test_from_array_with_a_built_in_camera_has_the_noise_of_the_given_integratio
     np.testing.assert_allclose(fast.sensor.noise.sigma_mm, 2.0 * slow.sensor.noise.sigma_mm)
 
 
+@pytest.mark.slow
 def test_recording_without_a_curve_is_estimated_with_the_measured_one(tmp_path: Path) -> None:
     path = _without_curve(write_recording(tmp_path / "a.h5", boards(100, rows=12, cols=24)))
     found = tm.estimate(path)

@@ -40,6 +40,7 @@ def test_samples_of_each_pixel_follow_equation_1_without_effects() -> None:
     assert p.min() > 0.01 / p.size
 
 
+@pytest.mark.slow
 def test_moments_are_those_of_equation_1_without_effects() -> None:
     surfaces = draw_scene("near_far", [5], DEVICE.view).surfaces
     samples = record(DEVICE, surfaces, seed=8).range_mm.reshape(DEVICE.frames, -1).astype(float)

@@ -63,6 +63,7 @@ def test_info_warns_of_metres(tofmix: Tofmix, metres: Path) -> None:
     assert "--units m" in warnings["range_units"]
 
 
+@pytest.mark.slow
 def test_zeros_that_count_as_ranges_are_said_once(tofmix: Tofmix, tmp_path: Path) -> None:
     samples = boards(40).astype("f4")
     samples[:10] = 0

@@ -81,6 +81,7 @@ def test_every_option_does_something(
     assert plain["options"] != changed["options"]
 
 
+@pytest.mark.slow
 @pytest.mark.compiled("a frequency over 1600 pixels")
 def test_more_false_alarms_are_had_for_the_asking(tofmix: Tofmix, tmp_path: Path) -> None:
     rng = np.random.default_rng(8)

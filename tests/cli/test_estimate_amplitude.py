@@ -26,6 +26,7 @@ def write_reflective(path: Path, exponent: float, curve: dict[str, NDArray[np.fl
     return path
 
 
+@pytest.mark.slow
 def test_a_law_of_amplitude_is_told_and_stored(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_reflective(tmp_path / "a.h5", 1.0)
     outcome = tofmix("estimate", path, "--noise", "auto")

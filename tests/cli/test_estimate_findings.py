@@ -34,6 +34,7 @@ def test_all_well_says_nothing(tofmix: Tofmix, tmp_path: Path) -> None:
     assert json.loads(done.out)["warnings"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.2, 4.0])
 def test_samples_against_the_curve_are_said_and_the_remedy_works(tofmix: Tofmix, tmp_path: Path, factor: float) -> None:
     recording = _wall(tmp_path / "a.h5", factor=factor)

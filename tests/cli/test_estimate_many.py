@@ -28,6 +28,7 @@ def test_each_gets_its_file_and_its_line(tofmix: Tofmix, recordings: list[Path],
     assert (tmp_path / "b.layers.h5").read_bytes() == (tmp_path / "out" / "b.layers.h5").read_bytes()
 
 
+@pytest.mark.slow
 def test_one_that_fails_does_not_keep_the_others(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
     recordings[1].write_text("not a recording")
     outcome = tofmix("estimate", *recordings, tmp_path / "none.h5", "--output-dir", tmp_path / "out", "--json")

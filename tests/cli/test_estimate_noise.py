@@ -117,6 +117,7 @@ def test_the_outlier_share_is_counted(tofmix: Tofmix, tmp_path: Path, samples: n
         np.testing.assert_array_equal(root["sensor/noise_sigma"][...], NOISE["noise_sigma"])
 
 
+@pytest.mark.slow
 def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     path = write_recording(tmp_path / "a.h5", samples, noise=None)
     auto = ["--noise", "auto", "--outliers", "auto"]

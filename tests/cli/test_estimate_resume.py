@@ -176,6 +176,7 @@ def test_shards_make_the_same_bytes(tofmix: Tofmix, recording: Path, tmp_path: P
     assert "were there already" in tofmix("estimate", recording, *WINDOWS, "--shard", "1/3", "--resume").err
 
 
+@pytest.mark.slow
 def test_parts_that_do_not_make_one_run_are_refused(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     def part(number: int, count: int, *extra: object) -> Path:
         path = tmp_path / f"{number}-{count}{len(extra)}"

@@ -33,15 +33,9 @@ def _read(path: Path) -> dict[str, Any]:
         return {name: item[...] for name, item in root.items() if isinstance(item, h5py.Dataset)} | dict(root.attrs)
 
 
-@pytest.mark.parametrize(
-    ("dtype", "option"),
-    [
-        ("u2", ["--wrap"]),
-        pytest.param("f4", ["--wrap"], marks=pytest.mark.slow),
-        pytest.param("f4", ["--unambiguous-range", LENGTH], marks=pytest.mark.slow),
-        pytest.param("u2", ["--unambiguous-range", LENGTH], marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", ["f4", "u2"])
+@pytest.mark.parametrize("option", [["--wrap"], ["--unambiguous-range", LENGTH]])
 def test_a_wall_at_the_fold_is_one_surface(tofmix: Tofmix, tmp_path: Path, dtype: str, option: list[object]) -> None:
     recording, layers = _folded(tmp_path / "a.h5", dtype), tmp_path / "a.layers.h5"
     outcome = tofmix("estimate", recording, *option)

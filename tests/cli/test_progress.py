@@ -53,6 +53,7 @@ def _shown(terminal: tuple[int, int], *arguments: object) -> str:
         return ""
 
 
+@pytest.mark.slow
 def test_a_terminal_without_a_width_has_a_bar_that_goes(terminal: tuple[int, int], tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(MODEL)
     shown = _shown(terminal, "simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5")
@@ -61,6 +62,7 @@ def test_a_terminal_without_a_width_has_a_bar_that_goes(terminal: tuple[int, int
     assert max(len(line) for line in shown.split("\r")) <= 80
 
 
+@pytest.mark.slow
 def test_quiet_shows_no_bar(terminal: tuple[int, int], tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(MODEL)
     assert _shown(terminal, "simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5", "--quiet") == ""

@@ -180,6 +180,7 @@ def test_csv_with_a_column_target(tofmix: Tofmix, tmp_path: Path) -> None:
         assert set(root["amplitude"][:, 1][values[:, 1] > 0].tolist()) == {49.0}
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Pixels return up to 3 targets")
 def test_from_python_the_samples_have_the_axis_and_shares_are_the_same(made: Path, tmp_path: Path) -> None:
     recording = tm.open(made / "t.h5")

@@ -14,6 +14,7 @@ from tofmix.estimation.settings import MODE_FREE, MODE_PRIOR, MODE_TIED
 from tofmix.sensor import Sensor
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", [MODE_TIED, MODE_PRIOR, MODE_FREE])
 def test_it_ends_at_a_fixed_point_of_em_as_high_as_em_itself(
     mode: int, rng: np.random.Generator, sensor: Sensor

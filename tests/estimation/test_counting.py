@@ -66,6 +66,7 @@ def _gain_by_brute_force(samples: naive.Array, sensor: Sensor) -> float:
     return gain - float(np.log(naive.mixture_density(samples, *one, sensor)).sum())
 
 
+@pytest.mark.slow
 @pytest.mark.compiled("some of 30 pixels, and not all")
 def test_close_surfaces_are_found_where_the_likelihood_ratio_finds_them(
     rng: np.random.Generator,

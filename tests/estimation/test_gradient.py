@@ -14,6 +14,7 @@ from tofmix.estimation.settings import MODE_TIED
 from tofmix.sensor import Sensor
 
 
+@pytest.mark.slow
 def test_no_second_surface_gains_more_than_the_steepest_slope(rng: np.random.Generator, sensor: Sensor) -> None:
     assert sensor.noise is not None
     beam = beam_of(sensor)

@@ -68,6 +68,7 @@ def test_the_curve_is_right_to_5_per_cent(rng: np.random.Generator, sensor: Sens
     assert measured.step_mm == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_200_pixels_are_enough(rng: np.random.Generator, sensor: Sensor) -> None:
     assert sensor.noise is not None
     errors = []

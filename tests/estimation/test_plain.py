@@ -39,6 +39,7 @@ def test_no_random_start_of_textbook_em_ends_higher(k: int, variances: Variances
         assert naive.plain_log_likelihood(samples, *found) <= fit.log_likelihood + 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variances", Variances)
 def test_the_end_is_a_fixed_point_of_textbook_em(variances: Variances, rng: np.random.Generator) -> None:
     samples = _three(rng, 400)

@@ -47,6 +47,7 @@ def test_a_surface_that_gains_enough_is_promised(rng: np.random.Generator, senso
     assert quick > sized(200, 8)  # it does turn pixels away
 
 
+@pytest.mark.slow
 def test_it_cannot_tell_where_surfaces_overlap_or_samples_lie_elsewhere(
     rng: np.random.Generator, sensor: Sensor
 ) -> None:

@@ -192,6 +192,7 @@ def test_storage_and_workers_change_nothing(
     assert together == alone
 
 
+@pytest.mark.slow
 @given(samples=samples(), options=OPTIONS, seed=st.integers(0, 99))
 @examples(15)
 def test_the_order_of_frames_changes_nothing(samples: NDArray[np.float64], options: EstimateOptions, seed: int) -> None:

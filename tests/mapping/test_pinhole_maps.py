@@ -54,6 +54,7 @@ def thin_rays(beams: Beams, pose: Pose, grid: Grid, rays: int) -> tuple[np.ndarr
     return stopped, passed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pose", POSES)
 def test_counted_light_agrees_with_thin_rays(make_layers: MakeLayers, pinhole: Sensor, pose: Pose) -> None:
     rng = np.random.default_rng(11)

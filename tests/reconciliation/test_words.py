@@ -30,6 +30,7 @@ def test_summary_tells_size_of_a_map_and_number_of_stuck_pixels(small: Model) ->
     assert abs(float(size) - np.sqrt((working**2).mean())) < 1.5
 
 
+@pytest.mark.slow
 def test_summary_calls_the_floor_noise_alone_and_says_which_round_candidates_are_of(small: Model) -> None:
     hidden = MAKE["range_offset"](offset_mm=9.0), MAKE["excess_noise"](factor=1.4)
     result = reconciled(small, *hidden, kinds=("range_offset", "excess_noise"))

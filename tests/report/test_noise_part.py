@@ -59,6 +59,7 @@ def page_of(parts: Parts, make_source: MakeSource, *, recorded: bool = True) -> 
     return render_page(source, recording=recording)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("recorded", [True, False])
 @pytest.mark.parametrize(
     ("parts", "panels"),
@@ -169,6 +170,7 @@ def test_widths_are_counted_beside_the_learnt_spread(spread: float) -> None:
     assert len(axes.get_xticks()) >= 3
 
 
+@pytest.mark.slow
 def test_pages_without_a_pixel_of_one_layer_are_made(make_source: MakeSource) -> None:
     empty = Layers.empty(IMAGE, 3)
     case = made(ALL, frames=FRAMES, image=IMAGE)

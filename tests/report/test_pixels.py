@@ -94,6 +94,7 @@ def test_the_grown_density_ends_where_all_samples_lead() -> None:
         grow_density(np.zeros(0), SENSOR)
 
 
+@pytest.mark.slow
 def test_few_samples_are_enough_for_a_growth() -> None:
     growth = grow_density(two_boards(2), SENSOR)
     assert [number for number, _ in growth.snapshots] == [1, 2]

@@ -85,6 +85,7 @@ def test_shares_and_ranges_agree_with_brute_force_rays() -> None:
     assert several >= 3
 
 
+@pytest.mark.slow
 def test_a_wall_square_to_the_axis_has_the_closed_form_range() -> None:
     """Without a lens, 8 x 8 rays a pixel: a wall at z has the range z / cos, averaged over the cell."""
     wall = Surface(name="wall", center_mm=(0, 0, 2000), size_mm=(9000, 9000))

@@ -154,6 +154,7 @@ def _two_surfaces(rng: np.random.Generator, name: str = "gaussian", distance: fl
     return samples
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOISES)
 def test_objective_is_the_likelihood_and_the_priors_written_out(name: str, rng: np.random.Generator) -> None:
     noise = NOISES[name]
@@ -176,6 +177,7 @@ def test_objective_counts_drift_and_its_prior(rng: np.random.Generator) -> None:
     assert pixel.value(k) == pytest.approx(written_out(samples, noise, pixel.fitted(k)), abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOISES)
 def test_em_ends_at_the_maximum_that_scipy_finds(name: str, rng: np.random.Generator) -> None:
     noise = NOISES[name]
@@ -210,6 +212,7 @@ def test_em_of_a_drifting_surface_ends_at_the_maximum_that_scipy_finds(rng: np.r
     assert written_out(samples, noise, found) == pytest.approx(value, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOISES)
 def test_likelihood_never_falls_from_one_step_to_the_next(name: str, rng: np.random.Generator) -> None:
     # A line between the points of a table is no density's own: some 1e-4 nat of 1e3, and more at a skewed one's end.
@@ -225,6 +228,7 @@ def test_likelihood_never_falls_from_one_step_to_the_next(name: str, rng: np.ran
             before = after
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NOISES)
 def test_accelerated_steps_end_where_many_plain_ones_do(name: str, rng: np.random.Generator) -> None:
     pixel = Pixel(_two_surfaces(rng), NOISES[name])
