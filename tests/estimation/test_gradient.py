@@ -2,6 +2,7 @@
 
 import naive
 import numpy as np
+import pytest
 from drawing import draw
 from sizes import sized
 

@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from recordings import MAKE, reconciled
 
 from tofmix.reconciliation.words import effect_tables, effect_text, headline, summary_lines
