@@ -66,14 +66,15 @@ def test_findings_are_those_of_report_whoever_computes(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     _wall(Path("a.h5"), drift=20.0, frames=80)
-    once = tofmix("estimate", "a.h5", "--window", 40, "--workers", 1)
+    given = "--noise", "file", "--window", 40
+    once = tofmix("estimate", "a.h5", *given, "--workers", 1)
     lines = once.err.splitlines()
     assert [("drift by" in line, "two layers within" in line) for line in lines] == [(True, False), (False, True)]
-    assert tofmix("estimate", "a.h5", "--window", 40, "--workers", 3, "--overwrite").err == once.err
-    assert tofmix("estimate", "a.h5", "--window", 40, "--resume").err.splitlines()[:1] == lines[:1]
-    assert lines[1] in tofmix("estimate", "a.h5", "--window", 40, "--resume").err.splitlines()
+    assert tofmix("estimate", "a.h5", *given, "--workers", 3, "--overwrite").err == once.err
+    assert tofmix("estimate", "a.h5", *given, "--resume").err.splitlines()[:1] == lines[:1]
+    assert lines[1] in tofmix("estimate", "a.h5", *given, "--resume").err.splitlines()
     for number in (1, 2):
-        part = tofmix("estimate", "a.h5", "--window", 40, "--shard", f"{number}/2")
+        part = tofmix("estimate", "a.h5", *given, "--shard", f"{number}/2")
         assert part.err.splitlines() == lines[:1]
     merged = tofmix("merge", "a.layers.1-of-2.part", "a.layers.2-of-2.part", "-o", "a.layers.h5", "--overwrite")
     assert merged.err.splitlines() == lines[1:]
