@@ -144,3 +144,21 @@ def test_refusals(tofmix: Tofmix, tmp_path: Path, extra: list[str], code: int, r
     assert reason in outcome.err
     assert outcome.err.count("\n") == 1
     assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
+
+
+@pytest.mark.parametrize(
+    ("option", "without"),
+    [
+        (("--noise-shape", "gaussian"), ("--noise", "file")),
+        (("--noise-widths", "own"), ("--noise", "sr3000")),
+        (("--noise-widths", "common"), ("--sigma", "free")),
+    ],
+)
+def test_parts_of_a_noise_that_is_not_learnt_are_refused(
+    tofmix: Tofmix, tmp_path: Path, samples: np.ndarray, option: tuple[str, str], without: tuple[str, str]
+) -> None:
+    recording = write_recording(tmp_path / "a.h5", samples)
+    done = tofmix("estimate", recording, *option, *without)
+    assert done.code == ExitCode.USAGE
+    assert f"{' '.join(option)}: goes with noise that is learnt, and with {' '.join(without)} none is" in done.err
+    assert not (tmp_path / "a.layers.h5").exists()

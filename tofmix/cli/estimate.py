@@ -1,5 +1,6 @@
 """``tofmix estimate``: a recording in, a layers file out."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -7,7 +8,7 @@ import click
 from click.core import ParameterSource
 
 from tofmix.cli.options import MEMORY, PATH, SHARD, default_workers, examples, json_option, overwrite_option
-from tofmix.cli.sensor_choice import circle_choice, outlier_choice
+from tofmix.cli.sensor_choice import AUTO, circle_choice, outlier_choice
 from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
@@ -185,6 +186,7 @@ def estimate(
         raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
     if choices["paper"]:
         _check_paper(context)
+    _check_learning(noise, choices, shape=noise_shape, widths=noise_widths)
     try:
         counter = _counter(context, choices)
         length = circle_choice(unambiguous_range, wrap=wrap)
@@ -209,6 +211,21 @@ def estimate(
         force=force,
     )
     estimate_files(recordings, output, output_dir, request, as_json=as_json)
+
+
+def _check_learning(noise: str | None, choices: Mapping[str, object], *, shape: str, widths: str) -> None:
+    """Refuse to insist on parts of a noise that is not learnt."""
+    given = {"--noise-shape": shape, "--noise-widths": widths}
+    chosen = [f"{name} {value}" for name, value in given.items() if value != AUTO]
+    gaussian = {
+        "--paper": choices["paper"],
+        "--refine none": choices["refine"] == "none",
+        "--sigma free": choices["sigma"] == "free",
+    }
+    instead = [name for name, is_so in gaussian.items() if is_so]
+    instead += [f"--noise {noise}"] if noise not in (None, AUTO) else []
+    if chosen and instead:
+        raise UsageError(f"{' and '.join(chosen)}: goes with noise that is learnt, and with {instead[0]} none is")
 
 
 def _check_paper(context: click.Context) -> None:

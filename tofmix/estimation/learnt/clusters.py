@@ -42,6 +42,8 @@ CLEAR = 0.2
 """No other place of the window, `APART` sigma or more away, has more samples together than this part of the densest."""
 
 APART = 4.0
+"""Sigmas from which on another crowd of the window may be another surface: two nearer ones overlap in one crowd."""
+
 LEAST_IN_CLUSTER = 8
 """Samples that crowd in a cluster, at least."""
 
@@ -49,6 +51,8 @@ LEAST_SHARE = 0.1
 """Part of the pixel's samples that crowd in a cluster, at least."""
 
 MOST_IN_PIXEL = 3
+"""Clusters looked for in a pixel: later ones hold few of its samples."""
+
 
 _MAX_ITER, _TOL = 60, 1.0e-3
 

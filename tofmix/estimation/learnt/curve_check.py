@@ -38,6 +38,8 @@ FAR_OFF = 1.5
 """Factor between the curve's sigma and that of differences that surfaces close to each other do not make alone."""
 
 SURE = 3.0
+"""Standard errors beyond each tolerance: chance alone makes one of some hundred recordings doubtful."""
+
 _MAD = 1.4826
 _NEAR_SIGMAS = 8.0
 _QUARTILE_ERROR = 1.83

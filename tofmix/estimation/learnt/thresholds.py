@@ -1,9 +1,10 @@
 """Gains that the learnt noise reaches by chance: a parametric bootstrap, once a recording.
 
 Pixels are drawn from the learnt model with one surface, and with none, for a few numbers of samples and shares of
-background. The package's own search fits one surface more to each. The gains it finds have a tail that falls
-exponentially, as those of likelihood ratios do; it is fitted from the gains that a twentieth of the pixels exceed, so
-that chances down to 10^-6 follow from a few thousand draws. Seeds are fixed: the same model gives the same table.
+background, and rounded as the recording is. The package's own search fits one surface more to each, and a jump in time.
+The gains it finds have a tail that falls exponentially, as those of likelihood ratios do; it is fitted from the gains
+that a twentieth of the pixels exceed, so that chances down to 10^-6 follow from a few thousand draws. Seeds are fixed:
+the same model gives the same table.
 
 References
 ----------
