@@ -1,7 +1,7 @@
 """Learn a recording's noise: sigma by range, the shape of the error, widths, backgrounds and drifts of single pixels.
 
 1. sigma(r) comes from clusters (`tofmix.estimation.noise`) and from differences of samples (`pair_differences`).
-   Surfaces may lie too close for either, so that smaller scales are tried too: the one that predicts best as it is stays.
+   Surfaces may lie too close for either, so that smaller scales are tried too: the one that predicts best stays.
 2. Parts are added one by one, the most helpful first: background, drift, widths, shape. Each is learnt from clusters
    (`clusters`) of two thirds of the pixels, and kept only if the others are predicted better with it (`held_out`).
 3. Parts that are no longer needed beside the others are dropped again.

@@ -50,8 +50,10 @@ LEAST_SAMPLES, LEAST_SURFACES = 10, 30
 """Samples of a surface, and surfaces, that tell whether shapes differ."""
 
 UNLIKE, SURE = 1.3, 5.0
-"""Ratio of the variance between surfaces to that of chance, and its standard errors, from which on shapes differ: of noise
-of one shape it is between 0.4 and 1.0, also where widths, drifts and backgrounds differ."""
+"""Ratio of the variance between surfaces to that of chance, and its standard errors, from which on shapes differ.
+
+Noise of one shape has a ratio between 0.4 and 1.0, also where widths, drifts and backgrounds differ.
+"""
 
 CENTRES = np.arange(-round(REACH / STEP), round(REACH / STEP) + 1) * STEP
 
