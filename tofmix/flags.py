@@ -1,4 +1,4 @@
-"""The status of a pixel: one definition for code, files and documentation."""
+"""The status of a pixel, and what its samples are of: one definition for code, files and documentation."""
 
 from enum import IntEnum
 
@@ -23,6 +23,28 @@ STATUS_MEANINGS: dict[Status, str] = {
     Status.NO_SURFACE: "the samples show no surface: no return, or outliers alone",
     Status.DEGENERATE: "the layers stand, but the samples cannot tell their errors (singular information)",
 }
+
+
+class Mixing(IntEnum):
+    """What the samples of a pixel are of (CF flag values)."""
+
+    ONE_SURFACE = 0
+    EVENTS = 1
+    PHASOR = 2
+    UNDECIDED = 3
+
+
+MIXING_MEANINGS: dict[Mixing, str] = {
+    Mixing.ONE_SURFACE: "the pixel sees one surface, or none",
+    Mixing.EVENTS: "each sample is of one of several surfaces",
+    Mixing.PHASOR: "samples are phasor sums of several surfaces; the layers are unmixed with the neighbours' help",
+    Mixing.UNDECIDED: "samples may be phasor sums, of surfaces that cannot be told; the layers are as under events",
+}
+
+
+def mixing_name(value: int) -> str:
+    """``one_surface`` for 0 and so on, as in the files' ``flag_meanings``."""
+    return Mixing(value).name.lower()
 
 
 def status_name(value: int) -> str:

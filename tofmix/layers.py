@@ -53,14 +53,23 @@ NOISE_WIDTH = LayerField(
 )
 """Where pixels have widths of their own."""
 
-OPTIONAL_FIELDS = (NOISE_WIDTH,)
+MIXING = LayerField(name="mixing", dtype="u1", units="1", long_name="what the samples of the pixel are of")
+"""Where the phasors of samples are known: amplitudes, and one modulation frequency."""
+
+LAW_TEXTS = {
+    "phasor_share": "share of the samples at edges that are phasor sums",
+    "phasor_pixels": "pixels that tell it",
+}
+"""Datasets of each window beside `mixing`: which law holds."""
+
+OPTIONAL_FIELDS = (NOISE_WIDTH, MIXING)
 """Datasets that some layers files have, after the others."""
 
 
-def layer_fields(sensor: Sensor) -> tuple[LayerField, ...]:
-    """Datasets of the layers that are estimated with a sensor."""
+def layer_fields(sensor: Sensor, *, mixing: bool = False) -> tuple[LayerField, ...]:
+    """Datasets of the layers that are estimated with a sensor; with `mixing`, of those that are unmixed."""
     own = sensor.learnt is not None and sensor.noise is not None and sensor.noise.width_spread > 0
-    return (*LAYER_FIELDS, NOISE_WIDTH) if own else LAYER_FIELDS
+    return (*LAYER_FIELDS, *((NOISE_WIDTH,) if own else ()), *((MIXING,) if mixing else ()))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,6 +96,7 @@ class Layers:
     n_iter: NDArray[np.uint16]
     status: NDArray[np.uint8]
     noise_width: NDArray[np.float32] | None = None
+    mixing: NDArray[np.uint8] | None = None
 
     @classmethod
     def empty(cls, shape: tuple[int, ...], max_layers: int, fields: tuple[LayerField, ...] = LAYER_FIELDS) -> Self:
@@ -140,6 +150,16 @@ class Provenance:
     options: dict[str, str | int | float] = field(default_factory=dict)
     frames_left_out: int = 0
     targets: int = 0
+
+    @property
+    def is_unmixed(self) -> bool:
+        """Whether the law of mixing was measured, and layers unmixed where samples are phasor sums."""
+        return "mixing" in self.options
+
+    @property
+    def fields(self) -> tuple[LayerField, ...]:
+        """Datasets of the layers."""
+        return layer_fields(self.sensor, mixing=self.is_unmixed)
 
     @property
     def samples_a_frame(self) -> int:

@@ -158,10 +158,16 @@ def amplitude_source(source: SampleSource) -> AmplitudeSource | None:
     return source if isinstance(source, AmplitudeSource) and source.has_amplitude else None
 
 
-def wanted_amplitudes(source: SampleSource) -> AmplitudeSource | None:
-    """The recording's amplitudes, where its noise curve asks for them."""
+def wanted_amplitudes(source: SampleSource, *, phasors: bool = False) -> AmplitudeSource | None:
+    """The recording's amplitudes, where its noise curve asks for them, or phasors are wanted."""
     noise = source.sensor.noise
-    return None if noise is None or noise.law is None else amplitude_source(source)
+    return amplitude_source(source) if phasors or (noise is not None and noise.law is not None) else None
+
+
+def has_phasors(source: SampleSource) -> bool:
+    """Whether the samples are phasors: amplitudes and one modulation frequency are known, one sample a frame."""
+    known = source.sensor.modulation_frequency_hz is not None and amplitude_source(source) is not None
+    return known and samples_a_frame(source) == 1
 
 
 class ArrayRecording:

@@ -28,7 +28,7 @@ def _codes(text: str) -> list[str]:
 
 
 def test_all_well_says_nothing(tofmix: Tofmix, tmp_path: Path) -> None:
-    done = tofmix("estimate", _wall(tmp_path / "a.h5"), "--json")
+    done = tofmix("estimate", _wall(tmp_path / "a.h5"), "--mixing", "events", "--json")
     assert done.code == 0
     assert "a.h5" not in done.err
     assert json.loads(done.out)["warnings"] == []
@@ -66,7 +66,7 @@ def test_findings_are_those_of_report_whoever_computes(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     _wall(Path("a.h5"), drift=20.0, frames=80)
-    given = "--noise", "file", "--window", 40
+    given = "--noise", "file", "--window", 40, "--mixing", "events"
     once = tofmix("estimate", "a.h5", *given, "--workers", 1)
     lines = once.err.splitlines()
     assert [("drift by" in line, "two layers within" in line) for line in lines] == [(True, False), (False, True)]
@@ -86,7 +86,7 @@ def test_findings_are_those_of_report_whoever_computes(
 
 def test_several_recordings_have_their_own(tofmix: Tofmix, tmp_path: Path) -> None:
     well, drifts = _wall(tmp_path / "a.h5"), _wall(tmp_path / "b.h5", drift=8.0)
-    done = tofmix("estimate", well, drifts, "--output-dir", tmp_path / "out", "--json")
+    done = tofmix("estimate", well, drifts, "--output-dir", tmp_path / "out", "--mixing", "events", "--json")
     first, second = (json.loads(line)["warnings"] for line in done.out.splitlines())
     assert (first, [warning["code"] for warning in second]) == ([], ["drift", "close_layers"])
     assert str(well) not in done.err

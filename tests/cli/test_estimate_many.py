@@ -17,7 +17,7 @@ def recordings(tmp_path: Path) -> list[Path]:
 
 
 def test_each_gets_its_file_and_its_line(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
-    outcome = tofmix("estimate", *recordings, "--output-dir", tmp_path / "out")
+    outcome = tofmix("estimate", *recordings, "--output-dir", tmp_path / "out", "--mixing", "events")
     assert outcome.code == 0, outcome.err
     assert outcome.err == ""
     assert [line.split(":")[0] for line in outcome.out.splitlines()] == [
@@ -40,7 +40,8 @@ def test_one_that_fails_does_not_keep_the_others(tofmix: Tofmix, recordings: lis
     assert "not an HDF5 file" in said[1]["error"]
     assert sum(said[0]["pixels_by_surfaces"]) == 4 * 3
     assert outcome.err.splitlines()[-1] == "tofmix: 2 of 4 recordings failed; the others are done"
-    assert len([line for line in outcome.err.splitlines() if "compiling the kernels" not in line]) == 3
+    said = [line for line in outcome.err.splitlines() if "compiling the kernels" not in line]
+    assert len([line for line in said if "mixing: not measured" not in line]) == 3
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["a.layers.h5", "c.layers.h5"]
     # What is done is left as it is.
     again = tofmix("estimate", *recordings, "--output-dir", tmp_path / "out", "--resume")

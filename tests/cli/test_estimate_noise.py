@@ -26,7 +26,7 @@ def test_recording_without_a_curve_is_estimated_with_the_measured_one_and_that_i
     tofmix: Tofmix, tmp_path: Path, samples: np.ndarray, option: list[str]
 ) -> None:
     path = write_recording(tmp_path / "a.h5", samples, noise=None)
-    outcome = tofmix("estimate", path, *option)
+    outcome = tofmix("estimate", path, *option, "--mixing", "events")
     assert outcome.code == 0, outcome.err
     assert re.search(
         r"a\.h5: noise: sigma 1[45][\d.]* (to 1[45][\d.]* )?mm, Gaussian, widths alike; learnt from 480 p", outcome.err
@@ -82,7 +82,7 @@ def test_a_curve_that_samples_agree_with_is_kept_without_a_word(
     tofmix: Tofmix, tmp_path: Path, samples: np.ndarray
 ) -> None:
     right = write_recording(tmp_path / "right.h5", samples, noise=TRUE)
-    assert tofmix("estimate", right).err == ""
+    assert tofmix("estimate", right, "--mixing", "events").err == ""
     assert tofmix("estimate", right, "--noise", "file", "-o", tmp_path / "file.h5").code == 0
     with h5py.File(tmp_path / "right.layers.h5") as usual, h5py.File(tmp_path / "file.h5") as file:
         for name in ("range", "n_modes", "probability", "weight"):

@@ -38,7 +38,7 @@ def _read(path: Path) -> dict[str, Any]:
 @pytest.mark.parametrize("option", [["--wrap"], ["--unambiguous-range", LENGTH]])
 def test_a_wall_at_the_fold_is_one_surface(tofmix: Tofmix, tmp_path: Path, dtype: str, option: list[object]) -> None:
     recording, layers = _folded(tmp_path / "a.h5", dtype), tmp_path / "a.layers.h5"
-    outcome = tofmix("estimate", recording, *option)
+    outcome = tofmix("estimate", recording, *option, "--mixing", "events")
     said = [line for line in outcome.err.splitlines() if "compiling the kernels" not in line]
     assert (outcome.code, said) == (0, [])
     found = _read(layers)
@@ -61,7 +61,8 @@ def test_bytes_do_not_depend_on_workers(tofmix: Tofmix, tmp_path: Path) -> None:
 
 def test_noise_and_outliers_are_measured_on_the_circle(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = _folded(tmp_path / "a.h5")
-    outcome = tofmix("estimate", recording, "--wrap", "--noise", "auto", "--outliers", "auto")
+    automatic = "--noise", "auto", "--outliers", "auto"
+    outcome = tofmix("estimate", recording, "--wrap", *automatic, "--mixing", "events")
     assert outcome.code == 0, outcome.err
     (line,) = outcome.err.splitlines()  # no warning that curve and recording disagree
     assert "noise: sigma 5" in line or "noise: sigma 6" in line
@@ -95,7 +96,7 @@ def test_a_circle_too_short_for_the_camera_is_refused(tofmix: Tofmix, tmp_path: 
 
 
 def test_a_range_max_at_the_fold_leaves_no_c0_and_says_so(tofmix: Tofmix, tmp_path: Path) -> None:
-    outcome = tofmix("estimate", _folded(tmp_path / "a.h5", range_max_mm=7490.0), "--wrap")
+    outcome = tofmix("estimate", _folded(tmp_path / "a.h5", range_max_mm=7490.0), "--wrap", "--mixing", "events")
     assert outcome.code == 0
     assert "there is no c_0" in outcome.err
     assert outcome.err.count("\n") == 1

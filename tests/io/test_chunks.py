@@ -28,7 +28,7 @@ def made_up(shape: tuple[int, int, int], layers: int = 3) -> Layers:
 @pytest.mark.parametrize("cell", [(2, 3, 5), (1, 3, 5), (2, 1, 5)])
 def test_hdf5_reads_what_was_encoded(tmp_path: Path, cell: tuple[int, int, int]) -> None:
     layers, whole = made_up(cell), (2, 3, 5)
-    encoded = encode_cell(layers, whole)
+    encoded = encode_cell(layers, shape=whole)
     with (
         AtomicFile(tmp_path / "a.h5", overwrite=False) as file,
         hdf5.create(file, kind="x", title="", history="") as root,
@@ -66,7 +66,7 @@ def test_fletcher32_is_that_of_the_library(data: bytes) -> None:
 
 
 def test_a_flipped_bit_in_a_chunk_is_noticed(tmp_path: Path) -> None:
-    chunk = bytearray(encode_cell(made_up((1, 4, 4)), (1, 4, 4)).chunks[2])
+    chunk = bytearray(encode_cell(made_up((1, 4, 4)), shape=(1, 4, 4)).chunks[2])
     chunk[7] ^= 4
     with h5py.File(tmp_path / "a.h5", "w") as root:
         dataset = root.create_dataset(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tofmix import __version__
 from tofmix.api.recordings import Recording
 from tofmix.errors import BadInputError, DoubtWarning
-from tofmix.layers import Layers, Provenance
+from tofmix.layers import LAW_TEXTS, Layers, Provenance
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ class Choices(TypedDict, total=False):
     tol: float
     min_samples: int
     unambiguous_range_mm: float | None
+    mixing: str
     paper: bool
 
 
@@ -57,6 +58,8 @@ class Estimate(Layers):
         Source, camera with the noise curve that was used, and options.
     window_start, window_stop : (window,) uint64
         Frames [start, stop) of each window.
+    phasor_share, phasor_pixels : (window,) array or None
+        Share of the samples at edges that are phasor sums, and pixels that tell it; None where it was not measured.
     recording : Recording or None
         The samples; None for layers read from a file.
     """
@@ -64,6 +67,8 @@ class Estimate(Layers):
     provenance: Provenance
     window_start: NDArray[np.uint64]
     window_stop: NDArray[np.uint64]
+    phasor_share: NDArray[np.floating] | None = None
+    phasor_pixels: NDArray[np.integer] | None = None
     recording: Recording | None = None
 
     def __repr__(self) -> str:
@@ -125,6 +130,9 @@ class Estimate(Layers):
         for name, text in (("start", "first frame of the window"), ("stop", "one past the last frame of the window")):
             attributes = {"units": "1", "long_name": text}
             variables[f"window_{name}"] = ("window", getattr(self, f"window_{name}"), attributes)
+        if self.phasor_share is not None:
+            for name, text in LAW_TEXTS.items():
+                variables[name] = ("window", getattr(self, name), {"units": "1", "long_name": text})
         made = self.provenance
         about = {"source": made.source, "tofmix_version": made.version, "sensor": made.sensor.name}
         return xarray.Dataset(variables, attrs=about | {"options": str(made.options)})
@@ -167,7 +175,10 @@ class Estimate(Layers):
             for cell in grid.cells():
                 place = cell.windows, cell.rows
                 part = Layers(**{spec.name: getattr(self, spec.name)[place] for spec in self.fields})
-                writer.write_chunks(cell.windows, cell.rows, encode_cell(part, (*grid.step, image[1])).chunks)
+                writer.write_chunks(cell.windows, cell.rows, encode_cell(part, shape=(*grid.step, image[1])).chunks)
+            if self.phasor_share is not None and self.phasor_pixels is not None:
+                for number, (share, pixels) in enumerate(zip(self.phasor_share, self.phasor_pixels, strict=True)):
+                    writer.write_law(number, float(share), int(pixels))
         return target
 
     def _windows(self) -> "Windows":
@@ -229,7 +240,7 @@ def estimate(
     """
     from tofmix.estimation.no_return import no_return_constant
     from tofmix.estimation.sample_span import sensor_with_span
-    from tofmix.estimation.sequence import estimate_layers
+    from tofmix.estimation.sequence import estimate_windows, settled_mixing
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.windows import plan_windows
 
@@ -258,7 +269,8 @@ def estimate(
         _say_doubts(samples, sensor, asked, windows.length, options.unambiguous_range_mm)
     source = source.with_sensor(sensor)
     with source.opened() as samples:
-        layers = estimate_layers(samples, options, windows=of_samples, workers=workers or os.cpu_count() or 1)
+        options = settled_mixing(options, samples)
+        found = estimate_windows(samples, options, windows=of_samples, workers=workers or os.cpu_count() or 1)
     said = {"noise": asked if isinstance(asked, str) else "given", "outliers": outliers}
     provenance = Provenance(
         source=source.name, source_sha256=_checksum(source), version=__version__, sensor=sensor,
@@ -266,12 +278,13 @@ def estimate(
         frames_left_out=windows.frames_left_out, targets=source.targets,
     )  # fmt: skip
     starts = np.arange(windows.count, dtype=np.uint64) * np.uint64(windows.stride)
-    found = Estimate(
-        **_arrays(layers), provenance=provenance, window_start=starts,
-        window_stop=starts + np.uint64(windows.length), recording=source,
+    made = Estimate(
+        **_arrays(found.layers), provenance=provenance, window_start=starts,
+        window_stop=starts + np.uint64(windows.length), phasor_share=found.phasor_share,
+        phasor_pixels=found.phasor_pixels, recording=source,
     )  # fmt: skip
-    _say_findings(found)
-    return found
+    _say_findings(made)
+    return made
 
 
 def read_estimate(path: Path) -> Estimate:
@@ -287,8 +300,9 @@ def read_estimate(path: Path) -> Estimate:
     with open_layers(path) as file:
         layers = file.read_block(slice(None), slice(None))
         return Estimate(
-            **_arrays(layers), provenance=file.provenance, window_start=file.window_start, window_stop=file.window_stop
-        )
+            **_arrays(layers), provenance=file.provenance, window_start=file.window_start, window_stop=file.window_stop,
+            phasor_share=file.phasor_share, phasor_pixels=file.phasor_pixels,
+        )  # fmt: skip
 
 
 def _arrays(layers: Layers) -> dict[str, Any]:

@@ -107,6 +107,11 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 )  # fmt: skip
 @click.option("--wrap", is_flag=True, help="The same, with c / 2f of the recording's modulation frequency f.")
 @click.option(
+    "--mixing", type=click.Choice(["auto", "events", "phasor"]), default="auto", show_default=True,
+    help="Samples of pixels that see several surfaces: of one surface each (events), or phasor sums, which are unmixed "
+    "with the neighbours' help; auto measures it.",
+)  # fmt: skip
+@click.option(
     "--paper", is_flag=True,
     help="The algorithm of the paper as it is printed, for comparison; --gamma is its threshold.",
 )  # fmt: skip
@@ -231,7 +236,7 @@ def _check_learning(noise: str | None, choices: Mapping[str, object], *, shape: 
 def _check_paper(context: click.Context) -> None:
     """Refuse options that the paper's algorithm does not have."""
     for name in (
-        "sigma", "refine", "false_alarm", "counter", "epsilon", "max_iter", "tol", "unambiguous_range", "wrap"
+        "sigma", "refine", "false_alarm", "counter", "epsilon", "max_iter", "tol", "unambiguous_range", "wrap", "mixing"
     ):  # fmt: skip
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
             raise UsageError(f"--{name.replace('_', '-')} does not go with --paper, which runs the paper's algorithm")

@@ -1,6 +1,7 @@
 """What ``tofmix estimate`` does with its recordings: one after the other, one bar for all, one line each."""
 
 import json
+import math
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -32,6 +33,13 @@ if TYPE_CHECKING:
     from tofmix.windows import Windows
 
 _COMPILING_AFTER_S = 4.0
+
+_NO_PHASORS = (
+    "mixing: not measured, as the recording has no amplitudes, or no single modulation frequency; each sample counts as"
+    " of one surface"
+)
+"""What is said of a recording whose samples are no phasors."""
+
 _compiling_said = threading.Event()
 
 
@@ -168,6 +176,7 @@ def _estimate(
     from tofmix.pipeline.local import LocalEngine
     from tofmix.pipeline.run import run_job
     from tofmix.report.findings import Remedy
+    from tofmix.unmixing.unmix import law_in_words
 
     say = partial(_say, bar)
     with opened_recording(recording, say=say) as source:
@@ -189,6 +198,8 @@ def _estimate(
             findings = findings_of_samples(source, source.sensor, options.unambiguous_range_mm, remedy)
         say_findings(recording, findings, say)
         job = plan_job(source, windows, options, _of_sensor(request, noise))
+        if not job.provenance.is_unmixed and options.mixing == "auto" and not is_quiet():
+            say(f"{recording}: {_NO_PHASORS}")
         engine: Engine
         if cluster is not None:
             engine = cluster
@@ -203,6 +214,8 @@ def _estimate(
             job, engine, target, shard=shard, overwrite=request.overwrite, resume=request.resume,
             progress=bar.update, say=say, settle=source.settle,
         )  # fmt: skip
+    if outcome.mixture is not None and not is_quiet():
+        say(f"{recording}: {law_in_words(outcome.mixture.phasor_share, outcome.mixture.pixels)}")
     if outcome.continued and not is_quiet():
         say(f"{target}: blocks that were there already: {outcome.continued} of {outcome.cells}")
     if windows.frames_left_out:
@@ -303,6 +316,9 @@ def describe(
         "pixels_by_surfaces": list(outcome.tally), "blocks": outcome.cells, "blocks_continued": outcome.continued,
         "warnings": [finding.as_dict() for finding in findings],
     }  # fmt: skip
+    if outcome.mixture is not None:
+        share = outcome.mixture.phasor_share
+        said["mixing"] = {"phasor_share": None if math.isnan(share) else share, "pixels": outcome.mixture.pixels}
     return line, said | ({"targets": outcome.targets} if outcome.targets else {})
 
 

@@ -98,7 +98,9 @@ class Group:
         return np.concatenate(parts) if parts else None
 
 
-def plan_reading(source: SampleSource, grid: Grid, *, buffer_bytes: int, workers: int) -> ReadPlan:
+def plan_reading(
+    source: SampleSource, grid: Grid, *, buffer_bytes: int, workers: int, phasors: bool = False
+) -> ReadPlan:
     """Choose bands and slabs for a limit of memory.
 
     Parameters
@@ -111,6 +113,8 @@ def plan_reading(source: SampleSource, grid: Grid, *, buffer_bytes: int, workers
         Memory for slabs, for reading them and for the workers.
     workers : int
         Threads that work on cells.
+    phasors : bool
+        Whether amplitudes are read beside the samples, whatever the noise curve asks for.
 
     Returns
     -------
@@ -126,7 +130,7 @@ def plan_reading(source: SampleSource, grid: Grid, *, buffer_bytes: int, workers
     whole = [band for band in _bands(grid) if band == rows or band % source.row_step == 0]
     chunk = source.frame_step, source.row_step
     # Amplitudes take as much as the samples.
-    times = 2 if wanted_amplitudes(source) else 1
+    times = 2 if wanted_amplitudes(source, phasors=phasors) else 1
     plans = chain(
         _plans(grid, whole, chunk, workers, rereads=False), _plans(grid, _bands(grid), (1, 1), workers, rereads=True)
     )
@@ -198,7 +202,9 @@ def working_bytes(grid: Grid) -> int:
     return _WORKING_BYTES * min(rows * grid.image[1] * length, max(PIECE_SAMPLES, length))
 
 
-def read_groups(source: SampleSource, grid: Grid, plan: ReadPlan, wanted: Iterable[Cell]) -> Iterator[Group]:
+def read_groups(
+    source: SampleSource, grid: Grid, plan: ReadPlan, wanted: Iterable[Cell], *, phasors: bool = False
+) -> Iterator[Group]:
     """Read the samples of some cells, group by group: band after band, each in the order of time.
 
     Frames and rows that no wanted cell needs are not read.
@@ -208,7 +214,7 @@ def read_groups(source: SampleSource, grid: Grid, plan: ReadPlan, wanted: Iterab
     def band(cell: Cell) -> int:
         return cell.index % grid.bands // high
 
-    reader = _SlabReader(source, plan)
+    reader = _SlabReader(source, plan, phasors=phasors)
     for _, members in groupby(sorted(wanted, key=lambda cell: (band(cell), cell.index)), key=band):
         in_band = list(members)
         rows = slice(min(cell.rows.start for cell in in_band), max(cell.rows.stop for cell in in_band))
@@ -220,9 +226,9 @@ def read_groups(source: SampleSource, grid: Grid, plan: ReadPlan, wanted: Iterab
 class _SlabReader:
     """Keeps the slabs that the last group had, as the next one may need them."""
 
-    def __init__(self, source: SampleSource, plan: ReadPlan) -> None:
+    def __init__(self, source: SampleSource, plan: ReadPlan, *, phasors: bool) -> None:
         self._source = source
-        self._amplitudes = wanted_amplitudes(source)
+        self._amplitudes = wanted_amplitudes(source, phasors=phasors)
         self._frames = plan.frames
         self._kept: dict[tuple[int, int], Slab] = {}
 

@@ -10,17 +10,24 @@ import threading
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
+from dataclasses import dataclass, replace
 from queue import SimpleQueue
-from typing import Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeAlias, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import Float32Array
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.reading import PIECE_SAMPLES, Group, ReadPlan, plan_reading, read_groups
 from tofmix.estimation.sample_span import sensor_with_span
-from tofmix.estimation.settings import EstimateOptions
+from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.layers import Layers, layer_fields
-from tofmix.recording import SampleSource
+from tofmix.recording import SampleSource, has_phasors
 from tofmix.sensor import Sensor
+from tofmix.unmixing.phasors import FIELD_COUNT, mean_phasors
+from tofmix.unmixing.unmix import unmix
 from tofmix.windows import Windows
 
 T = TypeVar("T")
@@ -29,11 +36,30 @@ DEFAULT_BUFFER_BYTES = 800_000_000
 """Memory for samples where nobody says otherwise."""
 
 
+Finish: TypeAlias = Callable[[Layers, Float32Array | None], T]
+"""What becomes of a cell: its layers, of the leading shape (window, row, col), and its mean phasors, if any."""
+
+
+def settled_mixing(options: EstimateOptions, source: SampleSource) -> EstimateOptions:
+    """The same options with the law of mixing that can be measured: ``events`` where samples are no phasors.
+
+    Raises
+    ------
+    ValueError
+        If phasor sums are insisted on, and amplitudes or the modulation frequency are not known.
+    """
+    if options.mixing is MixingChoice.EVENTS or has_phasors(source):
+        return options
+    if options.mixing is MixingChoice.PHASOR:
+        raise ValueError("mixing: phasor sums need amplitudes, a modulation frequency, and one sample a frame")
+    return replace(options, mixing=MixingChoice.EVENTS)
+
+
 def estimate_cells(
     source: SampleSource,
     grid: Grid,
     options: EstimateOptions,
-    finish: Callable[[Layers], T],
+    finish: Finish[T],
     *,
     workers: int = 1,
     buffer_bytes: int = DEFAULT_BUFFER_BYTES,
@@ -51,7 +77,8 @@ def estimate_cells(
     options : EstimateOptions
         The estimator's.
     finish : callable
-        What becomes of a cell's layers, of the leading shape (window, row, col); called in the worker.
+        What becomes of a cell's layers, of the leading shape (window, row, col), and of its mean phasors, of the shape
+        (window, row, col, 7) float32, or None where `settled_mixing` is ``events``; called in the worker.
     workers : int
         Threads, at least 1. It changes no value.
     buffer_bytes : int
@@ -67,7 +94,7 @@ def estimate_cells(
     Raises
     ------
     ValueError
-        If the sensor has no noise curve, or `workers` is below 1.
+        If the sensor has no noise curve, `workers` is below 1, or as `settled_mixing`.
     MemoryTooSmallError
         If one row of one window does not fit into `buffer_bytes`.
     """
@@ -76,10 +103,12 @@ def estimate_cells(
     sensor = source.sensor
     if sensor.sample_max_mm is None:
         sensor = sensor_with_span(source, options.unambiguous_range_mm)
-    plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers)
+    options = settled_mixing(options, source)
+    phasors = options.mixing is not MixingChoice.EVENTS
+    plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=phasors)
     # Compile or load the kernels before there are threads: several at once would wait for each other.
     warm_up(options)
-    groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted)
+    groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=phasors)
     run = _Run(groups, plan, _Work(sensor, grid, options, finish), workers)
     with closing(run.results()) as results:
         yield from results
@@ -88,7 +117,7 @@ def estimate_cells(
 class _Work(Generic[T]):
     """What a worker does with a cell."""
 
-    def __init__(self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[[Layers], T]) -> None:
+    def __init__(self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Finish[T]) -> None:
         self._sensor, self._grid, self._options, self._finish = sensor, grid, options, finish
 
     def __call__(self, group: Group, cell: Cell) -> T:
@@ -96,6 +125,8 @@ class _Work(Generic[T]):
         rows, cols = cell.rows.stop - cell.rows.start, self._grid.image[1]
         count = cell.windows.stop - cell.windows.start
         out = Layers.empty((count, rows, cols), self._options.max_layers, layer_fields(self._sensor))
+        measured = self._options.mixing is not MixingChoice.EVENTS
+        phasors = np.empty((count, rows, cols, FIELD_COUNT), np.float32) if measured else None
         for window in range(count):
             frames = self._grid.frames(slice(cell.windows.start + window, cell.windows.start + window + 1))
             for piece_rows, piece_cols in self._pieces(cell.rows):
@@ -105,7 +136,9 @@ class _Work(Generic[T]):
                 place = slice(piece_rows.start - cell.rows.start, piece_rows.stop - cell.rows.start)
                 for spec in out.fields:
                     getattr(out, spec.name)[window, place, piece_cols] = getattr(layers, spec.name)
-        return self._finish(out)
+                if phasors is not None and light is not None:
+                    phasors[window, place, piece_cols] = mean_phasors(samples, light, self._sensor)
+        return self._finish(out, phasors)
 
     def _pieces(self, rows: slice) -> Iterator[tuple[slice, slice]]:
         cols = self._grid.image[1]
@@ -168,15 +201,34 @@ class _Run(Generic[T]):
             self._workers.shutdown(wait=True, cancel_futures=True)
 
 
-def estimate_layers(
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EstimatedWindows:
+    """Layers of all windows of a recording.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (window, row, col).
+    phasor_share : (window,) float32 or None
+        Share of the samples at edges that are phasor sums, NaN where no pixel tells it; None: not measured.
+    phasor_pixels : (window,) uint32 or None
+        Pixels that tell it.
+    """
+
+    layers: Layers
+    phasor_share: Float32Array | None = None
+    phasor_pixels: NDArray[np.uint32] | None = None
+
+
+def estimate_windows(
     source: SampleSource,
     options: EstimateOptions | None = None,
     *,
     windows: Windows | None = None,
     workers: int = 1,
     buffer_bytes: int = DEFAULT_BUFFER_BYTES,
-) -> Layers:
-    """Layers of a whole recording in memory, of the leading shape (window, row, col).
+) -> EstimatedWindows:
+    """Layers of a whole recording in memory, and the law of mixing.
 
     A short form of `estimate_cells` for scripts; parameters and refusals are its own.
 
@@ -185,13 +237,39 @@ def estimate_layers(
     ValueError
         As `estimate_cells`.
     """
-    options = options or EstimateOptions()
+    options = settled_mixing(options or EstimateOptions(), source)
+    measured = options.mixing is not MixingChoice.EVENTS
     frames, rows, cols = source.shape
     windows = windows or Windows(length=frames, stride=frames, count=1, frames_left_out=0)
     grid = plan_grid(windows, (rows, cols), row_step=source.row_step)
-    out = Layers.empty((windows.count, rows, cols), options.max_layers, layer_fields(source.sensor))
-    cells = estimate_cells(source, grid, options, lambda layers: layers, workers=workers, buffer_bytes=buffer_bytes)
-    for cell, layers in cells:
-        for spec in out.fields:
+    shape = windows.count, rows, cols
+    out = Layers.empty(shape, options.max_layers, layer_fields(source.sensor, mixing=measured))
+    phasors = np.empty((*shape, FIELD_COUNT), np.float32) if measured else None
+    cells = estimate_cells(source, grid, options, lambda *parts: parts, workers=workers, buffer_bytes=buffer_bytes)
+    for cell, (layers, found) in cells:
+        for spec in layers.fields:
             getattr(out, spec.name)[cell.windows, cell.rows] = getattr(layers, spec.name)
-    return out
+        if phasors is not None and found is not None:
+            phasors[cell.windows, cell.rows] = found
+    if phasors is None:
+        return EstimatedWindows(layers=out)
+    shares, pixels = np.empty(windows.count, np.float32), np.empty(windows.count, np.uint32)
+    for window, means in enumerate(phasors):
+        part = Layers(**{spec.name: getattr(out, spec.name)[window] for spec in layer_fields(source.sensor)})
+        unmixed = unmix(part, means, source.sensor, insist=options.mixing is MixingChoice.PHASOR)
+        shares[window], pixels[window] = unmixed.phasor_share, unmixed.telling_pixels
+        for spec in out.fields:
+            getattr(out, spec.name)[window] = getattr(unmixed.layers, spec.name)
+    return EstimatedWindows(layers=out, phasor_share=shares, phasor_pixels=pixels)
+
+
+def estimate_layers(
+    source: SampleSource,
+    options: EstimateOptions | None = None,
+    *,
+    windows: Windows | None = None,
+    workers: int = 1,
+    buffer_bytes: int = DEFAULT_BUFFER_BYTES,
+) -> Layers:
+    """Layers of a whole recording in memory, of the leading shape (window, row, col), as `estimate_windows`."""
+    return estimate_windows(source, options, windows=windows, workers=workers, buffer_bytes=buffer_bytes).layers

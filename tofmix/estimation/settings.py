@@ -29,7 +29,15 @@ class SigmaMode(StrEnum):
     FREE = "free"
 
 
-_OF_PAPER = {"sigma": "free", "refine": "none", "max_iter": 50}
+class MixingChoice(StrEnum):
+    """Which law of mixing is taken to hold where a pixel sees several surfaces."""
+
+    AUTO = "auto"
+    EVENTS = "events"
+    PHASOR = "phasor"
+
+
+_OF_PAPER = {"mixing": "events", "sigma": "free", "refine": "none", "max_iter": 50}
 _WITHOUT_MEANING = ("false_alarm", "tol", "epsilon")
 
 
@@ -58,10 +66,13 @@ class EstimateOptions:
     unambiguous_range_mm : float or None
         Length of the circle that ranges are on, mm, finite and above 0: a surface at the fold is one surface. None:
         ranges are on a line, and nothing folds.
+    mixing : MixingChoice
+        ``auto``: measured from the scatter of samples, where these are phasors; ``events``: each sample is of one
+        surface, as equation (1) has it; ``phasor``: each sample is the phasor sum of all surfaces in the pixel.
     paper : bool
         Whether each pixel is fitted by the paper's algorithm as it is printed (`tofmix.estimation.paper`). Of the other
-        options only `max_layers`, `min_samples` and gamma of the counter ``kde`` then have a meaning; `sigma`, `refine`
-        and `max_iter` are set to the paper's.
+        options only `max_layers`, `min_samples` and gamma of the counter ``kde`` then have a meaning; `sigma`,
+        `refine`, `max_iter` and `mixing` are set to the paper's.
 
     Raises
     ------
@@ -78,6 +89,7 @@ class EstimateOptions:
     tol: float = 1.0e-3
     min_samples: int = 3
     unambiguous_range_mm: float | None = None
+    mixing: MixingChoice = MixingChoice.AUTO
     paper: bool = False
 
     def __post_init__(self) -> None:
@@ -90,6 +102,7 @@ class EstimateOptions:
                 object.__setattr__(self, name, value)
         object.__setattr__(self, "sigma", SigmaMode(self.sigma))
         object.__setattr__(self, "refine", Refine(self.refine))
+        object.__setattr__(self, "mixing", MixingChoice(self.mixing))
         check_false_alarm(self.false_alarm)
         length = self.unambiguous_range_mm
         bounds = (
@@ -104,9 +117,16 @@ class EstimateOptions:
                 raise ValueError(f"{name}: {getattr(self, name)} is not {text}")
 
     def as_dict(self) -> dict[str, str | int | float]:
-        """The options by name, the counter's own among them, for provenance; none that is None."""
+        """The options by name, the counter's own among them, for provenance; none that is None.
+
+        The law of mixing is an option only where it is measured or insisted on: ``events`` is left out.
+        """
         values = {f.name: getattr(self, f.name) for f in fields(self) if getattr(self, f.name) is not None}
         names = {kind: name for name, kind in COUNTERS.items()}
+        if self.mixing is MixingChoice.EVENTS:
+            del values["mixing"]
+        else:
+            values["mixing"] = self.mixing.value
         chosen = {"sigma": self.sigma.value, "refine": self.refine.value, "counter": names[type(self.counter)]}
         options = values | chosen | self.counter.as_dict()
         without = _WITHOUT_MEANING if self.paper else ("paper",)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tofmix.arrays import Float32Array
 from tofmix.layers import LayerField, Layers
 
 COMPRESSION_LEVEL = 1
@@ -19,19 +20,24 @@ COMPRESSION_LEVEL = 1
 
 
 class EncodedCell(NamedTuple):
-    """One chunk for each dataset of the layers, and how many pixels have 0, 1, 2, ... surfaces."""
+    """One chunk for each dataset of the layers, and how many pixels have 0, 1, 2, ... surfaces.
+
+    Where layers are still to be unmixed, the last chunk holds the mean phasors.
+    """
 
     tally: tuple[int, ...]
     chunks: tuple[bytes, ...]
 
 
-def encode_cell(layers: Layers, shape: tuple[int, int, int]) -> EncodedCell:
+def encode_cell(layers: Layers, phasors: Float32Array | None = None, *, shape: tuple[int, int, int]) -> EncodedCell:
     """Encode the layers of a cell.
 
     Parameters
     ----------
     layers : Layers
         Of the leading shape (window, row, col).
+    phasors : (window, row, col, 7) float32, optional
+        Mean phasors of the same pixels (`tofmix.unmixing.phasors`).
     shape : (int, int, int)
         The leading shape of a stored chunk; a cell at the far edge is filled up to it.
 
@@ -41,7 +47,43 @@ def encode_cell(layers: Layers, shape: tuple[int, int, int]) -> EncodedCell:
         The cell.
     """
     tally = np.bincount(layers.n_modes.ravel(), minlength=layers.max_layers + 1)
-    return EncodedCell(tuple(tally.tolist()), tuple(_chunks(layers, shape)))
+    chunks = tuple(_chunks(layers, shape))
+    if phasors is not None:
+        chunks = (*chunks, _packed(np.ascontiguousarray(phasors, dtype="<f4")))
+    return EncodedCell(tuple(tally.tolist()), chunks)
+
+
+def decode_cell(
+    encoded: EncodedCell, fields: tuple[LayerField, ...], *, shape: tuple[int, int, int], max_layers: int,
+    cell: tuple[int, int, int],
+) -> tuple[Layers, Float32Array]:  # fmt: skip
+    """Decode a cell that `encode_cell` made, with its mean phasors.
+
+    Parameters
+    ----------
+    encoded : EncodedCell
+        The cell.
+    fields : tuple of LayerField
+        Datasets of its layers.
+    shape : (int, int, int)
+        The leading shape of a stored chunk.
+    max_layers : int
+        Length of the layer axis.
+    cell : (int, int, int)
+        Windows, rows and columns of the cell itself.
+
+    Returns
+    -------
+    (Layers, (window, row, col, 7) float32)
+        Of the leading shape `cell`.
+    """
+    arrays: dict[str, Any] = {}
+    for spec, chunk in zip(fields, encoded.chunks, strict=False):
+        whole = (*shape, max_layers) if spec.per_layer else shape
+        values = _unpacked(chunk, np.dtype(spec.dtype).newbyteorder("<")).reshape(whole)
+        arrays[spec.name] = values[: cell[0], : cell[1], : cell[2]].astype(spec.dtype)
+    phasors = _unpacked(encoded.chunks[len(fields)], np.dtype("<f4")).reshape(*cell, -1)
+    return Layers(**arrays), phasors.astype(np.float32)
 
 
 def fill_of(spec: LayerField) -> float:
@@ -57,8 +99,19 @@ def _chunks(layers: Layers, shape: tuple[int, int, int]) -> Iterator[bytes]:
             windows, rows, cols = values.shape[:3]
             whole[:windows, :rows, :cols] = values
             values = whole
-        packed = zlib.compress(_shuffled(values), COMPRESSION_LEVEL)
-        yield packed + fletcher32(packed).to_bytes(4, "little")
+        yield _packed(values)
+
+
+def _packed(values: NDArray[Any]) -> bytes:
+    """Shuffled, compressed, and with a checksum."""
+    packed = zlib.compress(_shuffled(values), COMPRESSION_LEVEL)
+    return packed + fletcher32(packed).to_bytes(4, "little")
+
+
+def _unpacked(chunk: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """Values of a chunk, flat; the journal has a checksum of its own over it."""
+    data = np.frombuffer(zlib.decompress(chunk[:-4]), dtype=np.uint8)
+    return np.ascontiguousarray(data.reshape(dtype.itemsize, -1).T).reshape(-1).view(dtype)
 
 
 def _shuffled(values: NDArray[Any]) -> bytes:

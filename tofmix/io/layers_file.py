@@ -15,19 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.flags import Status, status_name
+from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.grid import Grid
 from tofmix.io import guard, hdf5
 from tofmix.io.provenance import header_image, read_provenance, write_provenance
 from tofmix.io.storage import AtomicFile
 from tofmix.layers import (
+    LAW_TEXTS,
     LAYER_FIELDS,
     MAX_LAYERS_LIMIT,
     OPTIONAL_FIELDS,
     LayerField,
     Layers,
     Provenance,
-    layer_fields,
 )
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.windows import Windows
@@ -92,9 +92,11 @@ class LayersWriter:
             write_provenance(self._root, self._provenance)
             for name, length in self._dims.items():
                 hdf5.add_scale(self._root, name, length)
-            for spec in layer_fields(self._provenance.sensor):
+            for spec in self._provenance.fields:
                 self._add(spec)
             self._add_windows()
+            if self._provenance.is_unmixed:
+                self._add_law()
             hdf5.write_sensor(self._root, self._provenance.sensor, image=(self._dims["row"], self._dims["col"]))
             hdf5.add_nexus_view(self._root, name="layers", signal="range", axes=_DIMS)
             self._stack = stack.pop_all()
@@ -112,6 +114,9 @@ class LayersWriter:
         if spec.name == "status":
             dataset.attrs["flag_values"] = np.array([int(s) for s in Status], dtype=spec.dtype)
             dataset.attrs["flag_meanings"] = " ".join(status_name(s) for s in Status)
+        if spec.name == "mixing":
+            dataset.attrs["flag_values"] = np.array([int(s) for s in Mixing], dtype=spec.dtype)
+            dataset.attrs["flag_meanings"] = " ".join(mixing_name(s) for s in Mixing)
 
     def _add_windows(self) -> None:
         plan = self._windows
@@ -123,6 +128,25 @@ class LayersWriter:
             hdf5.add_variable(
                 self._root, name, dims={"window": plan.count}, dtype="u8", units="1", long_name=text, data=values
             )
+
+    def _add_law(self) -> None:
+        for (name, text), dtype in zip(LAW_TEXTS.items(), ("f4", "u4"), strict=True):
+            empty = np.full(self._windows.count, np.nan if dtype == "f4" else 0, dtype=dtype)
+            hdf5.add_variable(
+                self._root,
+                name,
+                dims={"window": self._windows.count},
+                dtype=dtype,
+                units="1",
+                long_name=text,
+                data=empty,
+            )
+
+    def write_law(self, window: int, phasor_share: float, pixels: int) -> None:
+        """Write which law of mixing holds in a window: share of phasor sums, and pixels that tell it."""
+        self._root["phasor_share"][window] = phasor_share
+        self._root["phasor_pixels"][window] = pixels
+        self._file.check()
 
     def write(self, windows: slice, rows: slice, layers: Layers) -> None:
         """Write layers of the leading shape (window, row, col).
@@ -144,7 +168,7 @@ class LayersWriter:
         StorageError
             If the disk is full or fails.
         """
-        for spec, data in zip(layer_fields(self._provenance.sensor), chunks, strict=True):
+        for spec, data in zip(self._provenance.fields, chunks, strict=True):
             place = (windows.start, rows.start, 0, 0)[: 4 if spec.per_layer else 3]
             self._root[spec.name].id.write_direct_chunk(place, data)
         self._file.check()
@@ -178,6 +202,8 @@ class LayersFile:
         self.window_start = _window_bounds(root, "window_start", shape[0], path)
         self.window_stop = _window_bounds(root, "window_stop", shape[0], path)
         self.provenance = read_provenance(root, path)
+        self.phasor_share = _law(root, "phasor_share", shape[0], path)
+        self.phasor_pixels = _law(root, "phasor_pixels", shape[0], path)
         hdf5.check_background(self.provenance.sensor, self.shape[1:], path)
 
     def read_window(self, window: int) -> Layers:
@@ -280,6 +306,17 @@ def _checked(root: h5py.File, spec: LayerField, path: Path) -> h5py.Dataset:
             f"{path}: {spec.name}: expected {spec.dtype} {_DIMS[:rank]}, got {dataset.dtype} of shape {dataset.shape}"
         )
     return dataset
+
+
+def _law(root: h5py.File, name: str, count: int, path: Path) -> NDArray[Any] | None:
+    """What a window's law of mixing was found to be; None in files that do not say it."""
+    if name not in root:
+        return None
+    dataset = guard.checked_dataset(root, name, path)
+    if dataset.shape != (count,) or dataset.dtype.kind not in "fu":
+        raise BadInputError(f"{path}: {name}: {dataset.dtype} of shape {dataset.shape}, expected numbers ({count},)")
+    with guard.reading(path, name):
+        return np.asarray(dataset[...])
 
 
 def _window_bounds(root: h5py.File, name: str, count: int, path: Path) -> NDArray[np.uint64]:

@@ -81,7 +81,9 @@ class ScratchRecording:
 
 
 @contextmanager
-def on_scratch(source: SampleSource, folder: Path, *, frames: slice, rows: slice) -> Iterator[ScratchRecording]:
+def on_scratch(
+    source: SampleSource, folder: Path, *, frames: slice, rows: slice, phasors: bool = False
+) -> Iterator[ScratchRecording]:
     """Lay a part of a recording out on disk, each stored chunk read once.
 
     Parameters
@@ -92,13 +94,15 @@ def on_scratch(source: SampleSource, folder: Path, *, frames: slice, rows: slice
         Where there is room for 4 bytes a sample.
     frames, rows : slice
         The part that will be read.
+    phasors : bool
+        Whether amplitudes will be read too, whatever the noise curve asks for.
 
     Raises
     ------
     StorageError
         If there is not.
     """
-    amplitudes = wanted_amplitudes(source)
+    amplitudes = wanted_amplitudes(source, phasors=phasors)
     samples = len(range(rows.start, rows.stop)) * source.shape[0] * source.shape[2] * (2 if amplitudes else 1)
     try:
         with ExitStack() as stack:

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Protocol
 
 from tofmix import __version__
+from tofmix.errors import UsageError
+from tofmix.estimation.sequence import settled_mixing
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.io.chunks import EncodedCell
@@ -73,9 +75,15 @@ def plan_job(
 
     Raises
     ------
+    UsageError
+        If phasor sums are insisted on, and the recording has no phasors.
     BadInputError
         If the recording cannot be read.
     """
+    try:
+        options = settled_mixing(options, source)
+    except ValueError as error:
+        raise UsageError(f"{source.path}: --{error}") from error
     provenance = Provenance(
         source=source.path.name,
         source_sha256=source.sha256(),

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from tofmix.errors import UsageError
 from tofmix.estimation.reading import MemoryTooSmallError, plan_reading
-from tofmix.estimation.sequence import estimate_cells
+from tofmix.estimation.sequence import estimate_cells, settled_mixing
+from tofmix.estimation.settings import MixingChoice
 from tofmix.grid import Cell, Grid
 from tofmix.io.chunks import EncodedCell, encode_cell
 from tofmix.io.scratch import on_scratch
@@ -51,11 +52,15 @@ class LocalEngine:
             If the recording cannot be read.
         """
         buffer_bytes, source = self.memory_bytes - PROGRAM_BYTES, self.source
+        phasors = settled_mixing(job.options, source).mixing is not MixingChoice.EVENTS
         with ExitStack() as stack:
             try:
-                if plan_reading(source, job.grid, buffer_bytes=buffer_bytes, workers=self.workers).rereads:
+                plan = plan_reading(source, job.grid, buffer_bytes=buffer_bytes, workers=self.workers, phasors=phasors)
+                if plan.rereads:
                     frames, rows = _extent(job.grid, wanted)
-                    source = stack.enter_context(on_scratch(source, self.folder, frames=frames, rows=rows))
+                    source = stack.enter_context(
+                        on_scratch(source, self.folder, frames=frames, rows=rows, phasors=phasors)
+                    )
             except MemoryTooSmallError as error:
                 least = -(-(error.needed_bytes + PROGRAM_BYTES) // 1_000_000)
                 raise UsageError(f"{job.recording}: {error}; pass --memory {least}MB or more") from error

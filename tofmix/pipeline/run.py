@@ -5,15 +5,13 @@ the same whoever computed them, in whatever order and after however many interru
 """
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from itertools import zip_longest
 from pathlib import Path
 
 from tofmix.errors import BadInputError, StorageError, TofmixError, UsageError
-from tofmix.grid import Cell, Grid
-from tofmix.io.chunks import EncodedCell
+from tofmix.grid import Grid
 from tofmix.io.journal import (
     WHOLE,
     Journal,
@@ -24,9 +22,10 @@ from tofmix.io.journal import (
     partial_path,
     remove_journal,
 )
-from tofmix.io.layers_file import LayersWriter, open_layers
+from tofmix.io.layers_file import open_layers
 from tofmix.io.provenance import read_header_image
 from tofmix.io.storage import check_output
+from tofmix.pipeline.assembly import Mixture, assemble, mixture_of, total
 from tofmix.pipeline.job import Engine, Job
 from tofmix.windows import Windows
 from tofmix.wording import counted
@@ -37,6 +36,7 @@ class Outcome:
     """What was made: the output, the job's grid, and the pixels by their number of surfaces.
 
     The grid counts samples; `windows` are its windows in frames. `continued` counts cells that an earlier run had done.
+    `mixture` is the law of mixing, where it was measured; of a part it is not known yet.
     """
 
     target: Path
@@ -45,6 +45,7 @@ class Outcome:
     cells: int
     continued: int = 0
     targets: int = 0
+    mixture: Mixture | None = None
 
     @property
     def windows(self) -> Windows:
@@ -105,8 +106,9 @@ def run_job(
         remove_journal(journal_path(real))
         progress(sum(job.grid.pixels(job.grid.cell(index)) for index in cells))
         return Outcome(
-            target=target, grid=job.grid, tally=finished, cells=len(cells), continued=len(cells), targets=targets
-        )
+            target=target, grid=job.grid, tally=finished[0], cells=len(cells), continued=len(cells), targets=targets,
+            mixture=finished[1],
+        )  # fmt: skip
     check_output(target, overwrite=overwrite, inputs=(job.recording,))
     with _open(journal_path(real), header, shard, resume=resume, say=say) as journal, _left_as_fits(journal):
         done = journal.done()
@@ -116,18 +118,21 @@ def run_job(
             journal.add(cell.index, encoded)
             progress(job.grid.pixels(cell))
         settle()
-        tally = _total(journal.done().values())
+        tally, mixture = total(journal.done().values()), None
         if shard == WHOLE:
             parts = ((job.grid.cell(index), journal.cell(index)) for index in cells)
             temporary = partial_path(journal.path)  # the journal's lock is over it
-            _assemble(
+            tally, mixture = assemble(
                 parts, journal.path, header, target, overwrite=overwrite, inputs=(job.recording,), temporary=temporary
             )
             journal.remove()
         else:
             check_output(target, overwrite=overwrite)
             journal.publish(real)
-    return Outcome(target=target, grid=job.grid, tally=tally, cells=len(cells), continued=len(done), targets=targets)
+    return Outcome(
+        target=target, grid=job.grid, tally=tally, cells=len(cells), continued=len(done), targets=targets,
+        mixture=mixture,
+    )  # fmt: skip
 
 
 @contextmanager
@@ -147,11 +152,6 @@ def _left_as_fits(journal: Journal) -> Iterator[None]:
         if not journal.has_cells:
             journal.remove()
         raise
-
-
-def _total(tallies: Iterable[tuple[int, ...]]) -> tuple[int, ...]:
-    """Add up the pixels by their number of surfaces."""
-    return tuple(sum(counts) for counts in zip_longest(*tallies, fillvalue=0))
 
 
 def _open(path: Path, header: bytes, shard: Shard, *, resume: bool, say: Callable[[str], object]) -> Journal:
@@ -201,46 +201,18 @@ def _difference(journal: Journal, header: bytes, shard: Shard) -> str:
     return ", ".join(found) or ("its grid" if old_grid != new_grid else "its sensor or source name")
 
 
-def _finished(target: Path, header: bytes, shard: Shard) -> tuple[int, ...] | None:
-    """Return the tally of an output that is just what the job would write; None if it is missing or another."""
+def _finished(target: Path, header: bytes, shard: Shard) -> tuple[tuple[int, ...], Mixture | None] | None:
+    """Return tally and mixture of an output that is just what the job would write; None if it is missing or another."""
     try:
         if shard == WHOLE:
             with open_layers(target) as layers:
-                return layers.tally() if layers.header_image() == header else None
+                return (layers.tally(), mixture_of(layers)) if layers.header_image() == header else None
         with open_part(target) as part:
             if (part.header, part.shard) != (header, shard):
                 return None
-            return _total(part.done().values())
+            return total(part.done().values()), None
     except TofmixError:
         return None
-
-
-def _assemble(
-    cells: Iterable[tuple[Cell, EncodedCell]],
-    header_file: Path,
-    header: bytes,
-    target: Path,
-    *,
-    overwrite: bool,
-    inputs: tuple[Path, ...] = (),
-    temporary: Path | None = None,
-) -> None:
-    """Write the layers file from all cells in their order."""
-    provenance, grid = read_header_image(header, header_file)
-    writer = LayersWriter(
-        target,
-        windows=grid.windows.in_frames(provenance.samples_a_frame),
-        image=grid.image,
-        max_layers=int(provenance.options["max_layers"]),
-        tile=grid.step,
-        provenance=provenance,
-        overwrite=overwrite,
-        inputs=inputs,
-        temporary=temporary,
-    )
-    with writer:
-        for cell, encoded in cells:
-            writer.write_chunks(cell.windows, cell.rows, encoded.chunks)
 
 
 def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False) -> Outcome:
@@ -272,9 +244,8 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
         opened = [stack.enter_context(open_part(path)) for path in parts]
         _check_parts(opened)
         header, first = opened[0].header, opened[0].path
-        grid, owner, tallies = _grid(opened[0]), dict[int, Journal](), dict[int, tuple[int, ...]]()
+        grid, owner = _grid(opened[0]), dict[int, Journal]()
         for part in opened:
-            tallies |= part.done()
             owner |= dict.fromkeys(part.done(), part)
         missing = grid.count - len(owner)
         if missing:
@@ -282,9 +253,9 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
                 f"{first}: of the run's {counted(grid.count, 'block')} {missing} in no part; a part is damaged"
             )
         cells = ((grid.cell(index), owner[index].cell(index)) for index in range(grid.count))
-        _assemble(cells, first, header, target, overwrite=overwrite, inputs=tuple(parts))
+        tally, mixture = assemble(cells, first, header, target, overwrite=overwrite, inputs=tuple(parts))
     targets = read_header_image(header, first)[0].targets
-    return Outcome(target=target, grid=grid, tally=_total(tallies.values()), cells=grid.count, targets=targets)
+    return Outcome(target=target, grid=grid, tally=tally, cells=grid.count, targets=targets, mixture=mixture)
 
 
 def _check_parts(parts: Sequence[Journal]) -> None:

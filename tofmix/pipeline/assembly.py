@@ -1,0 +1,149 @@
+"""From finished cells to the layers file, in the cells' order.
+
+Unmixing a window takes all its rows, so it is done here, when all cells are in: the bytes do not depend on who computed
+them. Windows are unmixed side by side, a few at a time.
+"""
+
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import groupby, zip_longest
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import Float32Array
+from tofmix.estimation.settings import MixingChoice
+from tofmix.grid import Cell, Grid
+from tofmix.io.chunks import EncodedCell, decode_cell, encode_cell
+from tofmix.io.layers_file import LayersFile, LayersWriter
+from tofmix.io.provenance import read_header_image
+from tofmix.layers import Layers, Provenance, layer_fields
+from tofmix.unmixing.unmix import unmix
+
+_WINDOWS_AT_ONCE = 2
+"""Windows that are unmixed side by side: each takes some 100 bytes a pixel and some 100 MB of work."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mixture:
+    """The law of mixing over all windows: mean share of phasor sums, weighted by the pixels that tell it, and these."""
+
+    phasor_share: float
+    pixels: int
+
+
+def total(tallies: Iterable[tuple[int, ...]]) -> tuple[int, ...]:
+    """Add up pixels by their number of surfaces."""
+    return tuple(sum(counts) for counts in zip_longest(*tallies, fillvalue=0))
+
+
+def assemble(
+    cells: Iterable[tuple[Cell, EncodedCell]],
+    header_file: Path,
+    header: bytes,
+    target: Path,
+    *,
+    overwrite: bool,
+    inputs: tuple[Path, ...] = (),
+    temporary: Path | None = None,
+) -> tuple[tuple[int, ...], Mixture | None]:
+    """Write the layers file from all cells in their order.
+
+    Returns
+    -------
+    ((n,) int, Mixture or None)
+        Pixels by their number of surfaces; the law of mixing, where it was measured.
+    """
+    provenance, grid = read_header_image(header, header_file)
+    writer = LayersWriter(
+        target,
+        windows=grid.windows.in_frames(provenance.samples_a_frame),
+        image=grid.image,
+        max_layers=int(provenance.options["max_layers"]),
+        tile=grid.step,
+        provenance=provenance,
+        overwrite=overwrite,
+        inputs=inputs,
+        temporary=temporary,
+    )
+    with writer:
+        if provenance.is_unmixed:
+            return _unmixed(cells, grid, provenance, writer)
+        tallies = []
+        for cell, encoded in cells:
+            writer.write_chunks(cell.windows, cell.rows, encoded.chunks)
+            tallies.append(encoded.tally)
+        return total(tallies), None
+
+
+def _unmixed(
+    cells: Iterable[tuple[Cell, EncodedCell]], grid: Grid, provenance: Provenance, writer: LayersWriter
+) -> tuple[tuple[int, ...], Mixture]:
+    """Unmix the windows of each group of cells, and write them."""
+    shape = (*grid.step, grid.image[1])
+    tallies, shares, pixels = [], [], []
+    with ThreadPoolExecutor(_WINDOWS_AT_ONCE, thread_name_prefix="tofmix-unmix") as pool:
+        for group in _groups(cells, grid):
+            places = [cell for cell, _ in group]
+            layers, phasors = _whole(group, grid, provenance)
+            insist = provenance.options["mixing"] == MixingChoice.PHASOR
+            results = list(
+                pool.map(
+                    lambda window, layers=layers, phasors=phasors, insist=insist: unmix(
+                        _window(layers, window), phasors[window], provenance.sensor, insist=insist
+                    ),
+                    range(len(phasors)),
+                )
+            )
+            first = places[0].windows.start
+            for number, result in enumerate(results):
+                writer.write_law(first + number, result.phasor_share, result.telling_pixels)
+                shares.append(result.phasor_share)
+                pixels.append(result.telling_pixels)
+            for cell in places:
+                part = Layers(**{
+                    spec.name: np.stack([getattr(result.layers, spec.name)[cell.rows] for result in results])
+                    for spec in provenance.fields
+                })  # fmt: skip
+                encoded = encode_cell(part, shape=shape)
+                writer.write_chunks(cell.windows, cell.rows, encoded.chunks)
+                tallies.append(encoded.tally)
+    return total(tallies), _mixture(np.array(shares), np.array(pixels))
+
+
+def _mixture(shares: NDArray[np.floating], pixels: NDArray[np.integer]) -> Mixture:
+    told = int(pixels.sum())
+    mean = float(np.nansum(shares * pixels) / told) if told else float("nan")
+    return Mixture(phasor_share=mean, pixels=told)
+
+
+def mixture_of(layers: LayersFile) -> Mixture | None:
+    """The law of mixing that a layers file says; None where it was not measured."""
+    if layers.phasor_share is None or layers.phasor_pixels is None:
+        return None
+    return _mixture(layers.phasor_share, layers.phasor_pixels)
+
+
+def _groups(cells: Iterable[tuple[Cell, EncodedCell]], grid: Grid) -> Iterator[list[tuple[Cell, EncodedCell]]]:
+    """Cells of the same windows, which make whole images."""
+    for _, members in groupby(cells, key=lambda item: item[0].index // grid.bands):
+        yield list(members)
+
+
+def _whole(group: list[tuple[Cell, EncodedCell]], grid: Grid, provenance: Provenance) -> tuple[Layers, Float32Array]:
+    """Layers and mean phasors of the leading shape (window, row, col)."""
+    fields = layer_fields(provenance.sensor)
+    parts = []
+    for cell, encoded in group:
+        size = (cell.windows.stop - cell.windows.start, cell.rows.stop - cell.rows.start, grid.image[1])
+        most = int(provenance.options["max_layers"])
+        parts.append(decode_cell(encoded, fields, shape=(*grid.step, grid.image[1]), max_layers=most, cell=size))
+    layers = Layers(**{spec.name: np.concatenate([getattr(part, spec.name) for part, _ in parts], axis=1)
+                       for spec in fields})  # fmt: skip
+    return layers, np.concatenate([phasors for _, phasors in parts], axis=1)
+
+
+def _window(layers: Layers, window: int) -> Layers:
+    return Layers(**{spec.name: getattr(layers, spec.name)[window] for spec in layers.fields})

@@ -1,0 +1,144 @@
+"""Planes of the large surfaces in an image: a wall that shows again behind a gap one pixel wide is the same wall."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.unmixing.image import PhasorImage
+from tofmix.unmixing.seeds import Seeds
+
+_LEAST_PIXELS = 30
+"""Pixels of a surface whose plane is continued over the whole image: its slopes are then sure to a percent."""
+
+_MOST_REGIONS, _MOST_PLANES = 20, 3
+"""Connected regions that are looked at, the largest first, and planes that are looked for in each."""
+
+_TRIES = 25
+"""Random triples of pixels: with half of them on one plane, a triple of it is missed once in 30 regions."""
+
+_INLIER_SIGMAS = 4.0
+"""Distance from a plane, in sigma, up to which a pixel belongs to it."""
+
+_EXTRAPOLATED = 4.0
+"""Times that the variance of a plane grows outside of its pixels: real walls are flat to about their noise."""
+
+_MAD = 1.4826
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DistantPlane:
+    """A large surface.
+
+    Parameters
+    ----------
+    plane : (3,) float64
+        m of 1 / r = m . d, 1 / mm.
+    covariance : (3, 3) float64
+        Of m.
+    log_light : float
+        Median of u = ln A + 3 ln r.
+    light_variance : float
+        Variance of u over the surface.
+    """
+
+    plane: FloatArray
+    covariance: FloatArray
+    log_light: float
+    light_variance: float
+
+
+def distant_planes(image: PhasorImage, seeds: Seeds) -> tuple[DistantPlane, ...]:
+    """Find the planes of large surfaces: random sample consensus within connected regions of one-surface pixels.
+
+    Triples are drawn with a fixed seed: the same image gives the same planes.
+
+    References
+    ----------
+    Fischler and Bolles, Communications of the ACM 24, 1981, doi:10.1145/358669.358692.
+    """
+    region = _regions(image, seeds)
+    certain = np.flatnonzero(seeds.certain)
+    if certain.size == 0:
+        return ()
+    sizes = np.bincount(region[certain], minlength=int(region.max()) + 1)
+    rng = np.random.default_rng(0)
+    found = []
+    for number in np.argsort(-sizes, kind="stable")[:_MOST_REGIONS]:
+        left = certain[region[certain] == number]
+        for _ in range(_MOST_PLANES):
+            inliers = _consensus(image, seeds, left, rng)
+            if inliers is None:
+                break
+            found.append(_fitted(image, seeds, left[inliers]))
+            left = left[~inliers]
+    return tuple(found)
+
+
+def _regions(image: PhasorImage, seeds: Seeds) -> IntArray:
+    """Number (pixel,) of the connected region: neighbours belong together where their planes predict each other."""
+    index = np.arange(image.count).reshape(image.shape)
+    near = 1.0 / image.range_mm
+    sigma = 1.5 * np.sqrt(image.range_variance + seeds.pattern_variance) * near**2
+
+    def linked(one: IntArray, other: IntArray) -> BoolArray:
+        forth = np.abs((seeds.plane[one] * image.directions[other]).sum(axis=-1) - near[other])
+        back = np.abs((seeds.plane[other] * image.directions[one]).sum(axis=-1) - near[one])
+        both = seeds.certain[one] & seeds.certain[other]
+        return np.asarray(both & (forth < _INLIER_SIGMAS * sigma[other]) & (back < _INLIER_SIGMAS * sigma[one]))
+
+    pairs = [(index[:, :-1].ravel(), index[:, 1:].ravel()), (index[:-1].ravel(), index[1:].ravel())]
+    kept = [(one[mask], other[mask]) for one, other in pairs for mask in (linked(one, other),)]
+    one, other = (np.concatenate(parts) for parts in zip(*kept, strict=True))
+    graph = coo_array((np.ones(len(one), np.int8), (one, other)), shape=(image.count, image.count))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+
+def _sigmas(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> FloatArray:
+    """Standard deviation (n,) of 1 / r, 1 / mm."""
+    variance = image.range_variance[pixels] + seeds.pattern_variance
+    return np.sqrt(np.maximum(variance, np.finfo(float).tiny)) / image.range_mm[pixels] ** 2
+
+
+def _consensus(image: PhasorImage, seeds: Seeds, pixels: IntArray, rng: np.random.Generator) -> BoolArray | None:
+    """Pixels of the plane that most of them lie on; None if they are too few."""
+    if len(pixels) < _LEAST_PIXELS:
+        return None
+    ways, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
+    reach = _INLIER_SIGMAS * _sigmas(image, seeds, pixels)
+    best = np.zeros(len(pixels), bool)
+    for _ in range(_TRIES):
+        triple = rng.choice(len(pixels), 3, replace=False)
+        # Three beams that lie in a plane with each other tell no plane.
+        if abs(np.linalg.det(ways[triple])) < np.finfo(float).eps:
+            continue
+        inliers = np.abs(ways @ np.linalg.solve(ways[triple], near[triple]) - near) < reach
+        best = inliers if inliers.sum() > best.sum() else best
+    for _ in range(3):
+        if best.sum() < _LEAST_PIXELS:
+            return None
+        plane, _ = _least_squares(image, seeds, pixels[best])
+        best = np.abs(ways @ plane - near) < reach
+    return best if best.sum() >= _LEAST_PIXELS else None
+
+
+def _least_squares(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Vector m (3,) of the pixels' plane, and its covariance (3, 3)."""
+    ways, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
+    sigma = _sigmas(image, seeds, pixels)
+    weighted = ways / sigma[:, np.newaxis] ** 2
+    normal = np.einsum("ni,nk->ik", weighted, ways)
+    covariance = np.linalg.pinv(normal, hermitian=True)
+    plane = covariance @ np.einsum("ni,n->i", weighted, near)
+    excess = float((((ways * plane).sum(axis=-1) - near) ** 2 / sigma**2).mean())
+    return plane, covariance * max(1.0, excess)
+
+
+def _fitted(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> DistantPlane:
+    plane, covariance = _least_squares(image, seeds, pixels)
+    light = image.log_light[pixels]
+    middle = float(np.median(light))
+    spread = _MAD * float(np.median(np.abs(light - middle)))
+    return DistantPlane(plane=plane, covariance=_EXTRAPOLATED * covariance, log_light=middle, light_variance=spread**2)

@@ -1,0 +1,469 @@
+"""What a pixel's mean phasor is of: one surface, two, three. Bayes' rule over four kinds of hypotheses.
+
+- NEW: a surface of its own. Its phasor is uniform in the disc of the image's amplitudes.
+- CONTINUED: a surface beside the pixel, or a large one elsewhere in the image, fills it. The phasor is Gaussian about
+  the surface's own. The surface may also have another reflectance here: the phase is Gaussian, the amplitude uniform.
+- PAIR: two surfaces share the pixel. The phasor lies on the chord between theirs: Gaussian across, uniform along it.
+- TRIPLE: three of them. It lies in their triangle.
+
+Open space is an end like a surface, of phasor 0, or of what the camera returns where nothing is. The noise of a single
+surface is that of its neighbours; what scatters more in a pixel of samples of one surface each, is along the chord, and
+belongs to the pair.
+"""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.unmixing.distant import DistantPlane
+from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
+from tofmix.unmixing.neighbours import (
+    MOST_SURFACES,
+    Members,
+    NeighbourSurfaces,
+    Predictions,
+    find_neighbours,
+    phasor_of,
+    predict,
+)
+from tofmix.unmixing.seeds import Seeds, plane_vector
+
+
+class Kind(IntEnum):
+    """What a pixel is of."""
+
+    UNKNOWN = 0
+    NEW = 1
+    CONTINUED = 2
+    OTHER_REFLECTANCE = 3
+    PAIR = 4
+    TRIPLE = 5
+
+
+PRIORS = {
+    Kind.NEW: 0.02,
+    Kind.CONTINUED: 0.5,
+    Kind.OTHER_REFLECTANCE: 0.03,
+    Kind.PAIR: 0.4,
+    Kind.TRIPLE: 0.05,
+}
+"""Prior probabilities at edges, where alone pixels are in doubt; each is shared by the hypotheses of its kind."""
+
+DISTANT_PRIOR = 0.002
+"""Prior of a large surface that is seen elsewhere: small, so that a pair that meets its range by chance stays one."""
+
+ENDS = 3
+"""Most surfaces of a pixel."""
+
+_APART_SIGMAS, _APART = 5.0, 0.02
+"""Standard errors, and part of the range, between the surfaces of a pair."""
+
+_OPEN = MOST_SURFACES
+"""Number of open space among the ends."""
+
+_ROUNDS = 3
+"""Rounds of share and place: a surface is seen where its part of the pixel is, and that is as large as the share."""
+
+_SELF_SIGMAS = 3.0
+"""A pair whose share of a thin surface is 1 within so many errors is that surface, and says nothing new."""
+
+_TINY = 1.0e-30
+"""Least variance, and area, in units of the image's median amplitude, squared: divisions stay finite."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class OpenSpace:
+    """What a pixel without a surface returns.
+
+    Parameters
+    ----------
+    nearby : (pixel,) bool
+        Whether a pixel may see it.
+    phasor : complex
+        Mean phasor.
+    variance : float
+        Variance of its real part, and of its imaginary part, from pixel to pixel.
+    scatter : float
+        Variance of one sample's, likewise.
+    """
+
+    nearby: BoolArray
+    phasor: complex
+    variance: float
+    scatter: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Findings:
+    """The most probable hypothesis of pixels (n,).
+
+    Parameters
+    ----------
+    kind : (n,) int64
+        `Kind`.
+    probability : (n,) float64
+        Its posterior.
+    plane : (n, 3) float64
+        CONTINUED: m of the surface's plane, 1 / mm.
+    is_distant : (n,) bool
+        CONTINUED: whether the surface is known from elsewhere in the image.
+    range_mm, range_variance, share, share_variance : (n, ENDS) float64
+        PAIR and TRIPLE: the surfaces; NaN past the last, an infinite range is open space.
+    is_known : (n,) bool
+        PAIR and TRIPLE: whether all ends are (`tofmix.unmixing.neighbours.Members`).
+    is_fresh : (n,) bool
+        PAIR and TRIPLE: whether one of the ends is.
+    chord : (n,) complex128
+        PAIR: difference of both phasors.
+    scatter : (n,) float64
+        PAIR: variance along the chord of samples that are of one surface each, or sums, by their noise alone.
+    log_density : (n,) float64
+        Log density of the mean phasor in units of the image's median amplitude, nat.
+    """
+
+    kind: IntArray
+    probability: FloatArray
+    plane: FloatArray
+    is_distant: BoolArray
+    range_mm: FloatArray
+    range_variance: FloatArray
+    share: FloatArray
+    share_variance: FloatArray
+    is_known: BoolArray
+    is_fresh: BoolArray
+    chord: ComplexArray
+    scatter: FloatArray
+    log_density: FloatArray
+
+
+class _Best:
+    """Keeps, pixel by pixel, the most probable of the hypotheses that are put to it."""
+
+    def __init__(self, count: int) -> None:
+        self._log = np.full(count, -np.inf)
+        self._logs: list[FloatArray] = []
+        ends = (count, ENDS)
+        self._kept: dict[str, NDArray[Any]] = {
+            "kind": np.zeros(count, np.int64), "plane": np.zeros((count, 3)), "is_distant": np.zeros(count, bool),
+            "range_mm": np.full(ends, np.nan), "range_variance": np.full(ends, np.nan), "share": np.full(ends, np.nan),
+            "share_variance": np.full(ends, np.nan), "is_known": np.ones(count, bool),
+            "is_fresh": np.zeros(count, bool),
+            "chord": np.zeros(count, np.complex128), "scatter": np.zeros(count),
+            "log_density": np.full(count, np.nan),
+        }  # fmt: skip
+        self._blank = {name: values.copy() for name, values in self._kept.items()}
+
+    def put(self, kind: Kind, log_prior: FloatArray, log_density: FloatArray, **values: NDArray[Any]) -> None:
+        """Put one hypothesis of each pixel: log prior and log density (n,), and its values by field."""
+        log = log_prior + np.where(np.isfinite(log_density), log_density, -np.inf)
+        self._logs.append(log)
+        better = log > self._log
+        self._log = np.where(better, log, self._log)
+        everything = self._blank | {"kind": np.full(len(log), int(kind)), "log_density": log_density} | values
+        for name, kept in self._kept.items():
+            kept[better] = everything[name][better]
+
+    def findings(self) -> Findings:
+        """What was kept, with its probability among all."""
+        total = special.logsumexp(np.stack(self._logs), axis=0)
+        return Findings(probability=np.exp(self._log - total), **self._kept)
+
+
+def judge(
+    image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
+    space: OpenSpace,
+) -> Findings:  # fmt: skip
+    """Find the most probable hypothesis of each pixel.
+
+    Parameters
+    ----------
+    image : PhasorImage
+        The window.
+    pixels : (n,) int64
+        The pixels.
+    members : Members
+        One-surface pixels, as far as they are known.
+    seeds : Seeds
+        Fixed pattern and texture.
+    planes : tuple of DistantPlane
+        Large surfaces; none: they are left out.
+    space : OpenSpace
+        What open space returns.
+
+    Returns
+    -------
+    Findings
+        One for each pixel.
+    """
+    beside = find_neighbours(image, pixels, members, seeds)
+    best = _Best(len(pixels))
+    largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
+    best.put(
+        Kind.NEW, np.full(len(pixels), math.log(PRIORS[Kind.NEW])),
+        np.full(len(pixels), -math.log(math.pi * largest**2)),
+    )  # fmt: skip
+    here = [predict(beside, k, np.zeros(len(pixels)), np.zeros(len(pixels)), image=image, seeds=seeds)
+            for k in range(MOST_SURFACES)]  # fmt: skip
+    _put_continued(best, image, pixels, beside, here, largest)
+    _put_distant(best, image, pixels, planes, seeds)
+    ends = _Ends(image, pixels, beside, here, seeds, space)
+    _put_pairs(best, ends)
+    _put_triples(best, ends)
+    return best.findings()
+
+
+def _log_share(prior: float, possible: FloatArray | BoolArray, count: FloatArray) -> FloatArray:
+    """Log (n,) of a prior that `count` hypotheses share; -inf where the one in question is not possible."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.log(np.where(possible, prior / np.maximum(count, 1), 0.0)))
+
+
+def _log_normal(difference: ComplexArray, covariance: FloatArray) -> FloatArray:
+    """Log density (n,) of differences of phasors (n,) under a Gaussian of covariances (n, 3)."""
+    determinant = np.maximum(covariance[:, 0] * covariance[:, 1] - covariance[:, 2] ** 2, _TINY)
+    return np.asarray(-0.5 * _form(covariance, difference, difference) - 0.5 * np.log(determinant) - _LOG_TWO_PI)
+
+
+_LOG_TWO_PI = math.log(2.0 * math.pi)
+
+
+def _form(covariance: FloatArray, one: ComplexArray, other: ComplexArray) -> FloatArray:
+    """One . C^-1 . other, (n,)."""
+    determinant = np.maximum(covariance[:, 0] * covariance[:, 1] - covariance[:, 2] ** 2, _TINY)
+    mixed = one.real * other.imag + one.imag * other.real
+    form = covariance[:, 1] * one.real * other.real + covariance[:, 0] * one.imag * other.imag
+    return np.asarray((form - covariance[:, 2] * mixed) / determinant)
+
+
+def _put_continued(
+    best: _Best, image: PhasorImage, pixels: IntArray, beside: NeighbourSurfaces, here: list[Predictions],
+    largest: float,
+) -> None:  # fmt: skip
+    """A trusted surface beside the pixel fills it, with the light that it has there or with any."""
+    phasor = image.phasor[pixels]
+    trusted = beside.found & beside.is_trusted
+    count = trusted.sum(axis=1)
+    for k, seen in enumerate(here):
+        possible = trusted[:, k]
+        if not possible.any():
+            continue
+        tangential, radial = seen.tangential + beside.noise_tangential[:, k], seen.radial + beside.noise_radial[:, k]
+        plane = plane_vector(image, pixels, beside.near[:, k])
+        best.put(
+            Kind.CONTINUED, _log_share(PRIORS[Kind.CONTINUED], possible, count),
+            _log_normal(phasor - seen.phasor, polar_covariance(seen.phasor, tangential, radial)), plane=plane,
+        )  # fmt: skip
+        along = seen.phasor / np.maximum(np.abs(seen.phasor), _TINY)
+        turned = phasor * np.conj(along)
+        across = beside.noise_tangential[:, k] + seen.tangential * (np.abs(phasor) / np.abs(seen.phasor)) ** 2
+        log_density = -0.5 * turned.imag**2 / across - 0.5 * np.log(2.0 * math.pi * across) - math.log(largest)
+        best.put(
+            Kind.OTHER_REFLECTANCE,
+            _log_share(PRIORS[Kind.OTHER_REFLECTANCE], possible & (turned.real > 0), count), log_density, plane=plane,
+        )  # fmt: skip
+
+
+def _put_distant(
+    best: _Best, image: PhasorImage, pixels: IntArray, planes: tuple[DistantPlane, ...], seeds: Seeds
+) -> None:
+    """A large surface that is seen elsewhere in the image fills the pixel."""
+    ways, phasor = image.directions[pixels], image.phasor[pixels]
+    for plane in planes:
+        even = np.ones(len(pixels))
+        seen = phasor_of(
+            ways @ plane.plane, np.einsum("ni,ik,nk->n", ways, plane.covariance, ways), plane.log_light * even,
+            plane.light_variance * even, image=image, seeds=seeds,
+        )  # fmt: skip
+        covariance = polar_covariance(seen.phasor, seen.tangential, seen.radial) + image.mean_covariance[pixels]
+        best.put(
+            Kind.CONTINUED, _log_share(DISTANT_PRIOR, even > 0, even * len(planes)),
+            _log_normal(phasor - seen.phasor, covariance), plane=np.broadcast_to(plane.plane, (len(pixels), 3)),
+            is_distant=even > 0,
+        )  # fmt: skip
+
+
+class _Ends:
+    """Surfaces beside pixels, and open space, as ends of chords and corners of triangles."""
+
+    def __init__(
+        self, image: PhasorImage, pixels: IntArray, beside: NeighbourSurfaces, here: list[Predictions], seeds: Seeds,
+        space: OpenSpace,
+    ) -> None:  # fmt: skip
+        self.image, self.pixels, self.beside, self.here, self.seeds = image, pixels, beside, here, seeds
+        self.phasor, self.covariance = image.phasor[pixels], image.mean_covariance[pixels]
+        count = len(pixels)
+        self.found = np.column_stack([beside.found, space.nearby[pixels]])
+        self.trusted = np.column_stack([beside.is_trusted, np.ones(count, bool)])
+        self.fresh = np.column_stack([beside.is_fresh, np.zeros(count, bool)])
+        self.known = np.column_stack([beside.is_known, np.ones(count, bool)])
+        even = np.ones(count)
+        self._scatter = space.scatter
+        self._open = Predictions(
+            phasor=np.full(count, space.phasor), tangential=space.variance * even, radial=space.variance * even,
+            range_mm=np.full(count, np.inf), range_variance=np.zeros(count),
+        )  # fmt: skip
+
+    def at(self, number: int) -> Predictions:
+        """The end's phasor where it fills the pixel."""
+        return self._open if number == _OPEN else self.here[number]
+
+    def seen(self, number: int, row: FloatArray, col: FloatArray) -> Predictions:
+        """The end's phasor from a place beside the pixel's middle."""
+        if number == _OPEN:
+            return self._open
+        return predict(self.beside, number, row, col, image=self.image, seeds=self.seeds)
+
+    def scatter(self, number: int, phasor: ComplexArray, along: ComplexArray) -> FloatArray:
+        """Variance (n,) of the end's samples along unit vectors; `phasor` is the end's own."""
+        if number == _OPEN:
+            return np.full(len(self.pixels), self._scatter)
+        own = polar_covariance(phasor, self.beside.scatter_tangential[:, number], self.beside.scatter_radial[:, number])
+        return variance_along(own, along)
+
+    def apart(self, one: int, other: int) -> BoolArray:
+        """Whether two ends are so far from each other that they can be told apart."""
+        if other == _OPEN:
+            return np.ones(len(self.pixels), bool)
+        a, b = self.at(one), self.at(other)
+        gap, error = np.abs(a.range_mm - b.range_mm), np.sqrt(a.range_variance + b.range_variance)
+        return np.asarray((gap > _APART_SIGMAS * error) & (gap > _APART * np.minimum(a.range_mm, b.range_mm)))
+
+    def towards(self, one: int, other: int) -> tuple[FloatArray, FloatArray]:
+        """Unit vector (row, col) from the second end's pixels to the first one's."""
+        row, col = self.beside.row[:, one], self.beside.col[:, one]
+        if other != _OPEN:
+            row, col = row - self.beside.row[:, other], col - self.beside.col[:, other]
+        length = np.maximum(np.hypot(row, col), _TINY)
+        return row / length, col / length
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Chord:
+    """A pair in each pixel: share of the first end, its variance, log density, and both ends as seen."""
+
+    share: FloatArray
+    variance: FloatArray
+    log_density: FloatArray
+    one: Predictions
+    other: Predictions
+
+
+def _chord(ends: _Ends, one: int, other: int) -> _Chord:
+    """Find the share of a pair by generalised least squares: z - z_b = w (z_a - z_b).
+
+    The surface of share w fills a part of the pixel whose middle lies (1 - w) / 2 pixels towards its side.
+    """
+    row, col = ends.towards(one, other)
+    share = np.full(len(ends.pixels), 0.5)
+    for _ in range(_ROUNDS):
+        part = np.clip(share, 0.0, 1.0)
+        a = ends.seen(one, row * (1.0 - part) / 2.0, col * (1.0 - part) / 2.0)
+        b = ends.seen(other, -row * part / 2.0, -col * part / 2.0)
+        covariance = (
+            ends.covariance
+            + part[:, np.newaxis] ** 2 * polar_covariance(a.phasor, a.tangential, a.radial)
+            + (1.0 - part)[:, np.newaxis] ** 2 * polar_covariance(b.phasor, b.tangential, b.radial)
+        )
+        chord, offset = a.phasor - b.phasor, ends.phasor - b.phasor
+        variance = 1.0 / np.maximum(_form(covariance, chord, chord), _TINY)
+        share = _form(covariance, chord, offset) * variance
+    across = offset - share * chord
+    length = np.maximum(np.abs(chord), _TINY)
+    determinant = np.maximum(covariance[:, 0] * covariance[:, 1] - covariance[:, 2] ** 2, _TINY)
+    broad = variance_along(covariance, chord / length)
+    narrow = determinant / np.maximum(broad, _TINY)
+    error = np.sqrt(variance)
+    inside = special.ndtr(share / error) - special.ndtr((share - 1.0) / error)
+    log_density = (
+        -0.5 * _form(covariance, across, across) - 0.5 * np.log(2.0 * math.pi * np.maximum(narrow, _TINY))
+        - np.log(length) + np.log(np.maximum(inside, _TINY))
+    )  # fmt: skip
+    return _Chord(share=share, variance=variance, log_density=log_density, one=a, other=b)
+
+
+def _put_pairs(best: _Best, ends: _Ends) -> None:
+    """Two ends share the pixel; one of them at least is trusted."""
+    pairs, count = [], np.zeros(len(ends.pixels))
+    for one in range(MOST_SURFACES):
+        for other in range(one + 1, _OPEN + 1):
+            possible = ends.found[:, one] & ends.found[:, other]
+            possible &= ends.trusted[:, one] | (ends.trusted[:, other] & (other != _OPEN))
+            if not possible.any():
+                continue
+            possible &= ends.apart(one, other)
+            chord = _chord(ends, one, other)
+            error = _SELF_SIGMAS * np.sqrt(chord.variance)
+            possible &= ends.trusted[:, one] | (1.0 - chord.share >= error)
+            possible &= ends.trusted[:, other] | (chord.share >= error)
+            count += possible
+            pairs.append((one, other, possible, chord))
+    none = np.full(len(ends.pixels), np.nan)
+    for one, other, possible, chord in pairs:
+        share = np.clip(chord.share, 0.0, 1.0)
+        best.put(
+            Kind.PAIR, _log_share(PRIORS[Kind.PAIR], possible, count), chord.log_density,
+            range_mm=np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
+            range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
+            share=np.column_stack([share, 1.0 - share, none]),
+            share_variance=np.column_stack([chord.variance, chord.variance, none]),
+            is_known=ends.known[:, one] & ends.known[:, other],
+            is_fresh=ends.fresh[:, one] | ends.fresh[:, other],
+            chord=chord.one.phasor - chord.other.phasor, scatter=_noise_along(ends, one, other, chord, share),
+        )  # fmt: skip
+
+
+def _noise_along(ends: _Ends, one: int, other: int, chord: _Chord, share: FloatArray) -> FloatArray:
+    """Variance (n,) along the chord of a pair's samples, by noise alone."""
+    difference = chord.one.phasor - chord.other.phasor
+    along = difference / np.maximum(np.abs(difference), _TINY)
+    first = ends.scatter(one, chord.one.phasor, along)
+    return np.asarray(share * first + (1.0 - share) * ends.scatter(other, chord.other.phasor, along))
+
+
+def _put_triples(best: _Best, ends: _Ends) -> None:
+    """Three trusted ends share the pixel: barycentric coordinates of its phasor in their triangle are the shares."""
+    triples, count = [], np.zeros(len(ends.pixels))
+    spread = np.sqrt(0.5 * (ends.covariance[:, 0] + ends.covariance[:, 1]))
+    for a in range(MOST_SURFACES):
+        for b in range(a + 1, MOST_SURFACES):
+            for c in range(b + 1, _OPEN + 1):
+                possible = np.ones(len(ends.pixels), bool)
+                for number in (a, b, c):
+                    possible &= ends.found[:, number] & ends.trusted[:, number]
+                if not possible.any():
+                    continue
+                possible &= ends.apart(a, b) & ends.apart(b, c) & ends.apart(a, c)
+                corners = [ends.at(number) for number in (a, b, c)]
+                shares, errors, log_density = _barycentric(ends.phasor, spread, corners)
+                count += possible
+                fresh = ends.fresh[:, a] | ends.fresh[:, b] | ends.fresh[:, c]
+                triples.append((possible, corners, shares, errors, log_density, fresh))
+    for possible, corners, shares, errors, log_density, fresh in triples:
+        best.put(
+            Kind.TRIPLE, _log_share(PRIORS[Kind.TRIPLE], possible, count), log_density,
+            range_mm=np.column_stack([corner.range_mm for corner in corners]),
+            range_variance=np.column_stack([corner.range_variance for corner in corners]),
+            share=np.clip(shares, 0.0, 1.0), share_variance=errors**2, is_fresh=fresh,
+        )  # fmt: skip
+
+
+def _barycentric(
+    phasor: ComplexArray, spread: FloatArray, corners: list[Predictions]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Shares (n, 3) of three corners, their errors, and the log density (n,) of being uniform in the triangle."""
+    a, b, c = (corner.phasor for corner in corners)
+    area = ((b - a) * np.conj(c - a)).imag
+    area = np.where(np.abs(area) > _TINY, area, _TINY)
+    first = ((b - phasor) * np.conj(c - phasor)).imag / area
+    second = ((c - phasor) * np.conj(a - phasor)).imag / area
+    shares = np.column_stack([first, second, 1.0 - first - second])
+    sides = np.column_stack([np.abs(b - c), np.abs(c - a), np.abs(a - b)])
+    errors = np.maximum(spread[:, np.newaxis] * sides / np.abs(area)[:, np.newaxis], _TINY)
+    inside = special.ndtr(shares / errors).prod(axis=1)
+    return shares, errors, np.log(np.maximum(inside, _TINY)) - np.log(0.5 * np.abs(area))

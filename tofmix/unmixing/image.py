@@ -1,0 +1,253 @@
+"""One window's image of mean phasors: ranges, amplitudes, their errors, and where the pixels look.
+
+Two quantities are smooth over a flat surface, on any grid of pixels:
+
+- 1 / r = m . d, with the unit vector d of the pixel's beam: linear in the three numbers m of the plane, and exact;
+- u = ln A + 3 ln r, a constant for a Lambertian plane under even light, as A falls with cos(incidence) / r^2 and
+  cos(incidence) with 1 / r.
+
+A plane gives the phasor of a pixel that it fills: z = exp(u - 3 ln r + i r / K).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+
+ComplexArray = NDArray[np.complex128]
+
+LEAST_SAMPLES = 3
+"""Samples from which on a pixel's mean phasor is used."""
+
+_PRIOR_SAMPLES = 8.0
+"""Samples that the neighbours' noise counts for in a pixel's own: with few frames its own variances are uncertain."""
+
+_OWN_NOISE = 1.5
+"""Most times the neighbours' noise that a single surface is granted: what scatters more may be two surfaces."""
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class PhasorImage:
+    """What the pixels of one window measured. Arrays are (pixel,), row by row, unless said otherwise.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows, columns.
+    scale_mm : float
+        K, mm a radian.
+    phasor : complex
+        Mean phasor z of each pixel.
+    covariance : (pixel, 3)
+        Variances of the real and the imaginary part of one sample, and their covariance.
+    samples : float
+        Samples that the mean is of.
+    unit : float
+        Amplitude that counts as 1 here: the median of the image, so that numbers are of order 1.
+    directions : (pixel, 3)
+        Unit vectors along the beams.
+    range_mm : float
+        Range of the mean phasor, on the turn of the samples.
+    valid : bool
+        Whether the pixel has a mean phasor that a surface returned.
+    open_space : bool
+        Whether the pixel sees no surface at all.
+    across, down : (pixel, 3)
+        Unit vectors across the beam, to the right and down in the image.
+    pitch_across, pitch_down : float
+        Tangent of the angle to the next pixel.
+    """
+
+    shape: tuple[int, int]
+    scale_mm: float
+    phasor: ComplexArray
+    covariance: FloatArray
+    samples: FloatArray
+    unit: float
+    directions: FloatArray
+    range_mm: FloatArray
+    valid: BoolArray
+    open_space: BoolArray
+    across: FloatArray
+    down: FloatArray
+    pitch_across: FloatArray
+    pitch_down: FloatArray
+    amplitude: FloatArray = field(init=False)
+    mean_covariance: FloatArray = field(init=False)
+    noise_radial: FloatArray = field(init=False)
+    noise_tangential: FloatArray = field(init=False)
+    scatter_radial: FloatArray = field(init=False)
+    scatter_tangential: FloatArray = field(init=False)
+    log_light: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.amplitude = np.abs(self.phasor)
+        level = _level_of_neighbours(self)
+        free = np.maximum(self.samples - 1.0, 1.0)[:, np.newaxis]
+        even = np.stack([level, level, np.zeros_like(level)], axis=-1)
+        one = (self.covariance * free + _PRIOR_SAMPLES * even) / (free + _PRIOR_SAMPLES)
+        self.mean_covariance = one / np.maximum(self.samples, 1.0)[:, np.newaxis]
+        along = self.phasor / np.where(self.amplitude > 0, self.amplitude, 1.0)
+        self.scatter_radial = variance_along(self.covariance, along)
+        self.scatter_tangential = variance_along(self.covariance, 1j * along)
+        most = _OWN_NOISE * level / np.maximum(self.samples, 1.0)
+        self.noise_radial = np.minimum(variance_along(self.mean_covariance, along), most)
+        self.noise_tangential = np.minimum(variance_along(self.mean_covariance, 1j * along), most)
+        self.log_light = np.log(np.where(self.valid, self.amplitude, 1.0)) + 3.0 * np.log(self.range_mm)
+
+    @property
+    def count(self) -> int:
+        """Number of pixels."""
+        return self.shape[0] * self.shape[1]
+
+    @property
+    def range_variance(self) -> FloatArray:
+        """Variance of the mean's range by noise, mm^2."""
+        amplitude = np.where(self.valid, self.amplitude, 1.0)
+        return np.asarray(self.scale_mm**2 * self.noise_tangential / amplitude**2)
+
+    @property
+    def light_variance(self) -> FloatArray:
+        """Variance of ln A by noise."""
+        return np.asarray(self.noise_radial / np.where(self.valid, self.amplitude, 1.0) ** 2)
+
+    @property
+    def pitch(self) -> FloatArray:
+        """The larger of both pitches, (pixel,)."""
+        return np.maximum(self.pitch_across, self.pitch_down)
+
+
+def variance_along(covariance: FloatArray, unit: ComplexArray) -> FloatArray:
+    """Variance (...,) along a unit vector of the complex plane, of covariances (..., 3)."""
+    x, y = unit.real, unit.imag
+    return np.asarray(covariance[..., 0] * x * x + covariance[..., 1] * y * y + 2.0 * covariance[..., 2] * x * y)
+
+
+def polar_covariance(phasor: ComplexArray, tangential: FloatArray, radial: FloatArray) -> FloatArray:
+    """Covariance (..., 3) of phasors with a variance across and one along their direction."""
+    along = phasor / np.maximum(np.abs(phasor), np.finfo(float).tiny)
+    x, y = along.real, along.imag
+    return np.stack([radial * x * x + tangential * y * y, radial * y * y + tangential * x * x,
+                     (radial - tangential) * x * y], axis=-1)  # fmt: skip
+
+
+def _level_of_neighbours(image: PhasorImage) -> FloatArray:
+    """Median over 3 x 3 pixels of the variance of one sample, the mean of both parts' (pixel,)."""
+    own = np.where(image.valid, 0.5 * (image.covariance[:, 0] + image.covariance[:, 1]), np.nan)
+    rows, cols = image.shape
+    padded = np.pad(own.reshape(image.shape), 1, mode="edge")
+    around = np.stack([padded[i : i + rows, j : j + cols].ravel() for i in range(3) for j in range(3)])
+    around.sort(axis=0)  # NaN comes last
+    known = np.isfinite(around).sum(axis=0)
+    middle = np.take_along_axis(around, (np.maximum(known - 1, 0) // 2)[np.newaxis], axis=0)[0]
+    return np.where(known > 0, middle, 0.0)
+
+
+def make_image(phasors: Float32Array, directions: FloatArray, *, scale_mm: float, open_space: BoolArray) -> PhasorImage:
+    """Make the image of one window.
+
+    Parameters
+    ----------
+    phasors : (row, col, 7) float32
+        From `tofmix.unmixing.phasors.mean_phasors`.
+    directions : (row, col, 3) float64
+        Unit vectors along the beams.
+    scale_mm : float
+        K, mm a radian.
+    open_space : (row, col) bool
+        Pixels that see no surface at all.
+
+    Returns
+    -------
+    PhasorImage
+        The image.
+    """
+    shape = (int(phasors.shape[0]), int(phasors.shape[1]))
+    flat = np.asarray(phasors, np.float64).reshape(-1, phasors.shape[2])
+    phasor: ComplexArray = flat[:, 0] + 1j * flat[:, 1]
+    ways = np.asarray(directions, np.float64).reshape(-1, 3)
+    across, down, pitch_across, pitch_down = _tangents(ways.reshape(*shape, 3))
+    range_mm = scale_mm * (np.angle(phasor) + 2.0 * np.pi * flat[:, 6])
+    empty = np.asarray(open_space, bool).ravel()
+    valid = (flat[:, 5] >= LEAST_SAMPLES) & (np.abs(phasor) > 0) & (range_mm > 0) & ~empty
+    unit = float(np.median(np.abs(phasor[valid]))) if valid.any() else 1.0
+    return PhasorImage(
+        shape=shape, scale_mm=scale_mm, phasor=phasor / unit, covariance=flat[:, 2:5] / unit**2, samples=flat[:, 5],
+        unit=unit, directions=ways,
+        range_mm=np.where(valid, range_mm, 1.0), valid=valid, open_space=empty, across=across, down=down,
+        pitch_across=pitch_across, pitch_down=pitch_down,
+    )  # fmt: skip
+
+
+def _tangents(ways: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Unit vectors across each beam, to the right and down, and the pitch of the pixels that way."""
+    rows, cols = ways.shape[:2]
+    right = np.gradient(ways, axis=1) if cols > 1 else np.zeros_like(ways)
+    below = np.gradient(ways, axis=0) if rows > 1 else np.zeros_like(ways)
+    if cols == 1:
+        right = np.cross(below, ways)
+    if rows == 1:
+        below = np.cross(ways, right)
+    right = right - (right * ways).sum(axis=-1, keepdims=True) * ways
+    pitch_across = np.linalg.norm(right, axis=-1)
+    across = right / np.maximum(pitch_across, np.finfo(float).tiny)[..., np.newaxis]
+    down = np.cross(ways, across)
+    pitch_down = (below * down).sum(axis=-1)
+    down = np.where(pitch_down[..., np.newaxis] < 0, -down, down)
+    one, other = (part.reshape(-1, 3) for part in (across, down))
+    least = np.finfo(float).tiny
+    return one, other, np.maximum(pitch_across, least).ravel(), np.maximum(np.abs(pitch_down), least).ravel()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Window:
+    """Places of a square window around a pixel, the pixel itself left out unless it is asked for; all (place,)."""
+
+    row: IntArray
+    col: IntArray
+
+    @property
+    def distance_squared(self) -> IntArray:
+        """Square of the distance from the middle, pixels."""
+        return np.asarray(self.row**2 + self.col**2)
+
+    @property
+    def ring(self) -> IntArray:
+        """Larger of the distances along rows and columns, pixels."""
+        return np.maximum(np.abs(self.row), np.abs(self.col))
+
+
+def window(reach: int, *, middle: bool = False) -> Window:
+    """Window of (2 reach + 1)^2 places."""
+    steps = np.arange(-reach, reach + 1)
+    row, col = (part.ravel() for part in np.meshgrid(steps, steps, indexing="ij"))
+    kept = (row != 0) | (col != 0) | middle
+    return Window(row=row[kept], col=col[kept])
+
+
+def places(pixels: IntArray, shape: tuple[int, int], around: Window) -> tuple[IntArray, BoolArray]:
+    """Pixels (n, place) in the windows of pixels (n,), and which of them lie in the image (the others are pixel 0)."""
+    row, col = np.divmod(pixels, shape[1])
+    rows, cols = row[:, np.newaxis] + around.row, col[:, np.newaxis] + around.col
+    inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
+    return np.where(inside, rows * shape[1] + cols, 0), inside
+
+
+def local_coordinates(
+    image: PhasorImage, pixels: IntArray, others: IntArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Where other pixels (n, place) look, seen from pixels (n,).
+
+    Returns
+    -------
+    (cosine, x, y) : (n, place) float64 each
+        Cosine of the angle between both beams; columns to the right and rows down in the plane across the pixel's beam.
+        A plane's 1 / r over the cosine is affine in x and y.
+    """
+    ways = image.directions[others]
+    cosine = np.einsum("npk,nk->np", ways, image.directions[pixels])
+    x = np.einsum("npk,nk->np", ways, image.across[pixels]) / cosine / image.pitch_across[pixels, np.newaxis]
+    y = np.einsum("npk,nk->np", ways, image.down[pixels]) / cosine / image.pitch_down[pixels, np.newaxis]
+    return cosine, x, y

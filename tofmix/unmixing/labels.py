@@ -1,0 +1,179 @@
+"""What each pixel of an image is of, in rounds: from pixels that surely see one surface, towards the edges.
+
+1. Pixels that are not certain are judged by the certain ones around them.
+2. What no surface nearby explains may be a large surface that is seen elsewhere, or a thin one: pixels that agree with
+   their neighbours. Those join, and all is judged again.
+3. Once more, as the ends of chords are better known now.
+
+A pair of equal mixed pixels along a straight edge looks like a thin surface. So a surface one pixel wide may be an end
+of a chord, but never continues itself.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy import ndimage
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.unmixing.distant import distant_planes
+from tofmix.unmixing.hypotheses import ENDS, Findings, Kind, OpenSpace, judge
+from tofmix.unmixing.image import ComplexArray, PhasorImage
+from tofmix.unmixing.neighbours import Members
+from tofmix.unmixing.seeds import Seeds, find_seeds
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+ROUNDS = 3
+"""Times that all pixels in doubt are judged."""
+
+_BLOCK = 2048
+"""Pixels that are judged at once: some 10 MB an array."""
+
+_OPEN_REACH = 3
+"""Pixels from open space within which a pixel may see some of it."""
+
+_LEAST_OPEN = 3
+"""Pixels of open space that tell what it returns; with fewer it returns nothing."""
+
+_AGREE_SIGMAS = 3.0
+"""Standard errors up to which neighbouring pixels agree."""
+
+_SLOPE, _LIGHT_SLOPE, _LIGHT_STEP = 2.0, 2.0, 0.005
+"""Standard deviation of the step to the next pixel of one surface: in range 2 pitches of it, in u 2 pitches and half a
+percent, as for the slopes in `tofmix.unmixing.neighbours`."""
+
+_MAD = 1.4826
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Labels:
+    """What each pixel is of. Arrays are (pixel,) or (pixel, ENDS), as in `Findings`.
+
+    Parameters
+    ----------
+    kind : int64
+        `Kind`; UNKNOWN where the pixel has no mean phasor.
+    probability, range_mm, range_variance, share, share_variance, is_known, is_fresh, chord, scatter, log_density
+        As in `Findings`.
+    is_surface : bool
+        Whether the pixel is known to see one surface: certain, continued, or new in a block of 2 x 2 that agree.
+    seeds : Seeds
+        Fixed pattern and texture.
+    """
+
+    kind: IntArray
+    probability: FloatArray
+    range_mm: FloatArray
+    range_variance: FloatArray
+    share: FloatArray
+    share_variance: FloatArray
+    is_known: BoolArray
+    is_fresh: BoolArray
+    chord: ComplexArray
+    scatter: FloatArray
+    log_density: FloatArray
+    is_surface: BoolArray
+    seeds: Seeds
+
+
+_ENDS = ("range_mm", "range_variance", "share", "share_variance")
+_FIELDS = (*_ENDS, "kind", "probability", "is_known", "is_fresh", "chord", "scatter", "log_density")
+
+
+def label(image: PhasorImage) -> Labels:
+    """Label the pixels of an image."""
+    seeds, space = find_seeds(image), _open_space(image)
+    doubtful = np.flatnonzero(image.valid & ~seeds.certain)
+    members = Members(
+        is_member=seeds.has_plane.copy(), has_plane=seeds.has_plane.copy(),
+        is_known=seeds.has_plane.copy(), is_trusted=seeds.has_plane.copy(), is_fresh=np.zeros(image.count, bool),
+        plane=seeds.plane.copy(), middle=seeds.middle.copy(),
+    )  # fmt: skip
+    planes = distant_planes(image, seeds) if doubtful.size else ()
+    kind = np.where(seeds.certain, int(Kind.CONTINUED), int(Kind.UNKNOWN))
+    count = image.count
+    arrays: dict[str, NDArray[Any]] = {
+        "kind": kind, "probability": np.where(seeds.certain, 1.0, 0.0), "is_known": np.ones(count, bool),
+        "is_fresh": np.zeros(count, bool), "chord": np.zeros(count, np.complex128), "scatter": np.zeros(count),
+        "log_density": np.full(count, np.nan), **{name: np.full((count, ENDS), np.nan) for name in _ENDS},
+    }  # fmt: skip
+    square = np.zeros(image.count, bool)
+    if doubtful.size and seeds.certain.any():
+        for number in range(ROUNDS):
+            findings = [
+                judge(image, doubtful[start : start + _BLOCK], members, seeds, planes if number else (), space)
+                for start in range(0, doubtful.size, _BLOCK)
+            ]
+            for name in _FIELDS:
+                arrays[name][doubtful] = np.concatenate([getattr(part, name) for part in findings])
+            square = _next_members(members, image, seeds, arrays["kind"], doubtful, findings)
+    kind = arrays["kind"]
+    is_surface = seeds.certain | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE)) | ((kind == Kind.NEW) & square)
+    return Labels(**arrays, is_surface=is_surface, seeds=seeds)
+
+
+def _open_space(image: PhasorImage) -> OpenSpace:
+    """Where open space may be seen, and what it returns."""
+    side = 2 * _OPEN_REACH + 1
+    nearby = ndimage.binary_dilation(image.open_space.reshape(image.shape), np.ones((side, side), bool)).ravel()
+    seen = image.phasor[image.open_space & (image.samples > 0)]
+    if len(seen) < _LEAST_OPEN:
+        return OpenSpace(nearby=nearby, phasor=0.0, variance=0.0, scatter=0.0)
+    middle = complex(np.median(seen.real), np.median(seen.imag))
+    spread = _MAD * float(np.median(np.abs(seen - middle)))
+    own = image.covariance[image.open_space & (image.samples > 0)]
+    scatter = 0.5 * float(np.median(own[:, 0] + own[:, 1]))
+    return OpenSpace(nearby=nearby, phasor=middle, variance=spread**2, scatter=scatter)
+
+
+def _next_members(
+    members: Members, image: PhasorImage, seeds: Seeds, kind: IntArray, doubtful: IntArray, findings: list[Findings]
+) -> BoolArray:
+    """Settle who is a member in the next round; return which new pixels agree in blocks of 2 x 2."""
+    continued = np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
+    kept = seeds.has_plane & continued
+    joined = (kind == Kind.CONTINUED) & ~kept
+    fresh = kind == Kind.NEW
+    agrees, square = _agreeing(image, seeds, fresh)
+    plane, distant = np.zeros((image.count, 3)), np.zeros(image.count, bool)
+    plane[doubtful] = np.concatenate([part.plane for part in findings])
+    distant[doubtful] = np.concatenate([part.is_distant for part in findings])
+    members.plane = np.where(joined[:, np.newaxis], plane, seeds.plane)
+    members.middle = np.where(joined, np.arange(image.count), seeds.middle)
+    members.has_plane = kept | joined
+    members.is_member = kept | joined | (fresh & agrees)
+    members.is_known = kept | joined | (fresh & square)
+    members.is_fresh = fresh & square
+    members.is_trusted = kept | (joined & distant) | (fresh & square)
+    return square
+
+
+def _agreeing(image: PhasorImage, seeds: Seeds, mask: BoolArray) -> tuple[BoolArray, BoolArray]:
+    """Which pixels of a mask agree with a neighbour in it, and which do so in blocks of 2 x 2."""
+    index = np.arange(image.count).reshape(image.shape)
+    range_variance, light_variance = image.range_variance, image.light_variance
+
+    def agree(one: IntArray, other: IntArray) -> BoolArray:
+        step = (_SLOPE * image.pitch[one] * image.range_mm[one]) ** 2
+        error = range_variance[one] + range_variance[other] + 2.0 * seeds.pattern_variance + step
+        light = light_variance[one] + light_variance[other] + 2.0 * seeds.texture_variance
+        light = light + (_LIGHT_SLOPE * image.pitch[one] + _LIGHT_STEP) ** 2 + 9.0 * error / image.range_mm[one] ** 2
+        ranges = (image.range_mm[one] - image.range_mm[other]) ** 2
+        lights = (image.log_light[one] - image.log_light[other]) ** 2
+        both = mask[one] & mask[other]
+        return both & (ranges < _AGREE_SIGMAS**2 * error) & (lights < _AGREE_SIGMAS**2 * light)
+
+    beside, below = agree(index[:, :-1], index[:, 1:]), agree(index[:-1], index[1:])
+    any_, square = np.zeros(image.shape, bool), np.zeros(image.shape, bool)
+    any_[:, :-1] |= beside
+    any_[:, 1:] |= beside
+    any_[:-1] |= below
+    any_[1:] |= below
+    block = beside[:-1] & beside[1:] & below[:, :-1] & below[:, 1:]
+    rows, cols = block.shape
+    for i in (0, 1):
+        for j in (0, 1):
+            square[i : i + rows, j : j + cols] |= block
+    return any_.ravel(), square.ravel()

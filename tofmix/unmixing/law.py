@@ -1,0 +1,120 @@
+"""Which law holds at the edges: samples of one surface each, as in equation (1), or phasor sums.
+
+A pixel's mean phasor is the same under both; the scatter of its samples along the chord is not. Samples of one surface
+each jump between both ends: they scatter along the chord with w (1 - w) |z_A - z_B|^2 more than the noise that the two
+surfaces have where they are seen alone. With the share q of phasor sums, a part 1 - q of that is left.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from tofmix.arrays import BoolArray, FloatArray
+from tofmix.unmixing.hypotheses import Kind
+from tofmix.unmixing.image import PhasorImage, variance_along
+from tofmix.unmixing.labels import Labels
+
+LEAST_PHASOR_SHARE = 0.05
+"""Share of phasor sums from which on layers are unmixed: below, the samples themselves show the surfaces."""
+
+_LEAST_PROBABILITY = 0.9
+"""Posterior of pairs that tell the law."""
+
+_LEAST_SHARE = 0.15
+"""Least share of a pair's lesser surface: w (1 - w) is known well there."""
+
+_TELLING = 0.5
+"""Largest standard error of q of a pixel that tells the law."""
+
+_REACH = 3
+"""Pixels along an edge whose law is measured together."""
+
+_DIFFERENT = 4.0
+"""Standard errors by which an edge differs from the others of the image before its own law is taken."""
+
+_BY_CHANCE = 3.0
+"""Standard errors above 0 from which on a share of phasor sums is no chance."""
+
+_LEAST_ERROR = 0.02
+"""Least standard error of a pixel's q: shares and chords are known no better."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Law:
+    """Which law holds.
+
+    Parameters
+    ----------
+    phasor_share : float
+        q, the share of the samples at edges that are phasor sums: of edges between surfaces, where there are some; NaN
+        if no pixel tells it.
+    pixels : int
+        Pixels that tell it.
+    is_sum : (pixel,) bool
+        Whether the pixel's edge has phasor sums: a share of `LEAST_PHASOR_SHARE` and more, and more than by chance.
+    """
+
+    phasor_share: float
+    pixels: int
+    is_sum: BoolArray
+
+
+def measure_law(image: PhasorImage, labels: Labels) -> Law:
+    """Measure the share of phasor sums, of the image and of each edge.
+
+    Edges between surfaces, and those of a surface beside open space, are measured apart: a camera may sum the one and
+    not the other. Where an edge differs from the others of its kind, its own share is taken.
+    """
+    value, error = _of_pixels(image, labels)
+    telling = error < _TELLING
+    beside_open = np.isinf(labels.range_mm).any(axis=1)
+    between = telling & ~beside_open
+    main = between if between.any() else telling
+    if not main.any():
+        return Law(phasor_share=float("nan"), pixels=0, is_sum=np.zeros(image.count, bool))
+    share, share_error = _median(value[main], error[main])
+    at, at_error = np.full(image.count, share), np.full(image.count, share_error)
+    if (telling & beside_open).any():
+        at[beside_open], at_error[beside_open] = _median(value[telling & beside_open], error[telling & beside_open])
+    for edges in (~beside_open, beside_open):
+        own, own_error = _along_edges(image, telling & edges, value, error)
+        differs = edges & (np.abs(own - at) > _DIFFERENT * np.hypot(own_error, at_error))
+        at[differs], at_error[differs] = own[differs], own_error[differs]
+    return Law(
+        phasor_share=share, pixels=int(main.sum()), is_sum=(at > LEAST_PHASOR_SHARE) & (at > _BY_CHANCE * at_error)
+    )
+
+
+def _median(value: FloatArray, error: FloatArray) -> tuple[float, float]:
+    """Median, and its standard error: that of a mean of Gaussian values, times sqrt(pi / 2)."""
+    return float(np.median(value)), math.sqrt(0.5 * math.pi * float((error**2).mean()) / len(value))
+
+
+def _of_pixels(image: PhasorImage, labels: Labels) -> tuple[FloatArray, FloatArray]:
+    """Q of each pixel and its standard error (pixel,), infinite where the pixel tells nothing."""
+    share = labels.share[:, 0]
+    pair = (labels.kind == Kind.PAIR) & labels.is_known & (labels.probability >= _LEAST_PROBABILITY)
+    pair &= np.abs(share - 0.5) <= 0.5 - _LEAST_SHARE
+    length = np.where(pair, np.abs(labels.chord), 1.0)
+    along = labels.chord / length
+    jump = np.where(pair, share * (1.0 - share), 1.0) * length**2
+    parallel = variance_along(image.covariance, along)
+    free = np.maximum(image.samples - 1.0, 1.0)
+    value = 1.0 - (1.0 - 1.0 / np.maximum(image.samples, 1.0)) * (parallel - labels.scatter) / jump
+    error = np.hypot(np.sqrt(2.0 / free) * np.hypot(parallel, labels.scatter) / jump, _LEAST_ERROR)
+    return np.where(pair, value, 0.0), np.where(pair, error, np.inf)
+
+
+def _along_edges(
+    image: PhasorImage, group: BoolArray, value: FloatArray, error: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Weighted mean of q over the pixels of a group around each pixel, and its standard error, infinite without one."""
+    square = np.ones((2 * _REACH + 1, 2 * _REACH + 1))
+    weight = np.where(group, 1.0 / error**2, 0.0)
+    parts = (part.reshape(image.shape) for part in (weight, weight * value))
+    total, product = (ndimage.convolve(part, square, mode="constant").ravel() for part in parts)
+    known = total > 0
+    mean = np.where(known, product / np.where(known, total, 1.0), 0.0)
+    return mean, np.where(known, 1.0 / np.sqrt(np.where(known, total, 1.0)), np.inf)

@@ -1,0 +1,129 @@
+"""From labels to layers: what unmixing writes over the layers of mixed pixels."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray
+from tofmix.flags import Mixing, Status
+from tofmix.layers import Layers
+from tofmix.sensor import Sensor
+from tofmix.unmixing.hypotheses import Kind
+from tofmix.unmixing.image import PhasorImage
+from tofmix.unmixing.labels import Labels
+from tofmix.unmixing.law import Law
+
+LEAST_PROBABILITY = 0.5
+"""Posterior from which on a mixed pixel is decided."""
+
+_FRESH = 0.9
+"""Most probability of a layer that rests on a surface which no pixel surely sees alone: pixels that agree with their
+neighbours may be equal mixtures. In a fence of pales two pixels wide 84 to 100 % of such layers are right."""
+
+_UNDECIDED = 0.5
+"""Most probability of a layer in a pixel that is undecided."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Rewritten:
+    """Layers of one window after unmixing.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col), with `mixing`.
+    phasor_share : float
+        q, share of the samples at edges that are phasor sums; NaN if no pixel tells it.
+    telling_pixels : int
+        Pixels that tell it.
+    """
+
+    layers: Layers
+    phasor_share: float
+    telling_pixels: int
+
+
+def rewrite(layers: Layers, image: PhasorImage, labels: Labels, law: Law, sensor: Sensor, *, insist: bool) -> Rewritten:
+    """Write the surfaces of mixed pixels over layers.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col), as samples of one surface each give them. They are not changed.
+    image, labels, law
+        Of the same window.
+    sensor : Sensor
+        Its noise curve gives sigma.
+    insist : bool
+        Whether all samples at edges are taken for phasor sums, whatever the law.
+
+    Returns
+    -------
+    Rewritten
+        Pixels whose samples are of one surface each are as they were.
+    """
+    shape = layers.shape
+    sums = np.ones(image.count, bool) if insist else law.is_sum
+    count = layers.n_modes.ravel()
+    several = (count > 1) | ((count > 0) & (layers.weight_no_return.ravel() > 0))
+    mixing = np.where(several, int(Mixing.EVENTS), int(Mixing.ONE_SURFACE)).astype(np.uint8)
+    out = Layers(
+        **{spec.name: getattr(layers, spec.name).copy() for spec in layers.fields}, mixing=mixing.reshape(shape)
+    )
+    if sums.any():
+        mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE)) & image.valid
+        ends = np.isfinite(labels.range_mm).sum(axis=1)
+        decided = mixed & labels.is_known & (labels.probability > LEAST_PROBABILITY) & (ends <= layers.max_layers)
+        flat = out.reshaped((image.count,))
+        _write(flat, decided & sums, image, labels, sensor)
+        _doubt(flat, image.valid & ~decided & ~labels.is_surface & sums & (count > 0))
+        fresh = labels.is_surface & (labels.kind == Kind.NEW) & sums
+        flat.probability[fresh] = np.minimum(flat.probability[fresh], _FRESH)
+    return Rewritten(layers=out, phasor_share=law.phasor_share, telling_pixels=law.pixels)
+
+
+def _write(flat: Layers, pixels: BoolArray, image: PhasorImage, labels: Labels, sensor: Sensor) -> None:
+    """Write the surfaces of decided pixels."""
+    chosen = np.flatnonzero(pixels)
+    if not chosen.size:
+        return
+    order = np.argsort(labels.range_mm[chosen], axis=1)  # near to far, open space and NaN behind
+
+    def sorted_(values: FloatArray) -> FloatArray:
+        return np.take_along_axis(values[chosen], order, axis=1)
+
+    range_mm, variance, share, share_variance = (
+        sorted_(part) for part in (labels.range_mm, labels.range_variance, labels.share, labels.share_variance)
+    )
+    is_surface = np.isfinite(range_mm)
+    share = np.where(np.isnan(share), 0.0, share)
+    share = share / share.sum(axis=1, keepdims=True)
+    returned = 1.0 - sensor.outlier_probability
+    sure = np.where(labels.is_fresh, np.minimum(labels.probability, _FRESH), labels.probability)[chosen]
+    width = 1.0 if flat.noise_width is None else np.nan_to_num(flat.noise_width[chosen], nan=1.0)[:, np.newaxis]
+    curve = sensor.noise
+    sigma = (
+        np.full(range_mm.shape, np.nan) if curve is None else curve.sigma(np.where(is_surface, range_mm, 0.0)) * width
+    )
+    columns = min(flat.max_layers, range_mm.shape[1])
+    written = {
+        "range": range_mm, "sigma": sigma, "weight": share * returned, "range_stderr": np.sqrt(variance),
+        "weight_stderr": np.sqrt(share_variance) * returned,
+        "probability": np.repeat(sure[:, np.newaxis], range_mm.shape[1], axis=1),
+    }  # fmt: skip
+    for name, values in written.items():
+        target = getattr(flat, name)
+        target[chosen] = np.nan
+        target[chosen, :columns] = np.where(is_surface, values, np.nan)[:, :columns]
+    flat.n_modes[chosen] = is_surface.sum(axis=1)
+    flat.weight_no_return[chosen] = np.where(is_surface, 0.0, share).sum(axis=1) * returned
+    flat.weight_outlier[chosen] = sensor.outlier_probability
+    flat.log_likelihood[chosen] = labels.log_density[chosen] - 2.0 * np.log(image.unit)
+    flat.status[chosen] = int(Status.OK)
+    flat.mixing[chosen] = int(Mixing.PHASOR)  # type: ignore[index]  # it was just made
+
+
+def _doubt(flat: Layers, pixels: BoolArray) -> None:
+    """Mark pixels in which the surfaces cannot be told."""
+    flat.probability[pixels] = np.minimum(flat.probability[pixels], _UNDECIDED)
+    flat.mixing[pixels] = int(Mixing.UNDECIDED)  # type: ignore[index]  # it was just made

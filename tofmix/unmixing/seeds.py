@@ -1,0 +1,162 @@
+"""Pixels that surely see one surface: those in 3 x 3 windows in which range and light are those of a plane.
+
+The scatter about such planes is measured too: what it has beyond noise is fixed pattern, in range, and texture, in
+light. Both belong to the errors of everything that follows.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.unmixing.image import PhasorImage, local_coordinates, places, window
+from tofmix.unmixing.plane_fit import fit_planes
+
+_FREE = 6
+"""Degrees of freedom of a plane through 3 x 3 pixels."""
+
+_RARE = 1.0e-3
+"""Chance that a window of one surface is passed over."""
+
+_QUANTILES = 0.1, 0.25
+"""Parts of the windows that are taken to be of one surface each: the smaller scatter of both counts."""
+
+_LEAST_WINDOWS = 20
+"""Windows from which on a scatter beyond noise is measured."""
+
+_BLOCK = 1 << 14
+"""Pixels that are worked on at once: some 10 MB an array."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Seeds:
+    """What 3 x 3 windows tell.
+
+    Parameters
+    ----------
+    plane : (pixel, 3) float64
+        m of the plane 1 / r = m . d of the best window that holds the pixel, 1 / mm; 0 where there is none.
+    middle : (pixel,) int64
+        The middle of that window.
+    has_plane : (pixel,) bool
+        Whether there is one, in a block of at least 4 x 4 pixels.
+    certain : (pixel,) bool
+        Whether light, too, is that of one surface: such a pixel sees nothing else.
+    pattern_variance : float
+        Variance of ranges beyond noise, mm^2.
+    texture_variance : float
+        Variance of ln A beyond noise.
+    """
+
+    plane: FloatArray
+    middle: IntArray
+    has_plane: BoolArray
+    certain: BoolArray
+    pattern_variance: float
+    texture_variance: float
+
+
+def find_seeds(image: PhasorImage) -> Seeds:
+    """Fit a plane to each 3 x 3 window, in range and in light."""
+    around = window(1, middle=True)
+    found = [_windows(image, start) for start in range(0, image.count, _BLOCK)]
+    pixels, plane, range_scatter, range_noise, light_scatter, light_noise = (
+        np.concatenate(parts) for parts in zip(*found, strict=True)
+    )
+    pattern, texture = _excess(range_scatter, range_noise), _excess(light_scatter, light_noise)
+    limit = float(special.chdtri(_FREE, _RARE)) / _FREE
+    excess = range_scatter / np.maximum(range_noise + pattern, np.finfo(float).tiny)
+    of_plane = excess < limit
+    of_surface = of_plane & (light_scatter < limit * (light_noise + texture))
+    score, planes = np.full(image.count, np.inf), np.zeros((image.count, 3))
+    surely = np.zeros(image.count, bool)
+    score[pixels[of_plane]], planes[pixels], surely[pixels[of_surface]] = excess[of_plane], plane, True
+    score[~_in_square(np.isfinite(score), image.shape)] = np.inf
+    surely = _in_square(surely, image.shape)
+    middle, has_plane, certain = (np.zeros(image.count, kind) for kind in (np.int64, bool, bool))
+    for start in range(0, image.count, _BLOCK):
+        own = np.arange(start, min(start + _BLOCK, image.count))
+        others, inside = places(own, image.shape, around)
+        scores = np.where(inside, score[others], np.inf)
+        best = scores.argmin(axis=1)
+        middle[own] = others[np.arange(len(own)), best]
+        has_plane[own] = np.isfinite(scores.min(axis=1)) & image.valid[own]
+        certain[own] = (inside & surely[others]).any(axis=1) & has_plane[own]
+    return Seeds(
+        plane=np.where(has_plane[:, np.newaxis], planes[middle], 0.0), middle=middle, has_plane=has_plane,
+        certain=certain, pattern_variance=pattern, texture_variance=texture,
+    )  # fmt: skip
+
+
+def _windows(image: PhasorImage, start: int) -> tuple[FloatArray | IntArray, ...]:
+    """Middles, planes, and the mean squares of residuals and noise, of ranges and of light, of whole windows."""
+    pixels = np.arange(start, min(start + _BLOCK, image.count))
+    others, inside = places(pixels, image.shape, window(1, middle=True))
+    whole = (inside & image.valid[others]).all(axis=1)
+    pixels, others = pixels[whole], others[whole]
+    cosine, x, y = local_coordinates(image, pixels, others)
+    even, none = np.ones_like(x), np.zeros(len(pixels))
+    near = 1.0 / image.range_mm
+    fits = fit_planes(x, y, near[others] / cosine, even, none)
+    range_scatter = ((fits.residuals * image.range_mm[pixels, np.newaxis] ** 2) ** 2).sum(axis=1) / _FREE
+    light = fit_planes(x, y, image.log_light[others], even, none)
+    light_scatter = (light.residuals**2).sum(axis=1) / _FREE
+    range_variance = image.range_variance
+    light_noise = image.light_variance + 9.0 * range_variance * near**2
+    return (
+        pixels, plane_vector(image, pixels, fits.coefficients), range_scatter, range_variance[others].mean(axis=1),
+        light_scatter, light_noise[others].mean(axis=1),
+    )  # fmt: skip
+
+
+def plane_vector(image: PhasorImage, pixels: IntArray, coefficients: FloatArray) -> FloatArray:
+    """Vectors m (n, 3) of planes 1 / r = m . d, from their coefficients (n, 3) in each pixel's local coordinates."""
+    at, right, down = (coefficients[:, k, np.newaxis] for k in range(3))
+    return np.asarray(
+        at * image.directions[pixels]
+        + right / image.pitch_across[pixels, np.newaxis] * image.across[pixels]
+        + down / image.pitch_down[pixels, np.newaxis] * image.down[pixels]
+    )
+
+
+def plane_coefficients(image: PhasorImage, pixels: IntArray, planes: FloatArray) -> FloatArray:
+    """Coefficients (n, 3) in each pixel's local coordinates, of planes m (n, 3): the inverse of `plane_vector`."""
+    return np.stack([
+        (planes * image.directions[pixels]).sum(axis=-1),
+        (planes * image.across[pixels]).sum(axis=-1) * image.pitch_across[pixels],
+        (planes * image.down[pixels]).sum(axis=-1) * image.pitch_down[pixels],
+    ], axis=-1)  # fmt: skip
+
+
+def _excess(scatter: FloatArray, noise: FloatArray) -> float:
+    """Variance to be added to the noise of windows so that the quieter ones scatter as chi-squared says."""
+    if len(scatter) < _LEAST_WINDOWS:
+        return 0.0
+    return min(_excess_at(scatter, noise, part) for part in _QUANTILES)
+
+
+def _excess_at(scatter: FloatArray, noise: FloatArray, part: float) -> float:
+    target = float(special.chdtri(_FREE, 1.0 - part)) / _FREE
+
+    def too_small(excess: float) -> bool:
+        return bool(np.quantile(scatter / np.maximum(noise + excess, np.finfo(float).tiny), part) > target)
+
+    if not too_small(0.0):
+        return 0.0
+    low, high = 0.0, float(np.quantile(scatter, part)) / target
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if too_small(middle) else (low, middle)
+    return high
+
+
+def _in_square(mask: BoolArray, shape: tuple[int, int]) -> BoolArray:
+    """Pixels of a mask (pixel,) that belong to a square of 2 x 2 pixels of the mask."""
+    grid = mask.reshape(shape)
+    square = grid[:-1, :-1] & grid[1:, :-1] & grid[:-1, 1:] & grid[1:, 1:]
+    out = np.zeros(shape, bool)
+    for i in (0, 1):
+        for j in (0, 1):
+            out[i : i + square.shape[0], j : j + square.shape[1]] |= square
+    return out.ravel()

@@ -1,0 +1,84 @@
+"""Unmix one window: the entry for everything that has layers and mean phasors of a whole image."""
+
+import math
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.flags import Status
+from tofmix.layers import Layers
+from tofmix.pinhole import Pinhole
+from tofmix.projection import beam_directions_of
+from tofmix.sensor import Sensor
+from tofmix.unmixing.image import make_image
+from tofmix.unmixing.labels import label
+from tofmix.unmixing.law import measure_law
+from tofmix.unmixing.phasors import phase_scale_mm
+from tofmix.unmixing.rewriting import Rewritten, rewrite
+
+_NARROW_PITCH = 0.005
+"""Tangent of the angle between pixels of a camera whose optics are not known: 0.3 degrees. Planes in windows of a few
+pixels do not depend on it."""
+
+_OPEN_SHARE = 0.5
+"""Least share without a return of a pixel that sees no surface at all."""
+
+
+def unmix(layers: Layers, phasors: Float32Array, sensor: Sensor, *, insist: bool = False) -> Rewritten:
+    """Find the surfaces in the mixed pixels of one window.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col), as samples of one surface each give them. They are not changed.
+    phasors : (row, col, 7) float32
+        From `tofmix.unmixing.phasors.mean_phasors`, of the same window.
+    sensor : Sensor
+        Its modulation frequency must be known; its optics and its noise curve are used where they are.
+    insist : bool
+        Whether all samples at edges are taken for phasor sums, whatever their scatter says.
+
+    Returns
+    -------
+    Rewritten
+        Layers with `mixing`, and the law that was found. Where samples are of one surface each (equation (1)), all
+        layers are as they were.
+
+    Raises
+    ------
+    ValueError
+        If the modulation frequency is not known.
+    """
+    if sensor.modulation_frequency_hz is None:
+        raise ValueError("unmixing needs the modulation frequency")
+    rows, cols = layers.shape
+    image = make_image(
+        phasors, _directions(sensor, (rows, cols)), scale_mm=phase_scale_mm(sensor.modulation_frequency_hz),
+        open_space=_sees_nothing(layers),
+    )  # fmt: skip
+    labels = label(image)
+    return rewrite(layers, image, labels, measure_law(image, labels), sensor, insist=insist)
+
+
+def _directions(sensor: Sensor, shape: tuple[int, int]) -> FloatArray:
+    """Unit vectors (row, col, 3) along the beams."""
+    optics = sensor.optics
+    if optics is None:
+        focal = 1.0 / _NARROW_PITCH
+        optics = Pinhole(fx=focal, fy=focal, cx=(shape[1] - 1) / 2, cy=(shape[0] - 1) / 2)
+    return beam_directions_of(optics, shape)
+
+
+def _sees_nothing(layers: Layers) -> BoolArray:
+    """Pixels (row, col) without any surface: c_0 explains their samples, or hardly any sample is valid."""
+    empty = (layers.n_modes == 0) & (np.nan_to_num(layers.weight_no_return) > _OPEN_SHARE)
+    lost = layers.status == int(Status.TOO_FEW_SAMPLES)
+    return np.asarray(empty | lost)
+
+
+def law_in_words(phasor_share: float, pixels: int) -> str:
+    """One line on the law: ``mixing: 100 % of the samples at edges are phasor sums (2,016 pixels)``."""
+    if not math.isfinite(phasor_share) or not pixels:
+        return "mixing: no edge tells whether samples are phasor sums; layers are as for samples of one surface each"
+    percent = round(100.0 * min(max(phasor_share, 0.0), 1.0))
+    return f"mixing: {percent} % of the samples at edges are phasor sums ({pixels:,} pixels)"
