@@ -6,13 +6,15 @@
 - PAIR: two surfaces share the pixel. The phasor lies on the chord between theirs: Gaussian across, uniform along it.
 - TRIPLE: three of them. It lies in their triangle.
 
-Open space is an end like a surface, of phasor 0, or of what the camera returns where nothing is. The noise of a single
+Open space is an end like a surface: of phasor 0, as in a sum, or of what the camera returns where nothing is, as in
+samples of one surface each. The noise of a single
 surface is that of its neighbours; what scatters more in a pixel of samples of one surface each, is along the chord, and
 belongs to the pair.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
 
@@ -65,7 +67,7 @@ _APART_SIGMAS, _APART = 5.0, 0.02
 """Standard errors, and part of the range, between the surfaces of a pair."""
 
 _OPEN = MOST_SURFACES
-"""Number of open space among the ends."""
+"""Number of the first kind of open space among the ends."""
 
 _ROUNDS = 3
 """Rounds of share and place: a surface is seen where its part of the pixel is, and that is as large as the share."""
@@ -177,7 +179,7 @@ class _Best:
 
 def judge(
     image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
-    space: OpenSpace,
+    spaces: tuple[OpenSpace, ...],
 ) -> Findings:  # fmt: skip
     """Find the most probable hypothesis of each pixel.
 
@@ -193,8 +195,8 @@ def judge(
         Fixed pattern and texture.
     planes : tuple of DistantPlane
         Large surfaces; none: they are left out.
-    space : OpenSpace
-        What open space returns.
+    spaces : tuple of OpenSpace
+        What open space may return.
 
     Returns
     -------
@@ -212,7 +214,7 @@ def judge(
             for k in range(MOST_SURFACES)]  # fmt: skip
     _put_continued(best, image, pixels, beside, here, largest)
     _put_distant(best, image, pixels, planes, seeds)
-    ends = _Ends(image, pixels, beside, here, seeds, space)
+    ends = _Ends(image, pixels, beside, here, seeds, spaces)
     _put_pairs(best, ends)
     _put_triples(best, ends)
     return best.findings()
@@ -261,7 +263,9 @@ def _put_continued(
         )  # fmt: skip
         along = seen.phasor / np.maximum(np.abs(seen.phasor), _TINY)
         turned = phasor * np.conj(along)
-        across = beside.noise_tangential[:, k] + seen.tangential * (np.abs(phasor) / np.abs(seen.phasor)) ** 2
+        # With other light the noise is other, too: the pixel's own.
+        own = variance_along(image.mean_covariance[pixels], 1j * along)
+        across = own + seen.tangential * (np.abs(phasor) / np.abs(seen.phasor)) ** 2
         log_density = -0.5 * turned.imag**2 / across - 0.5 * np.log(2.0 * math.pi * across) - math.log(largest)
         best.put(
             Kind.OTHER_REFLECTANCE,
@@ -293,42 +297,49 @@ class _Ends:
 
     def __init__(
         self, image: PhasorImage, pixels: IntArray, beside: NeighbourSurfaces, here: list[Predictions], seeds: Seeds,
-        space: OpenSpace,
+        spaces: tuple[OpenSpace, ...],
     ) -> None:  # fmt: skip
         self.image, self.pixels, self.beside, self.here, self.seeds = image, pixels, beside, here, seeds
         self.phasor, self.covariance = image.phasor[pixels], image.mean_covariance[pixels]
         count = len(pixels)
-        self.found = np.column_stack([beside.found, space.nearby[pixels]])
-        self.trusted = np.column_stack([beside.is_trusted, np.ones(count, bool)])
-        self.fresh = np.column_stack([beside.is_fresh, np.zeros(count, bool)])
-        self.known = np.column_stack([beside.is_known, np.ones(count, bool)])
+        self.count = _OPEN + len(spaces)
+        self.found = np.column_stack([beside.found, *(space.nearby[pixels] for space in spaces)])
+        self.trusted = np.column_stack([beside.is_trusted, *(np.ones(count, bool) for _ in spaces)])
+        self.fresh = np.column_stack([beside.is_fresh, *(np.zeros(count, bool) for _ in spaces)])
+        self.known = np.column_stack([beside.is_known, *(np.ones(count, bool) for _ in spaces)])
         even = np.ones(count)
-        self._scatter = space.scatter
-        self._open = Predictions(
-            phasor=np.full(count, space.phasor), tangential=space.variance * even, radial=space.variance * even,
-            range_mm=np.full(count, np.inf), range_variance=np.zeros(count),
-        )  # fmt: skip
+        self._scatter = [space.scatter for space in spaces]
+        self._open = [
+            Predictions(
+                phasor=np.full(count, space.phasor),
+                tangential=space.variance * even,
+                radial=space.variance * even,
+                range_mm=np.full(count, np.inf),
+                range_variance=np.zeros(count),
+            )
+            for space in spaces
+        ]
 
     def at(self, number: int) -> Predictions:
         """The end's phasor where it fills the pixel."""
-        return self._open if number == _OPEN else self.here[number]
+        return self._open[number - _OPEN] if number >= _OPEN else self.here[number]
 
     def seen(self, number: int, row: FloatArray, col: FloatArray) -> Predictions:
         """The end's phasor from a place beside the pixel's middle."""
-        if number == _OPEN:
-            return self._open
+        if number >= _OPEN:
+            return self._open[number - _OPEN]
         return predict(self.beside, number, row, col, image=self.image, seeds=self.seeds)
 
     def scatter(self, number: int, phasor: ComplexArray, along: ComplexArray) -> FloatArray:
         """Variance (n,) of the end's samples along unit vectors; `phasor` is the end's own."""
-        if number == _OPEN:
-            return np.full(len(self.pixels), self._scatter)
+        if number >= _OPEN:
+            return np.full(len(self.pixels), self._scatter[number - _OPEN])
         own = polar_covariance(phasor, self.beside.scatter_tangential[:, number], self.beside.scatter_radial[:, number])
         return variance_along(own, along)
 
     def apart(self, one: int, other: int) -> BoolArray:
         """Whether two ends are so far from each other that they can be told apart."""
-        if other == _OPEN:
+        if other >= _OPEN:
             return np.ones(len(self.pixels), bool)
         a, b = self.at(one), self.at(other)
         gap, error = np.abs(a.range_mm - b.range_mm), np.sqrt(a.range_variance + b.range_variance)
@@ -337,7 +348,7 @@ class _Ends:
     def towards(self, one: int, other: int) -> tuple[FloatArray, FloatArray]:
         """Unit vector (row, col) from the second end's pixels to the first one's."""
         row, col = self.beside.row[:, one], self.beside.col[:, one]
-        if other != _OPEN:
+        if other < _OPEN:
             row, col = row - self.beside.row[:, other], col - self.beside.col[:, other]
         length = np.maximum(np.hypot(row, col), _TINY)
         return row / length, col / length
@@ -388,16 +399,20 @@ def _chord(ends: _Ends, one: int, other: int) -> _Chord:
 
 
 def _put_pairs(best: _Best, ends: _Ends) -> None:
-    """Two ends share the pixel; one of them at least is trusted."""
+    """Two ends share the pixel; one of them at least is trusted. All kinds of open space are one end."""
     pairs, count = [], np.zeros(len(ends.pixels))
+    spaces = tuple(range(_OPEN, ends.count))
     for one in range(MOST_SURFACES):
-        for other in range(one + 1, _OPEN + 1):
+        for others in (*((other,) for other in range(one + 1, MOST_SURFACES)), spaces):
+            if not others:
+                continue
+            other = others[0]
             possible = ends.found[:, one] & ends.found[:, other]
-            possible &= ends.trusted[:, one] | (ends.trusted[:, other] & (other != _OPEN))
+            possible &= ends.trusted[:, one] | (ends.trusted[:, other] & (other < _OPEN))
             if not possible.any():
                 continue
             possible &= ends.apart(one, other)
-            chord = _chord(ends, one, other)
+            chord = _likeliest([_chord(ends, one, number) for number in others])
             error = _SELF_SIGMAS * np.sqrt(chord.variance)
             possible &= ends.trusted[:, one] | (1.0 - chord.share >= error)
             possible &= ends.trusted[:, other] | (chord.share >= error)
@@ -412,10 +427,30 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
             range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
             share=np.column_stack([share, 1.0 - share, none]),
             share_variance=np.column_stack([chord.variance, chord.variance, none]),
-            is_known=ends.known[:, one] & ends.known[:, other],
-            is_fresh=ends.fresh[:, one] | ends.fresh[:, other],
+            is_known=ends.known[:, one] & ends.known[:, other], is_fresh=ends.fresh[:, one] | ends.fresh[:, other],
             chord=chord.one.phasor - chord.other.phasor, scatter=_noise_along(ends, one, other, chord, share),
         )  # fmt: skip
+
+
+def _likeliest(chords: list[_Chord]) -> _Chord:
+    """The likeliest chord of each pixel, of several between the same ends; its density is the mean of theirs."""
+    if len(chords) == 1:
+        return chords[0]
+    densities = np.stack([chord.log_density for chord in chords])
+    which = densities.argmax(axis=0)
+
+    def chosen(values: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        return np.asarray(np.choose(which, values))
+
+    def end(name: str) -> Predictions:
+        parts = [getattr(chord, name) for chord in chords]
+        return Predictions(**{field.name: chosen([getattr(part, field.name) for part in parts])
+                              for field in fields(Predictions)})  # fmt: skip
+
+    return _Chord(
+        share=chosen([chord.share for chord in chords]), variance=chosen([chord.variance for chord in chords]),
+        log_density=special.logsumexp(densities, axis=0) - math.log(len(chords)), one=end("one"), other=end("other"),
+    )  # fmt: skip
 
 
 def _noise_along(ends: _Ends, one: int, other: int, chord: _Chord, share: FloatArray) -> FloatArray:
@@ -432,7 +467,7 @@ def _put_triples(best: _Best, ends: _Ends) -> None:
     spread = np.sqrt(0.5 * (ends.covariance[:, 0] + ends.covariance[:, 1]))
     for a in range(MOST_SURFACES):
         for b in range(a + 1, MOST_SURFACES):
-            for c in range(b + 1, _OPEN + 1):
+            for c in range(b + 1, min(ends.count, _OPEN + 1)):
                 possible = np.ones(len(ends.pixels), bool)
                 for number in (a, b, c):
                     possible &= ends.found[:, number] & ends.trusted[:, number]

@@ -84,10 +84,10 @@ _FIELDS = (*_ENDS, "kind", "probability", "is_known", "is_fresh", "chord", "scat
 
 def label(image: PhasorImage) -> Labels:
     """Label the pixels of an image."""
-    seeds, space = find_seeds(image), _open_space(image)
+    seeds, spaces = find_seeds(image), _open_space(image)
     doubtful = np.flatnonzero(image.valid & ~seeds.certain)
     members = Members(
-        is_member=seeds.has_plane.copy(), has_plane=seeds.has_plane.copy(),
+        is_member=seeds.has_plane.copy(), has_plane=seeds.has_plane.copy(), has_light=seeds.certain.copy(),
         is_known=seeds.has_plane.copy(), is_trusted=seeds.has_plane.copy(), is_fresh=np.zeros(image.count, bool),
         plane=seeds.plane.copy(), middle=seeds.middle.copy(),
     )  # fmt: skip
@@ -103,7 +103,7 @@ def label(image: PhasorImage) -> Labels:
     if doubtful.size and seeds.certain.any():
         for number in range(ROUNDS):
             findings = [
-                judge(image, doubtful[start : start + _BLOCK], members, seeds, planes if number else (), space)
+                judge(image, doubtful[start : start + _BLOCK], members, seeds, planes if number else (), spaces)
                 for start in range(0, doubtful.size, _BLOCK)
             ]
             for name in _FIELDS:
@@ -114,18 +114,23 @@ def label(image: PhasorImage) -> Labels:
     return Labels(**arrays, is_surface=is_surface, seeds=seeds)
 
 
-def _open_space(image: PhasorImage) -> OpenSpace:
-    """Where open space may be seen, and what it returns."""
+def _open_space(image: PhasorImage) -> tuple[OpenSpace, ...]:
+    """Where open space may be seen, and what it may return: nothing, or what pixels of open space return."""
     side = 2 * _OPEN_REACH + 1
     nearby = ndimage.binary_dilation(image.open_space.reshape(image.shape), np.ones((side, side), bool)).ravel()
-    seen = image.phasor[image.open_space & (image.samples > 0)]
+    if not nearby.any():
+        return ()
+    own = image.open_space & (image.samples > 0)
+    seen = image.phasor[own]
     if len(seen) < _LEAST_OPEN:
-        return OpenSpace(nearby=nearby, phasor=0.0, variance=0.0, scatter=0.0)
+        return (OpenSpace(nearby=nearby, phasor=0.0, variance=0.0, scatter=0.0),)
     middle = complex(np.median(seen.real), np.median(seen.imag))
     spread = _MAD * float(np.median(np.abs(seen - middle)))
-    own = image.covariance[image.open_space & (image.samples > 0)]
-    scatter = 0.5 * float(np.median(own[:, 0] + own[:, 1]))
-    return OpenSpace(nearby=nearby, phasor=middle, variance=spread**2, scatter=scatter)
+    scatter = 0.5 * float(np.median(image.covariance[own, 0] + image.covariance[own, 1]))
+    return (
+        OpenSpace(nearby=nearby, phasor=0.0, variance=0.0, scatter=scatter),
+        OpenSpace(nearby=nearby, phasor=middle, variance=spread**2, scatter=scatter),
+    )
 
 
 def _next_members(
@@ -144,6 +149,7 @@ def _next_members(
     members.middle = np.where(joined, np.arange(image.count), seeds.middle)
     members.has_plane = kept | joined
     members.is_member = kept | joined | (fresh & agrees)
+    members.has_light = seeds.certain | (kind == Kind.CONTINUED) | (fresh & agrees)
     members.is_known = kept | joined | (fresh & square)
     members.is_fresh = fresh & square
     members.is_trusted = kept | (joined & distant) | (fresh & square)

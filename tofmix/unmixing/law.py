@@ -28,8 +28,8 @@ _LEAST_SHARE = 0.15
 _TELLING = 0.5
 """Largest standard error of q of a pixel that tells the law."""
 
-_REACH = 3
-"""Pixels along an edge whose law is measured together."""
+_REACH, _LEAST_ALONG = 3, 5
+"""Reach of the window, pixels, in which an edge's own law is measured, and pixels in it that must tell it."""
 
 _DIFFERENT = 4.0
 """Standard errors by which an edge differs from the others of the image before its own law is taken."""
@@ -115,6 +115,7 @@ def _along_edges(
     weight = np.where(group, 1.0 / error**2, 0.0)
     parts = (part.reshape(image.shape) for part in (weight, weight * value))
     total, product = (ndimage.convolve(part, square, mode="constant").ravel() for part in parts)
-    known = total > 0
+    count = ndimage.convolve(group.reshape(image.shape).astype(int), square.astype(int), mode="constant").ravel()
+    known = count >= _LEAST_ALONG
     mean = np.where(known, product / np.where(known, total, 1.0), 0.0)
     return mean, np.where(known, 1.0 / np.sqrt(np.where(known, total, 1.0)), np.inf)

@@ -48,6 +48,8 @@ class Members:
         Whether the pixel is one.
     has_plane : bool
         Whether it predicts by a plane of its own; else by its own range, as a surface that is seen head-on.
+    has_light : bool
+        Whether its amplitude is that of the surface: beside open space a part of it has the range, and less light.
     is_known : bool
         Whether it surely sees one surface; else it only agrees with its neighbours.
     is_trusted : bool
@@ -62,6 +64,7 @@ class Members:
 
     is_member: BoolArray
     has_plane: BoolArray
+    has_light: BoolArray
     is_known: BoolArray
     is_trusted: BoolArray
     is_fresh: BoolArray
@@ -257,7 +260,7 @@ def _fit_surface(
     )  # fmt: skip
     expected = np.einsum("npk,nk->np", image.directions[others], plane)
     slope = np.where(with_plane > 0, _KNOWN_SLOPE, _FREE_SLOPE) * image.pitch[pixels] * level[:, 0]
-    weights = np.where(mask, 1.0 / variance, 0.0)
+    weights = np.where(mask, 1.0 / np.where(mask, variance, 1.0), 0.0)
     values, slope_weight = (near - expected) / cosine, 1.0 / slope**2
     first = fit_planes(x, y, values, weights, slope_weight)
     fewer = np.where(first.residuals**2 * weights > _OUTLIER, 0.0, weights)
@@ -268,7 +271,10 @@ def _fit_surface(
     out.near_covariance[some, number] = fits.covariance * _inflation(fits.residuals, weights)
     noise = image.light_variance[others] + 9.0 * image.range_variance[others] * near**2 + seeds.texture_variance
     fade = np.exp(-window(_REACH).distance_squared / (2.0 * _LIGHT_REACH**2))
-    weights = np.where(weights > 0, fade / noise, 0.0)
+    used = weights > 0
+    lit = used & members.has_light[others]
+    used = np.where(lit.any(axis=1, keepdims=True), lit, used)
+    weights = np.where(used, fade / np.where(used, noise, 1.0), 0.0)
     light = image.log_light[others]
     level = (light * weights).sum(axis=1) / weights.sum(axis=1)
     slope = _LIGHT_SLOPE * image.pitch[pixels] + _LIGHT_SLOPE_LEAST

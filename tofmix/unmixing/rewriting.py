@@ -76,7 +76,9 @@ def rewrite(layers: Layers, image: PhasorImage, labels: Labels, law: Law, sensor
         decided = mixed & labels.is_known & (labels.probability > LEAST_PROBABILITY) & (ends <= layers.max_layers)
         flat = out.reshaped((image.count,))
         _write(flat, decided & sums, image, labels, sensor)
-        _doubt(flat, image.valid & ~decided & ~labels.is_surface & sums & (count > 0))
+        # One surface, says the mean; several, say the samples, as surfaces that move do, or chance.
+        contradicted = labels.is_surface & several & (count > 1)
+        _doubt(flat, image.valid & ~decided & sums & (count > 0) & (~labels.is_surface | contradicted))
         fresh = labels.is_surface & (labels.kind == Kind.NEW) & sums
         flat.probability[fresh] = np.minimum(flat.probability[fresh], _FRESH)
     return Rewritten(layers=out, phasor_share=law.phasor_share, telling_pixels=law.pixels)

@@ -1,0 +1,178 @@
+"""Mixed pixels of a lock-in camera: how often both surfaces are found, and what is invented.
+
+    python tests/benchmarks/unmixing.py [phasor|few|texture|laws|open|wrapped|events|speed ...] [--seeds 1 2] [--small]
+
+Raw-tap recordings (tests/blind, which knows nothing of the package) of ten kinds of scenes, 144 x 176 pixels, 50
+frames unless said otherwise, estimated with all defaults. Prints Markdown tables; docs/mixing.md holds a copy. Asserts
+nothing.
+
+- phasor: all samples are phasor sums. few: 10 frames of that. texture: 10 % from pixel to pixel.
+- laws: the share q of phasor sums between 0 and 1, and what is measured of it.
+- open: boards without the wall behind them: a surface beside open space, its share in every frame.
+- wrapped: 30 MHz, the ranges folded at 5 m.
+- events: samples of one surface each; how many layers files differ from those of `--mixing events`.
+- speed: what unmixing adds to an estimate.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from lock_in import FAMILIES, FULL, SMALL, Judged, Scene, judge, made
+
+from tofmix.estimation.sequence import EstimatedWindows, estimate_windows
+from tofmix.estimation.settings import EstimateOptions
+from tofmix.layers import Layers
+
+SHARES = (0.0, 0.1, 0.35, 0.5, 0.7, 1.0)
+LAW_SCENES = ("boards", "pickets", "random boards", "corner")
+
+
+def scene(family: str, seed: int, small: bool, **choices: float | bool) -> Scene:
+    """One recording of a family."""
+    surfaces = FAMILIES[family](np.random.default_rng([seed, 77]))
+    return made(surfaces, seed, view=SMALL if small else FULL, **choices)  # type: ignore[arg-type]
+
+
+def first(found: EstimatedWindows) -> Layers:
+    """Layers (row, col) of the first window."""
+    return Layers(**{spec.name: getattr(found.layers, spec.name)[0] for spec in found.layers.fields})
+
+
+def estimated(one: Scene, options: EstimateOptions | None = None) -> EstimatedWindows:
+    """Estimate a recording with both cores."""
+    return estimate_windows(one.recording, options, workers=2)
+
+
+def print_judged(options: argparse.Namespace, title: str, **choices: float | bool) -> None:
+    """A row for each family."""
+    print(f"\n**{title}**\n")
+    print("| scene | asked for | exactly both | false layers a mixed pixel | undecided of mixed | share, rms |"
+          " split of single | sure and false |\n|---|---|---|---|---|---|---|---|")  # fmt: skip
+    total = Judged()
+    for family in options.scenes or FAMILIES:
+        result = Judged()
+        for seed in options.seeds:
+            one = scene(family, seed, options.small, **choices)
+            circle_mm = one.device.unambiguous_mm if choices.get("wraps") else None
+            chosen = EstimateOptions(unambiguous_range_mm=circle_mm)
+            result += judge(one, first(estimated(one, chosen)), circle_mm=circle_mm or np.inf)
+        total += result
+        print_row(family, result)
+    print_row("all", total)
+
+
+def print_row(name: str, r: Judged) -> None:
+    """One row of a table."""
+    print(
+        f"| {name} | {r.asked} | {r.found / max(r.asked, 1):.3f} | {r.false / max(r.mixed, 1):.3f} |"
+        f" {r.undecided / max(r.mixed, 1):.3f} | {r.share_rms:.4f} | {r.split} of {r.single} |"
+        f" {r.sure_false} of {r.sure} |",
+        flush=True,
+    )
+
+
+def print_laws(options: argparse.Namespace) -> None:
+    """A row for each share of phasor sums."""
+    print("\n**The law of mixing**\n")
+    print("| q | measured, least and most of the scenes | exactly both | false layers a mixed pixel | sure and false |"
+          "\n|---|---|---|---|---|")  # fmt: skip
+    for q in SHARES:
+        result, measured = Judged(), []
+        for family in options.scenes or LAW_SCENES:
+            for seed in options.seeds:
+                one = scene(family, seed, options.small, q=q)
+                found = estimated(one)
+                measured.append(float(found.phasor_share[0]))  # type: ignore[index]  # measured
+                result += judge(one, first(found))
+        print(
+            f"| {q:g} | {min(measured):.3f} to {max(measured):.3f} | {result.found / max(result.asked, 1):.3f} |"
+            f" {result.false / max(result.mixed, 1):.3f} | {result.sure_false} of {result.sure} |",
+            flush=True,
+        )
+
+
+def print_open(options: argparse.Namespace) -> None:
+    """Shares of surfaces beside open space."""
+    print("\n**Beside open space**\n")
+    print("| scene | pixels | one surface and open space | share, rms | without unmixing |\n|---|---|---|---|---|")
+    for family in ("boards", "random boards"):
+        for seed in options.seeds:
+            surfaces = FAMILIES[family](np.random.default_rng([seed, 77]))[:-1]  # without the wall
+            one = made(surfaces, seed, view=SMALL if options.small else FULL, open_sums=True)
+            beams = one.beams
+            some = ((beams.share > 0).sum(axis=0) == 1) & (beams.share[0] > 0.15) & (beams.share[0] < 0.85)
+            some &= beams.nothing > 0
+            cells = []
+            for mixing in ("auto", "events"):
+                layers = first(estimated(one, EstimateOptions(mixing=mixing)))  # type: ignore[arg-type]  # becomes one
+                flat = layers.reshaped((beams.share.shape[1],))
+                both = some & (flat.n_modes == 1) & (flat.weight_no_return > 0)
+                off = flat.weight[both, 0] - beams.share[0, both]
+                cells.append((both.sum() / max(some.sum(), 1), float(np.sqrt(np.mean(off**2))) if both.any() else 0.0))
+            print(f"| {family} {seed} | {some.sum()} | {cells[0][0]:.3f} | {cells[0][1]:.4f} | {cells[1][0]:.3f} |",
+                  flush=True)  # fmt: skip
+
+
+def print_events(options: argparse.Namespace) -> None:
+    """Recordings under equation (1): arrays with and without the law's measurement."""
+    print("\n**Equation (1)**\n")
+    differ, recordings = 0, 0
+    for family in options.scenes or FAMILIES:
+        for seed in options.seeds:
+            one = scene(family, seed, options.small, q=0.0)
+            auto = estimated(one).layers
+            events = estimated(one, EstimateOptions(mixing="events")).layers  # type: ignore[arg-type]  # becomes one
+            same = all(
+                getattr(auto, spec.name).tobytes() == getattr(events, spec.name).tobytes() for spec in events.fields
+            )
+            recordings += 1
+            differ += not same
+    print(f"{recordings} recordings; layers that differ from those of --mixing events: {differ}")
+
+
+def print_speed(options: argparse.Namespace) -> None:
+    """What unmixing adds to an estimate, best of three runs side by side."""
+    print("\n**Speed**\n\n| scene | estimate, s | with unmixing, s |\n|---|---|---|")
+    for family in options.scenes or ("boards", "pickets", "random boards"):
+        one = scene(family, options.seeds[0], options.small)
+        best = {"events": np.inf, "auto": np.inf}
+        for _ in range(3):
+            for mixing, least in tuple(best.items()):
+                start = time.perf_counter()
+                estimated(one, EstimateOptions(mixing=mixing))  # type: ignore[arg-type]  # becomes one
+                best[mixing] = min(least, time.perf_counter() - start)
+        print(f"| {family} | {best['events']:.2f} | {best['auto']:.2f} |", flush=True)
+
+
+TABLES = {
+    "phasor": lambda o: print_judged(o, "Phasor sums, 50 frames"),
+    "few": lambda o: print_judged(o, "Phasor sums, 10 frames", frames=10),
+    "texture": lambda o: print_judged(o, "Phasor sums, 10 % texture", texture=0.1),
+    "laws": print_laws,
+    "open": print_open,
+    "wrapped": lambda o: print_judged(o, "30 MHz, folded at 5 m", frequency_hz=30.0e6, wraps=True),
+    "events": print_events,
+    "speed": print_speed,
+}
+
+
+def main() -> None:
+    """Print the tables that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tables", nargs="*", choices=[*TABLES, []], default=[])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--scenes", nargs="+", choices=FAMILIES)
+    parser.add_argument("--small", action="store_true", help="48 x 60 pixels")
+    options = parser.parse_args()
+    for name in options.tables or TABLES:
+        TABLES[name](options)
+
+
+if __name__ == "__main__":
+    main()

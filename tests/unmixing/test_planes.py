@@ -1,0 +1,104 @@
+"""Planes of 1 / r: least squares beside NumPy's, seeds on planes and at edges, neighbours continued exactly."""
+
+import numpy as np
+import pytest
+from lock_in import SMALL, crease, made, one_wall
+
+from tofmix.equiangular import Equiangular
+from tofmix.pinhole import Pinhole
+from tofmix.projection import Projection, beam_directions_of
+from tofmix.unmixing.image import PhasorImage, local_coordinates, make_image, places, window
+from tofmix.unmixing.labels import label
+from tofmix.unmixing.phasors import mean_phasors, phase_scale_mm
+from tofmix.unmixing.plane_fit import fit_planes
+from tofmix.unmixing.seeds import find_seeds, plane_coefficients, plane_vector
+
+SCALE = phase_scale_mm(20.0e6)
+OPTICS = [
+    Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0),
+    Equiangular(fov_horizontal_deg=120.0, fov_vertical_deg=90.0),
+    Pinhole(fx=20.0, fy=21.0, cx=9.0, cy=8.0, distortion=(-0.05, 0.01, 0.001, 0.0)),
+]
+
+
+def _plane_image(optics: Projection, plane: np.ndarray, sigma: float, rng: np.random.Generator) -> PhasorImage:
+    """An image of one plane 1 / r = m . d of a Lambertian surface, 18 x 20 pixels, 30 frames."""
+    ways = beam_directions_of(optics, (18, 20))
+    near = ways @ plane
+    z = 1.0e9 * near**3 * np.exp(1j / near / SCALE)
+    noise = sigma / SCALE * np.abs(z)
+    phasors = np.zeros((18, 20, 7), np.float32)
+    error = (rng.normal(size=z.shape) + 1j * rng.normal(size=z.shape)) * noise / np.sqrt(30)
+    phasors[..., 0], phasors[..., 1] = (z + error).real, (z + error).imag
+    phasors[..., 2] = phasors[..., 3] = noise**2
+    phasors[..., 5] = 30
+    phasors[..., 6] = np.rint((1.0 / near - SCALE * np.angle(z)) / (2 * np.pi * SCALE))
+    return make_image(phasors, ways, scale_mm=SCALE, open_space=np.zeros((18, 20), bool))
+
+
+def test_fit_is_weighted_least_squares_with_a_prior(rng: np.random.Generator) -> None:
+    x, y, values = rng.normal(size=(3, 5, 12))
+    weights, slope = rng.uniform(0.2, 3.0, (5, 12)), np.array([0.0, 0.0, 1.0, 5.0, 50.0])
+    fits = fit_planes(x, y, values, weights, slope)
+    for k in range(5):
+        design = np.vstack([np.stack([np.ones(12), x[k], y[k]], 1) * np.sqrt(weights[k])[:, None],
+                            np.sqrt(slope[k]) * np.array([[0, 1, 0], [0, 0, 1]])])  # fmt: skip
+        right = np.concatenate([values[k] * np.sqrt(weights[k]), [0, 0]])
+        expected = np.linalg.lstsq(design, right, rcond=None)[0]
+        np.testing.assert_allclose(fits.coefficients[k], expected, rtol=1e-8)
+        np.testing.assert_allclose(fits.covariance[k], np.linalg.inv(design.T @ design), rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("optics", OPTICS)
+def test_a_plane_is_affine_in_local_coordinates_on_any_grid(optics: Projection, rng: np.random.Generator) -> None:
+    plane = np.array([1.0e-4, -0.5e-4, 4.0e-4])
+    image = _plane_image(optics, plane, 0.01, rng)
+    pixels = np.arange(image.count)
+    others, inside = places(pixels, image.shape, window(3, middle=True))
+    cosine, x, y = local_coordinates(image, pixels, others)
+    exact = np.einsum("npk,k->np", image.directions[others], plane) / cosine
+    fits = fit_planes(x, y, np.where(inside, exact, 0.0), inside.astype(float), np.zeros(len(pixels)))
+    assert np.abs(fits.residuals[inside]).max() < 1e-12
+    np.testing.assert_allclose(
+        plane_vector(image, pixels, fits.coefficients), np.tile(plane, (image.count, 1)), atol=1e-10
+    )
+    back = plane_coefficients(image, pixels, plane_vector(image, pixels, fits.coefficients))
+    np.testing.assert_allclose(back, fits.coefficients, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("optics", OPTICS)
+def test_all_pixels_of_a_plane_are_certain_and_nothing_is_added_to_their_noise(
+    optics: Projection, rng: np.random.Generator
+) -> None:
+    image = _plane_image(optics, np.array([1.0e-4, -0.5e-4, 4.0e-4]), 20.0, rng)
+    seeds = find_seeds(image)
+    assert seeds.certain.mean() > 0.98
+    assert np.sqrt(seeds.pattern_variance) < 0.5 * 20.0 / np.sqrt(30)
+    assert label(image).is_surface.all()
+
+
+def test_fixed_pattern_and_texture_are_measured(rng: np.random.Generator) -> None:
+    image = _plane_image(OPTICS[0], np.array([0.0, 0.0, 4.0e-4]), 5.0, rng)
+    pattern, texture = rng.normal(0, 8.0, image.count), rng.normal(0, 0.1, image.count)
+    image.phasor = image.phasor * np.exp(1j * pattern / SCALE + texture)
+    image.range_mm = image.range_mm + pattern
+    image.__post_init__()
+    seeds = find_seeds(image)
+    assert np.sqrt(seeds.pattern_variance) == pytest.approx(8.0, rel=0.15)
+    assert np.sqrt(seeds.texture_variance) == pytest.approx(0.1, rel=0.15)
+    assert seeds.certain.mean() > 0.95
+
+
+@pytest.mark.parametrize("scene", [one_wall, crease])
+def test_slanted_walls_and_creases_stay_one_surface(scene: object, rng: np.random.Generator) -> None:
+    recorded = made(scene(rng), 3, view=SMALL)  # type: ignore[operator]  # a family
+    source = recorded.recording
+    frames = slice(0, source.shape[0])
+    phasors = mean_phasors(
+        source.read_range(frames, slice(None)), source.read_amplitude(frames, slice(None)), source.sensor
+    )
+    optics = source.sensor.optics
+    assert optics is not None
+    image = make_image(phasors, beam_directions_of(optics, source.shape[1:]), scale_mm=SCALE,
+                       open_space=np.zeros(source.shape[1:], bool))  # fmt: skip
+    assert label(image).is_surface.mean() > 0.998

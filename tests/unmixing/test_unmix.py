@@ -1,0 +1,157 @@
+"""Unmixing on raw-tap recordings: surfaces are found, and layers stay as they were where samples are of one surface."""
+
+import numpy as np
+import pytest
+from blind.geometry import Surface
+from lock_in import SMALL, Scene, judge, made, small
+
+from tofmix.estimation.sequence import EstimatedWindows, estimate_windows, settled_mixing
+from tofmix.estimation.settings import EstimateOptions, MixingChoice
+from tofmix.flags import Mixing
+from tofmix.layers import Layers
+from tofmix.recording import ArrayRecording
+from tofmix.unmixing.unmix import law_in_words
+
+EVENTS = EstimateOptions(mixing=MixingChoice.EVENTS)
+
+
+def first(found: EstimatedWindows) -> Layers:
+    """Layers (row, col) of the first window."""
+    return Layers(**{spec.name: getattr(found.layers, spec.name)[0] for spec in found.layers.fields})
+
+
+@pytest.fixture(scope="module")
+def sums() -> Scene:
+    """Every sample is a phasor sum."""
+    return small(1)
+
+
+@pytest.fixture(scope="module")
+def found(sums: Scene) -> EstimatedWindows:
+    """What is estimated of it."""
+    return estimate_windows(sums.recording)
+
+
+def test_both_surfaces_of_mixed_pixels_are_found_in_phasor_sums(sums: Scene, found: EstimatedWindows) -> None:
+    before = judge(sums, first(estimate_windows(sums.recording, EVENTS)))
+    after = judge(sums, first(found))
+    assert after.asked > 100
+    assert before.found == 0
+    assert before.false > 0.5 * before.mixed
+    assert after.found >= 0.98 * after.asked
+    assert after.false <= 0.02 * after.mixed
+    assert after.share_rms < 0.01
+    assert after.sure_false <= 0.01 * after.sure
+
+
+def test_errors_of_shares_are_as_stated(sums: Scene, found: EstimatedWindows) -> None:
+    after = judge(sums, first(found))
+    assert 0.6 < np.sqrt(after.share_z_squares / after.found) < 1.4
+
+
+def test_layers_of_unmixed_pixels_hold_together(found: EstimatedWindows) -> None:
+    layers = first(found)
+    assert layers.mixing is not None
+    unmixed = layers.mixing == int(Mixing.PHASOR)
+    weights = np.nansum(layers.weight, axis=-1) + layers.weight_no_return + layers.weight_outlier
+    np.testing.assert_allclose(weights[unmixed], 1.0, atol=1e-6)
+    assert (np.isfinite(layers.range).sum(axis=-1)[unmixed] == layers.n_modes[unmixed]).all()
+    assert (layers.range[unmixed, 1] > layers.range[unmixed, 0]).all()
+    assert np.isfinite(layers.log_likelihood[unmixed]).all()
+    assert (layers.sigma[unmixed, 0] > 0).all()
+    undecided = layers.mixing == int(Mixing.UNDECIDED)
+    assert np.nanmax(layers.probability[undecided], initial=0.0) <= 0.5
+
+
+def test_pixels_of_one_surface_are_as_they_were(sums: Scene, found: EstimatedWindows) -> None:
+    layers, events = first(found), first(estimate_windows(sums.recording, EVENTS))
+    assert layers.mixing is not None
+    alone = layers.mixing <= int(Mixing.EVENTS)
+    assert alone.mean() > 0.9
+    for spec in events.fields:
+        if spec.name != "probability":
+            np.testing.assert_array_equal(
+                getattr(layers, spec.name)[alone], getattr(events, spec.name)[alone], spec.name
+            )
+
+
+@pytest.mark.parametrize("seed", [2, 3])
+def test_samples_of_one_surface_each_leave_every_array_as_it_was(seed: int) -> None:
+    one = small(seed, q=0.0)
+    auto, events = estimate_windows(one.recording), estimate_windows(one.recording, EVENTS)
+    for spec in events.layers.fields:
+        assert getattr(auto.layers, spec.name).tobytes() == getattr(events.layers, spec.name).tobytes(), spec.name
+    assert auto.phasor_share is not None
+    assert abs(float(auto.phasor_share[0])) < 0.04
+    assert auto.layers.mixing is not None
+    several = (events.layers.n_modes > 1) | ((events.layers.n_modes == 1) & (events.layers.weight_no_return > 0))
+    np.testing.assert_array_equal(auto.layers.mixing, np.where(several, int(Mixing.EVENTS), int(Mixing.ONE_SURFACE)))
+
+
+@pytest.mark.parametrize("q", [0.35, 0.7])
+def test_share_of_phasor_sums_is_measured_and_both_surfaces_found(q: float) -> None:
+    one = small(4, q=q)
+    part = estimate_windows(one.recording)
+    assert part.phasor_share is not None
+    assert float(part.phasor_share[0]) == pytest.approx(q, abs=0.05)
+    after = judge(one, first(part))
+    assert after.found >= 0.95 * after.asked
+
+
+def test_share_of_a_surface_beside_open_space_is_its_area() -> None:
+    rng = np.random.default_rng(5)
+    board = Surface(name="board", center_mm=(10.0, 5.0, 2000.0), size_mm=(300.0, 250.0), yaw_deg=10.0, reflectivity=0.6)
+    one = made([board], int(rng.integers(100)), view=SMALL, open_sums=True)
+    layers = first(estimate_windows(one.recording)).reshaped((SMALL[0] * SMALL[1],))
+    share = one.beams.share[0]
+    some = (share > 0.15) & (share < 0.85) & (one.beams.nothing > 0)
+    both = some & (layers.n_modes == 1) & (layers.weight_no_return > 0.05)
+    assert both.sum() >= 0.95 * some.sum()
+    np.testing.assert_allclose(layers.weight[both, 0], share[both], atol=0.06)
+
+
+def test_ranges_that_fold_are_unmixed() -> None:
+    one = small(6, frequency_hz=45.0e6, wraps=True)  # the wall is a turn of 3331 mm away
+    on_circle = EstimateOptions(unambiguous_range_mm=one.device.unambiguous_mm)
+    after = judge(one, first(estimate_windows(one.recording, on_circle)), circle_mm=one.device.unambiguous_mm)
+    assert after.asked > 100
+    assert after.found >= 0.95 * after.asked
+
+
+def test_phasor_sums_can_be_insisted_on_where_nothing_tells_the_law() -> None:
+    one = small(7, q=0.0)
+    insisted = first(estimate_windows(one.recording, EstimateOptions(mixing=MixingChoice.PHASOR)))
+    assert insisted.mixing is not None
+    assert (insisted.mixing == int(Mixing.PHASOR)).sum() > 100
+
+
+def test_nothing_is_measured_without_amplitudes_or_a_frequency(sums: Scene) -> None:
+    source = sums.recording
+    plain = ArrayRecording(source.read_range(slice(0, 20), slice(None)), source.sensor)
+    assert settled_mixing(EstimateOptions(), plain).mixing is MixingChoice.EVENTS
+    result = estimate_windows(plain)
+    assert result.layers.mixing is None
+    assert result.phasor_share is None
+    with pytest.raises(ValueError, match="phasor sums need amplitudes"):
+        estimate_windows(plain, EstimateOptions(mixing=MixingChoice.PHASOR))
+
+
+def test_images_too_small_for_a_plane_are_left_alone(sums: Scene) -> None:
+    source = sums.recording
+    for rows, cols in ((1, 60), (2, 2), (48, 1)):
+        part = ArrayRecording(
+            source.read_range(slice(0, 20), slice(0, rows))[:, :, :cols], source.sensor,
+            amplitude=source.read_amplitude(slice(0, 20), slice(0, rows))[:, :, :cols],
+        )  # fmt: skip
+        result, events = estimate_windows(part), estimate_windows(part, EVENTS)
+        assert np.isnan(result.phasor_share).all()  # type: ignore[arg-type]  # measured
+        np.testing.assert_array_equal(result.layers.n_modes, events.layers.n_modes)
+
+
+@pytest.mark.parametrize(("share", "pixels", "text"), [
+    (1.0, 2016, "mixing: 100 % of the samples at edges are phasor sums (2,016 pixels)"),
+    (-0.004, 34, "mixing: 0 % of the samples at edges are phasor sums (34 pixels)"),
+    (float("nan"), 0, "mixing: no edge tells"),
+])  # fmt: skip
+def test_the_law_is_said_in_one_line(share: float, pixels: int, text: str) -> None:
+    assert law_in_words(share, pixels).startswith(text)
