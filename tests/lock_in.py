@@ -122,7 +122,7 @@ class Texture(Mechanism):
 
     def light(self, x: Exposure) -> None:
         """Scale signal, and with it the light that belongs to it."""
-        factor = 1.0 + self._spread * np.random.default_rng(self._seed).standard_normal(x.z.shape[1])
+        factor = 1.0 + self._spread * np.asarray(np.random.default_rng(self._seed).standard_normal(x.z.shape[1]))
         x.z *= factor.astype(np.float32)
         x.charge *= (factor**2).astype(np.float32)
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
+from tofmix.flags import Mixing
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.projection import Projection, beam_directions_of
 
@@ -68,15 +69,19 @@ class WindowSource(Protocol):
 class PointFilter:
     """Which layers become points: those with at least this weight and this probability.
 
-    None asks for nothing. A layer whose value is not known (NaN) does not pass where one is asked for.
+    None asks for nothing. A layer whose value is not known (NaN) does not pass where one is asked for. Layers of pixels
+    in which the surfaces cannot be told (`Mixing.UNDECIDED`) pass only if `undecided` are asked for.
     """
 
     min_weight: float | None = None
     min_probability: float | None = None
+    undecided: bool = False
 
     def passes(self, layers: Layers) -> NDArray[np.bool_]:
         """Whether each layer (row, col, layer) passes; one without a finite range never does."""
         keep = np.isfinite(layers.range)
+        if not self.undecided and layers.mixing is not None:
+            keep &= (layers.mixing != int(Mixing.UNDECIDED))[..., np.newaxis]
         if self.min_weight is not None:
             keep &= layers.weight >= self.min_weight
         if self.min_probability is not None:

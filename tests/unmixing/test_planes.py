@@ -1,7 +1,10 @@
 """Planes of 1 / r: least squares beside NumPy's, seeds on planes and at edges, neighbours continued exactly."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from blind.geometry import Surface
 from lock_in import SMALL, crease, made, one_wall
 
 from tofmix.equiangular import Equiangular
@@ -14,7 +17,7 @@ from tofmix.unmixing.plane_fit import fit_planes
 from tofmix.unmixing.seeds import find_seeds, plane_coefficients, plane_vector
 
 SCALE = phase_scale_mm(20.0e6)
-OPTICS = [
+OPTICS: list[Projection] = [
     Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0),
     Equiangular(fov_horizontal_deg=120.0, fov_vertical_deg=90.0),
     Pinhole(fx=20.0, fy=21.0, cx=9.0, cy=8.0, distortion=(-0.05, 0.01, 0.001, 0.0)),
@@ -90,8 +93,10 @@ def test_fixed_pattern_and_texture_are_measured(rng: np.random.Generator) -> Non
 
 
 @pytest.mark.parametrize("scene", [one_wall, crease])
-def test_slanted_walls_and_creases_stay_one_surface(scene: object, rng: np.random.Generator) -> None:
-    recorded = made(scene(rng), 3, view=SMALL)  # type: ignore[operator]  # a family
+def test_slanted_walls_and_creases_stay_one_surface(
+    scene: Callable[[np.random.Generator], list[Surface]], rng: np.random.Generator
+) -> None:
+    recorded = made(scene(rng), 3, view=SMALL)
     source = recorded.recording
     frames = slice(0, source.shape[0])
     phasors = mean_phasors(

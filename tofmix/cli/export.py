@@ -39,6 +39,7 @@ tofmix export boards.layers.h5 -o second.png --layer 2 --scale 0.25
 )
 @click.option("--min-weight", type=click.FloatRange(0, 1), help="Points: leave out layers of a lesser share.")
 @click.option("--min-probability", type=click.FloatRange(0, 1), help="Points: leave out layers that less surely exist.")
+@click.option("--undecided", is_flag=True, help="Write pixels as well in which mixed surfaces cannot be told.")
 @click.option(
     "--fov", metavar="HxV", help="Points: field of view in degrees, of equal angles.  [default: the layers file's]"
 )
@@ -57,6 +58,7 @@ def export(
     window: int | None,
     min_weight: float | None,
     min_probability: float | None,
+    undecided: bool,
     fov: str | None,
     layer: int,
     scale: float,
@@ -84,11 +86,11 @@ def export(
         if window is not None and window >= file.shape[0]:
             raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
         if as_image:
-            line, made = _export_image(file, output, window, layer, scale, overwrite)
+            line, made = _export_image(file, output, window, layer, scale, overwrite, undecided=undecided)
         else:
             from tofmix.points import PointFilter
 
-            chosen = PointFilter(min_weight=min_weight, min_probability=min_probability)
+            chosen = PointFilter(min_weight=min_weight, min_probability=min_probability, undecided=undecided)
             line, made = _export_points(file, output, window, fov, chosen, overwrite)
     click.echo(json.dumps({"output": str(output), **made}) if as_json else line)
 
@@ -132,8 +134,11 @@ def _optics(file: "LayersFile", fov: str | None) -> "Projection":
 
 
 def _export_image(
-    file: "LayersFile", output: Path, window: int | None, layer: int, scale: float, overwrite: bool
+    file: "LayersFile", output: Path, window: int | None, layer: int, scale: float, overwrite: bool, *, undecided: bool
 ) -> tuple[str, dict[str, Any]]:
+    import numpy as np
+
+    from tofmix.flags import Mixing
     from tofmix.io.exporters import export_image
     from tofmix.io.exporters.image import RangeImage
 
@@ -143,6 +148,8 @@ def _export_image(
         raise UsageError(f"--layer {layer}: {file.path} has layers 1 to {file.max_layers}")
     chosen = window or 0
     range_mm = file.read_field("range", chosen)[..., layer - 1]
+    if "mixing" in file.names and not undecided:
+        range_mm = np.where(file.read_field("mixing", chosen) == int(Mixing.UNDECIDED), np.float32(np.nan), range_mm)
     title = f"layer {layer} of {file.provenance.source}, window {chosen}"
     image = RangeImage(range_mm=range_mm, scale_mm=scale, title=title)
     try:

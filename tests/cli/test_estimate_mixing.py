@@ -1,0 +1,113 @@
+"""`tofmix estimate --mixing`: the same bytes whoever computes, what is said, and what other commands make of it."""
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from commandline import Tofmix
+from lock_in import small
+
+from tofmix.errors import ExitCode
+from tofmix.flags import Mixing
+from tofmix.recording import ArrayRecording
+
+
+def _write(path: Path, source: ArrayRecording, *, amplitude: bool = True, frames: int = 40) -> Path:
+    """Write a recording in memory as a foreign program would."""
+    with h5py.File(path, "w") as root:
+        root["range"] = source.read_range(slice(0, frames), slice(None))
+        if amplitude:
+            root["amplitude"] = source.read_amplitude(slice(0, frames), slice(None))
+        sensor, camera = root.create_group("sensor"), source.sensor
+        for name in ("modulation_frequency_hz", "range_min_mm", "range_max_mm", "fov_horizontal_deg",
+                     "fov_vertical_deg", "outlier_probability"):  # fmt: skip
+            sensor.attrs[name] = getattr(camera, name)
+        assert camera.noise is not None
+        sensor["noise_range"], sensor["noise_sigma"] = camera.noise.range_mm, camera.noise.sigma_mm
+    return path
+
+
+@pytest.fixture(scope="module")
+def sums(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two windows of phasor sums."""
+    return _write(tmp_path_factory.mktemp("sums") / "a.h5", small(1).recording)
+
+
+WINDOWS = ("--window", 20, "--noise", "file")
+
+
+def test_bytes_do_not_depend_on_workers_shards_or_a_resumed_run(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
+    whole = tmp_path / "whole.h5"
+    done = tofmix("estimate", sums, *WINDOWS, "-o", whole, "--workers", 1)
+    assert done.code == 0, done.err
+    assert tofmix("estimate", sums, *WINDOWS, "-o", tmp_path / "two.h5", "--workers", 2).code == 0
+    parts = []
+    for number in (1, 2):
+        parts.append(tmp_path / f"{number}.part")
+        made = tofmix("estimate", sums, *WINDOWS, "-o", parts[-1], "--shard", f"{number}/2")
+        assert made.code == 0, made.err
+    merged = tofmix("merge", *parts, "-o", tmp_path / "merged.h5")
+    assert "mixing: 100 % of the samples at edges are phasor sums" in merged.err
+    assert tofmix("estimate", sums, *WINDOWS, "-o", whole, "--resume").code == 0
+    for name in ("two.h5", "merged.h5"):
+        assert (tmp_path / name).read_bytes() == whole.read_bytes()
+
+
+def test_what_was_found_is_said_and_written(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
+    out = tmp_path / "a.h5"
+    done = tofmix("estimate", sums, *WINDOWS, "-o", out, "--json")
+    said = json.loads(done.out)
+    assert said["mixing"]["phasor_share"] == pytest.approx(1.0, abs=0.03)
+    with h5py.File(out) as root:
+        assert root["phasor_pixels"][...].sum() == said["mixing"]["pixels"] > 100
+        mixing = root["mixing"]
+        assert mixing.attrs["flag_meanings"] == "one_surface events phasor undecided"
+        mixed = mixing[...] == int(Mixing.PHASOR)
+        assert mixed.sum() > 200
+        assert (root["n_modes"][...][mixed] >= 1).all()
+        assert sum(said["pixels_by_surfaces"][2:]) == (root["n_modes"][...] > 1).sum()
+    assert tofmix("verify", out).code == 0
+    assert "phasor sums" in tofmix("info", out).out
+
+
+def test_recordings_without_amplitudes_say_one_line_and_have_no_mixing(tofmix: Tofmix, tmp_path: Path) -> None:
+    plain = _write(tmp_path / "a.h5", small(1).recording, amplitude=False)
+    done = tofmix("estimate", plain, "--noise", "file")
+    assert [line for line in done.err.splitlines() if "mixing: not measured" in line]
+    with h5py.File(tmp_path / "a.layers.h5") as root:
+        assert "mixing" not in root
+    refused = tofmix("estimate", plain, "--mixing", "phasor", "--overwrite")
+    assert refused.code == ExitCode.USAGE
+    assert "phasor sums need amplitudes" in refused.err
+    assert tofmix("estimate", plain, "--paper", "--mixing", "phasor", "--overwrite").code == ExitCode.USAGE
+
+
+def test_export_leaves_undecided_pixels_out_unless_they_are_asked_for(
+    tofmix: Tofmix, sums: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "a.h5"
+    assert tofmix("estimate", sums, *WINDOWS, "-o", out).code == 0
+    with h5py.File(out) as root:
+        undecided = root["mixing"][...] == int(Mixing.UNDECIDED)
+        extra = int(np.isfinite(root["range"][...])[undecided].sum())
+    assert extra > 0
+    without, with_them = (
+        json.loads(tofmix("export", out, "-o", tmp_path / f"{k}.ply", *option, "--json").out)["points"]
+        for k, option in enumerate(((), ("--undecided",)))
+    )
+    assert with_them - without == extra
+
+
+def test_api_gives_the_values_that_the_command_writes(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
+    import tofmix as tm
+
+    out = tmp_path / "a.h5"
+    assert tofmix("estimate", sums, *WINDOWS, "-o", out).code == 0
+    made = tm.estimate(sums, window=20, noise="file")
+    saved = made.save(tmp_path / "b.h5")
+    assert saved.read_bytes() == out.read_bytes()
+    back = tm.open(out)
+    np.testing.assert_array_equal(back.mixing, made.mixing)
+    np.testing.assert_array_equal(back.phasor_share, made.phasor_share)
