@@ -175,9 +175,7 @@ def _of(values: NDArray[Number], board: NDArray[np.int64]) -> NDArray[Number]:
     return each
 
 
-def _together(
-    seen: Seen, board: NDArray[np.int64], rng: np.random.Generator, errors: Errors
-) -> NDArray[np.bool_]:
+def _together(seen: Seen, board: NDArray[np.int64], rng: np.random.Generator, errors: Errors) -> NDArray[np.bool_]:
     """Which samples are of all the light of their pixel; one that sees a single board alone has nothing to mix."""
     boards = (seen.share > 0).sum(axis=0)
     gap = seen.share.sum(axis=0) < 1 - 1e-9

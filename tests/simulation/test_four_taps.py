@@ -262,7 +262,10 @@ def test_the_recording_has_the_distribution_of_the_taps(name: str, case: int) ->
     ],
 )
 def test_nothing_in_the_beam_gives_no_light(text: str, errors: Errors) -> None:
-    """Without the far board: columns 1 and 2 see gaps, column 3 nothing but one."""
+    """Without the far board: columns 1 and 2 see gaps, column 3 nothing but one.
+
+    Where all light is taken at once, a gap beside a board leaves fewer samples without a return.
+    """
     cam, boards = camera(), BOARDS[:2]
     apart = 3 if errors.neighbours else 1
     ours, _ = simulated(model_text(cam, boards, text), frames=apart * FRAMES)
@@ -271,7 +274,8 @@ def test_nothing_in_the_beam_gives_no_light(text: str, errors: Errors) -> None:
     ours[ours > RANGE_MAX_MM - 1000] = np.nan
     gaps = np.isnan(theirs).mean(axis=(0, 1))
     assert gaps[0] == 0
-    assert (gaps[1:3] > 0.2).all()
+    assert (gaps[1:3] > 0.2 * (1 - errors.all_at_once)).all()
+    np.testing.assert_allclose(np.isnan(ours).mean(axis=(0, 1)), gaps, atol=0.02)
     assert_same(ours[:, ::apart], theirs[:, ::apart])
 
 
