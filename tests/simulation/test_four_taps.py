@@ -156,6 +156,8 @@ def test_without_effects_the_taps_are_equation_1() -> None:
     assert_same(ours, theirs)
     assert light[:, :, 0].mean() == pytest.approx(measured[:, :, 0].mean(), rel=1e-3)
     assert light[:, :, 3].mean() == pytest.approx(measured[:, :, 3].mean(), rel=1e-3)
+    for col in (0, 3):  # one board each
+        assert light[:, :, col].std() == pytest.approx(measured[:, :, col].std(), rel=0.02)
 
 
 def test_the_comparison_finds_a_bias_of_a_tenth_of_sigma_and_a_sigma_off_by_a_twentieth() -> None:
