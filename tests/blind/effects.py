@@ -238,7 +238,10 @@ class OneFrequency(Effect):
 
 @dataclass(frozen=True, kw_only=True)
 class WholeBeam(Effect):
-    """Frames in which a pixel integrates its whole beam: the phasors of all surfaces add by area."""
+    """Frames in which a pixel integrates its whole beam: the phasors of all surfaces add by area, open space is dark.
+
+    A sample that was to be of open space is counted as one of the brightest surface, whose turn it is on.
+    """
 
     probability: float
     kind = "flying_pixels"
@@ -246,13 +249,19 @@ class WholeBeam(Effect):
     def light(self, x: Exposure) -> None:
         for k, (share, z, charge) in enumerate(x.layers()):
             beams = x.key_beams[k]
-            several = np.flatnonzero((share > 0).sum(axis=0) > 1)
+            surfaces = (share > 0).sum(axis=0)
+            several = np.flatnonzero((surfaces > 1) | ((surfaces > 0) & (beams.nothing > 0)))
             frames = np.flatnonzero(x.key == k)
             dark = x.device.charge(np.array(x.device.range_max_mm), np.array(0.5))
             total = (share * z).sum(axis=0)[several]
             held = (np.where(share > 0, share * charge, 0).sum(axis=0) + beams.nothing * dark)[several]
             block = np.ix_(frames, several)
-            hit = (x.rng.random((frames.size, several.size)) < self.probability) & (x.layer[block] >= 0)
+            hit = x.rng.random((frames.size, several.size)) < self.probability
+            brightest = np.argmax(np.abs(share * z), axis=0)[several]
+            dark_hit = hit & (x.layer[block] < 0)
+            x.layer[block] = np.where(dark_hit, brightest, x.layer[block])
+            x.surface[block] = np.where(dark_hit, beams.surface[brightest, several], x.surface[block])
+            x.true_mm[block] = np.where(dark_hit, beams.range_mm[brightest, several], x.true_mm[block])
             x.z[block] = np.where(hit, total, x.z[block])
             x.charge[block] = np.where(hit, held, x.charge[block])
 

@@ -192,6 +192,21 @@ def test_whole_beams_lie_between_their_surfaces() -> None:
     np.testing.assert_allclose(np.median(samples, axis=0)[mixed], wanted[mixed], atol=4 * sigma / math.sqrt(150))
 
 
+def test_whole_beams_beside_open_space_return_their_surface() -> None:
+    """Without the wall behind: no sample of no return is left where there is some light."""
+    open_scene = [surface for surface in SCENE if surface.name != "wall"]
+    beams = cast(open_scene, DEVICE.view)
+    beside = (beams.nothing > 0.1) & ((beams.share > 0).sum(axis=0) == 1) & (beams.share.max(axis=0) > 0.3)
+    assert beside.any()
+    own = beams.range_mm[0, beside]
+    plain, whole = (
+        record(DEVICE, open_scene, effects, seed=3).range_mm.reshape(DEVICE.frames, -1)[:, beside]
+        for effects in ((), (fx.WholeBeam(probability=1.0),))
+    )
+    assert (abs(plain - own) > 1500).mean() > 0.05
+    assert (abs(whole - own) > 1500).mean() < 0.01
+
+
 def test_leaking_pixels_mix_phasors_with_their_neighbours() -> None:
     leak = fx.LeakyPixels(share=0.03)
     z = (AMPLITUDE * DEVICE.phasor(RANGE))[None]

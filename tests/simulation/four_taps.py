@@ -107,7 +107,7 @@ class Errors:
     neighbours : float
         Share of a pixel's charge that diffuses to each of its four neighbours.
     all_at_once : float
-        Probability that a sample is of all the surfaces' light at once, each by its area.
+        Probability that a sample is of all the light at once, each board's by its area, whatever it was to be of.
     falloff : (row, col) or 1
         The illumination.
     harmonic : float
@@ -142,9 +142,12 @@ def record(
     The range is on the turn nearest to the event's own, or, with `fold`, as the arctangent gives it.
     """
     board = _draw_boards(seen.share, frames, rng)
+    together = _together(seen, board, rng, errors)
+    brightest = np.broadcast_to(np.argmax(seen.share * seen.amplitude, axis=0), board.shape)
+    board = np.where(together & (board == len(seen.share)), brightest, board)
     amplitude, range_mm = _of(seen.amplitude, board), _of(seen.range_mm, board)
     noise = np.sqrt(2.0) * amplitude * camera.sigma(range_mm) * (2 * np.pi / camera.turn_mm)
-    light, third = _light(camera, seen, board, rng, errors)
+    light, third = _light(camera, seen, board, together, errors)
     charges = np.stack([(light * q).real + errors.harmonic * (third * q**3).real for q in QUARTERS])
     charges += noise * _remembered(charges.shape, errors.memory, rng)
     share, burst, strength = errors.stranger
@@ -172,8 +175,16 @@ def _of(values: NDArray[Number], board: NDArray[np.int64]) -> NDArray[Number]:
     return each
 
 
+def _together(seen: Seen, board: NDArray[np.int64], rng: np.random.Generator, errors: Errors) -> NDArray[np.bool_]:
+    """Which samples are of all the light of their pixel; one that sees a single board alone has nothing to mix."""
+    boards = (seen.share > 0).sum(axis=0)
+    gap = seen.share.sum(axis=0) < 1 - 1e-9
+    mixes = (boards > 1) | ((boards > 0) & gap)
+    return np.asarray(mixes & (rng.random(board.shape) < errors.all_at_once))
+
+
 def _light(
-    camera: Camera, seen: Seen, board: NDArray[np.int64], rng: np.random.Generator, errors: Errors
+    camera: Camera, seen: Seen, board: NDArray[np.int64], together: NDArray[np.bool_], errors: Errors
 ) -> tuple[Phasors, Phasors]:
     """All the light of each sample, as its modulation is seen, and the same at three times the phase."""
     turn = 2 * np.pi / camera.turn_mm
@@ -183,8 +194,6 @@ def _light(
         for number, (share, longer_mm) in errors.second_path.items():
             wave[number] *= 1 + share * np.exp(1j * order * turn * longer_mm / 2)  # out and back: half of it is range
         sums.append(wave)
-    several = (seen.share > 0).sum(axis=0) > 1
-    together = several & (board < len(seen.share)) & (rng.random(board.shape) < errors.all_at_once)
     light, third = (np.where(together, (seen.share * wave).sum(axis=0), _of(wave, board)) for wave in sums)
     light, third = (
         light_of + errors.lens * (seen.share * wave).sum(axis=0).mean()

@@ -97,6 +97,7 @@ def average_frame(
     turn_mm: float,
     rng: np.random.Generator,
     shape: NoiseShape | None = None,
+    draws: FloatArray | None = None,
 ) -> tuple[FloatArray, Float32Array]:
     """Draw one frame as on-board integration returns it.
 
@@ -112,6 +113,8 @@ def average_frame(
         The frame's random stream; advanced.
     shape : NoiseShape, optional
         Of each sample's error; Gaussian without it.
+    draws : (pixel,) float64, optional
+        Standard normal noise of the mean's amplitude; without it the amplitude has none.
 
     Returns
     -------
@@ -119,15 +122,44 @@ def average_frame(
         ``d_u arg(z) / 2 pi`` of the sum z of ``amplitude * exp(2 pi i r / d_u)``, on the turn nearest the
         amplitude-weighted mean range, mm. Where no sample has an amplitude: the time-weighted mean range.
     amplitude : (pixel,) float32
-        ``|z|``.
+        ``|z|``, with the noise that `draws` stands for.
     """
+    noise = MeanNoise(pixels=table.threshold.shape[1])
 
     def samples() -> Iterator[tuple[float, FloatArray, Float32Array]]:
         for part in parts:
             drawn = draw(table, sigma_mm=part.sigma_mm, rng=rng, shape=shape)
+            noise.add(part.fraction, drawn.amplitude.astype(np.float64), drawn.sigma_mm)
             yield part.fraction, drawn.range_mm, drawn.amplitude
 
-    return phasor_mean(samples(), turn_mm=turn_mm)
+    range_mm, amplitude = phasor_mean(samples(), turn_mm=turn_mm)
+    return range_mm, amplitude if draws is None else noise.on(amplitude, draws, turn_mm=turn_mm)
+
+
+class MeanNoise:
+    """Noise of a mean's amplitude: those of its samples' phasors add in quadrature, whatever their phases.
+
+    Each sample's noise is the same in both directions, so along the mean it is A sigma 2 pi / d_u too. The range of
+    the mean has the samples' range noise alone.
+    """
+
+    def __init__(self, *, pixels: int) -> None:
+        self._square = np.zeros(pixels)  # of amplitude times mm
+
+    def add(self, fraction: float, amplitude: FloatArray, sigma_mm: FloatArray) -> None:
+        """Take in a sample: its time over that of a whole one, amplitude (pixel,) at the whole time, noise in mm."""
+        self._square += (fraction * amplitude * sigma_mm) ** 2
+
+    def on(self, amplitude: Float32Array, draws: FloatArray, *, turn_mm: float) -> Float32Array:
+        """The mean's amplitude (pixel,) with its noise, at least 0; `draws` are standard normal, d_u is in mm.
+
+        A mean without light stays at 0. Without a modulation frequency (NaN) there is no noise.
+        """
+        if math.isnan(turn_mm):
+            return amplitude
+        noise = np.sqrt(self._square) * (2 * math.pi / turn_mm) * draws
+        noisy: Float32Array = np.maximum(amplitude + noise, 0.0).astype(np.float32)
+        return noisy
 
 
 def phasor_mean(

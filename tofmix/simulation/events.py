@@ -64,14 +64,17 @@ class Samples:
     range_mm : (pixel,) float64
         Ranges before rounding, mm.
     amplitude : (pixel,) float32
-        Amplitudes.
+        Amplitudes of the light, without noise.
     event : (pixel,) int64
         Which event of the `EventTable` each one is.
+    sigma_mm : (pixel,) float64
+        Noise of each event, mm.
     """
 
     range_mm: FloatArray
     amplitude: Float32Array
     event: IntArray
+    sigma_mm: FloatArray
 
 
 def event_table(truth: Truth, sensor: SensorProfile, *, outlier_share: float | FloatArray | None = None) -> EventTable:
@@ -166,10 +169,11 @@ def draw(
     drawn = draw_events(table, rng=rng)
     index = drawn.event * drawn.event.size + np.arange(drawn.event.size)
     range_mm = shaped(drawn.noise, shape)
-    range_mm *= sigma_mm.take(index)
+    sigma = sigma_mm.take(index)
+    range_mm *= sigma
     range_mm += table.range_mm.take(index)
     range_mm[drawn.random] = drawn.random_mm
-    return Samples(range_mm=range_mm, amplitude=table.amplitude.take(index), event=drawn.event)
+    return Samples(range_mm=range_mm, amplitude=table.amplitude.take(index), event=drawn.event, sigma_mm=sigma)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,13 +14,13 @@ import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.errors import BadInputError
-from tofmix.simulation.averaging import exposures, phasor_mean
+from tofmix.simulation.averaging import MeanNoise, exposures, phasor_mean
 from tofmix.simulation.cast import MovingCaster
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level
 from tofmix.simulation.events import Drawn, EventTable, draw_events, event_table, events_behind, frame_generator
 from tofmix.simulation.model import Model
-from tofmix.simulation.noise import drawn_widths, shaped
+from tofmix.simulation.noise import amplitude_draws, drawn_widths, noisy_amplitude, shaped
 from tofmix.simulation.prediction import equation_1
 from tofmix.simulation.truth import Truth
 
@@ -125,6 +125,10 @@ class Exposer:
         """What chance decides in a frame, before any effect."""
         return draw_events(scene.table, rng=frame_generator(self._seed, frame))
 
+    def noise(self, frame: int, drawn: Drawn) -> FloatArray:
+        """Standard normal noise (2, pixel) of a frame: of its ranges, and of its amplitudes."""
+        return np.stack([drawn.noise, amplitude_draws(drawn.noise.size, seed=self._seed, frame=frame)])
+
     def colour(self, noise: FloatArray, before: FloatArray | None) -> FloatArray:
         """A frame's normal noise with the memory that effects give it; `before` is what this gave the frame before."""
         if before is None:
@@ -144,13 +148,19 @@ class Exposer:
             What `scene` returned for it.
         drawn : Drawn
             What `draw` returned for it.
-        noise : (pixel,) float64
-            Standard normal noise, with its memory.
+        noise : (2, pixel) float64
+            Standard normal noise of ranges and amplitudes, with its memory.
+
+        Returns
+        -------
+        FrameSamples
+            With noise in the amplitudes too. Effects act on the amplitude of the light, which has none.
         """
-        samples = _samples(scene, drawn, shaped(noise, self._shape), scene.sigma_mm, self._turn_mm)
+        samples = _samples(scene, drawn, shaped(noise[0], self._shape), scene.sigma_mm, self._turn_mm)
         self._act(samples, frame, scene, read_out=False)
         samples.measure()
         self._act(samples, frame, scene, read_out=True)
+        samples.amplitude = noisy_amplitude(samples.amplitude, samples.sigma_mm, noise[1], turn_mm=self._turn_mm)
         return samples
 
     def average(self, frame: int, scene: StillScene) -> FrameSamples:
@@ -160,6 +170,8 @@ class Exposer:
         held against the amplitude of the whole time.
         """
         rng = frame_generator(self._seed, frame)
+        pixels = scene.table.threshold.shape[1]
+        noise = MeanNoise(pixels=pixels)
 
         def exposed() -> Iterator[tuple[float, FloatArray, Float32Array]]:
             for number, part in enumerate(exposures(scene.table, self._model.sensor, self._width)):
@@ -167,11 +179,15 @@ class Exposer:
                 samples = _samples(scene, drawn, shaped(drawn.noise, self._shape), part.sigma_mm, self._turn_mm)
                 self._act(samples, frame, scene, read_out=False, part=number)
                 samples.measure()
-                yield part.fraction, samples.measured_mm, recorded_amplitude(samples)
+                light = recorded_amplitude(samples)
+                noise.add(part.fraction, light.astype(np.float64), samples.sigma_mm)
+                yield part.fraction, samples.measured_mm, light
 
         range_mm, amplitude = phasor_mean(exposed(), turn_mm=self._turn_mm)
         mean = _read(range_mm, amplitude, self._turn_mm)
         self._act(mean, frame, scene, read_out=True)
+        draws = amplitude_draws(pixels, seed=self._seed, frame=frame)
+        mean.amplitude = noise.on(amplitude, draws, turn_mm=self._turn_mm).astype(np.float64)
         return mean
 
     def _act(self, samples: FrameSamples, frame: int, scene: StillScene, *, read_out: bool, part: int = 0) -> None:

@@ -4,6 +4,7 @@ Use `render_blocks` to write a recording of any length in bounded memory. It is
 the end of the path scene -> sensor -> recording.
 """
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -19,7 +20,7 @@ from tofmix.simulation.averaging import average_frame, exposure_times, exposures
 from tofmix.simulation.events import Drawn, draw, event_table, frame_generator, stored_range
 from tofmix.simulation.exposure import Exposer, StillScene, check_averages, recorded_amplitude
 from tofmix.simulation.model import Model
-from tofmix.simulation.noise import drawn_widths
+from tofmix.simulation.noise import amplitude_draws, drawn_widths, noisy_amplitude
 from tofmix.simulation.truth import Truth
 
 _FRAMES_AT_ONCE = 16  # held in memory with all that their samples carry
@@ -168,10 +169,17 @@ def _single(model: Model, truth: Truth, seed: int) -> _DrawFrame:
     table = event_table(truth, model.sensor)
     noise, width = model.sensor.noise_at(model.sensor.integration_time_ms), drawn_widths(model.sensor, seed=seed)
     sigma_mm = table.sigma(noise, width)
+    known = model.sensor.modulation_frequency_hz is not None
+    turn_mm = model.sensor.turn_mm("amplitude noise") if known else math.nan
 
     def frame(number: int) -> _Frame:
         samples = draw(table, sigma_mm=sigma_mm, rng=frame_generator(seed, number), shape=noise.shape)
-        return _Frame(number, stored_range(samples.range_mm), samples.amplitude)
+        amplitude = samples.amplitude
+        if not math.isnan(turn_mm):
+            draws = amplitude_draws(amplitude.size, seed=seed, frame=number)
+            noisy = noisy_amplitude(amplitude.astype(np.float64), samples.sigma_mm, draws, turn_mm=turn_mm)
+            amplitude = noisy.astype(np.float32)
+        return _Frame(number, stored_range(samples.range_mm), amplitude)
 
     return frame
 
@@ -184,7 +192,8 @@ def _averaged(model: Model, truth: Truth, seed: int) -> _DrawFrame:
 
     def frame(number: int) -> _Frame:
         rng = frame_generator(seed, number)
-        range_mm, amplitude = average_frame(table, parts, turn_mm=turn_mm, rng=rng, shape=shape)
+        draws = amplitude_draws(table.threshold.shape[1], seed=seed, frame=number)
+        range_mm, amplitude = average_frame(table, parts, turn_mm=turn_mm, rng=rng, shape=shape, draws=draws)
         return _Frame(number, stored_range(range_mm), amplitude)
 
     return frame
@@ -212,19 +221,22 @@ def _with_effects(exposer: Exposer) -> _Frames:
     """Frames of which each may remember the noise of the one before: that is done in order, all else side by side."""
     before: FloatArray | None = None
 
-    def begin(frame: int) -> tuple[int, StillScene, Drawn]:
+    def begin(frame: int) -> tuple[int, StillScene, Drawn, FloatArray]:
         scene = exposer.scene(frame)
-        return frame, scene, exposer.draw(frame, scene)
+        drawn = exposer.draw(frame, scene)
+        return frame, scene, drawn, exposer.noise(frame, drawn)
 
     def end(begun: tuple[int, StillScene, Drawn, FloatArray]) -> _Frame:
         frame, scene, _, _ = begun
         samples = exposer.expose(*begun)
         return _Frame(frame, samples.stored(), recorded_amplitude(samples), scene.range_true)
 
-    def coloured(begun: Iterable[tuple[int, StillScene, Drawn]]) -> Iterator[tuple[int, StillScene, Drawn, FloatArray]]:
+    def coloured(
+        begun: Iterable[tuple[int, StillScene, Drawn, FloatArray]],
+    ) -> Iterator[tuple[int, StillScene, Drawn, FloatArray]]:
         nonlocal before
-        for frame, scene, drawn in begun:
-            before = exposer.colour(drawn.noise, before)
+        for frame, scene, drawn, noise in begun:
+            before = exposer.colour(noise, before)
             yield frame, scene, drawn, before
 
     def render(frames: range, pool: _Map) -> Iterator[_Frame]:

@@ -105,32 +105,57 @@ def test_crosstalk_carries_the_neighbours_events(bench: Bench) -> None:
 
 @pytest.mark.parametrize("probability", [0.0, 0.35, 1.0])
 def test_flying_samples_are_the_phasor_sum(bench: Bench, probability: float) -> None:
-    """Samples of pixels that see several surfaces: a share of them, where the event is a surface, is the sum of all."""
+    """Pixels that see several surfaces, or a surface and nothing: a share of all samples is the sum of all."""
     plain = bench.boards(frames=2000, outlier_probability=0.0)
     other = bench.boards(effect("flying_pixels", probability=probability), frames=2000, outlier_probability=0.0)
     layers = plain.truth.range_true.shape[2]
     ranges = np.nan_to_num(plain.truth.range_true).reshape(-1, layers)
     share = np.nan_to_num(plain.truth.weight_true).reshape(-1, layers)
-    mixed = (share * phasor(ranges, plain.truth.amplitude.reshape(-1, layers))).sum(axis=1)
-    several = plain.truth.n_modes.ravel() > 1
-    flown = several & (abs(other.amplitude - abs(mixed)) < 1e-4 * abs(mixed))
-    np.testing.assert_array_equal(other.stored[:, ~several], plain.stored[:, ~several])
+    amplitude = plain.truth.amplitude.reshape(-1, layers)
+    mixed = (share * phasor(ranges, amplitude)).sum(axis=1)
+    n_modes, gap = plain.truth.n_modes.ravel(), plain.truth.weight_no_return.ravel() > 0
+    mixes = (n_modes > 1) | ((n_modes > 0) & gap)
+    assert (mixes & (n_modes == 1)).any()
+    flown = mixes & (abs(other.amplitude - abs(mixed)) < 1e-4 * abs(mixed))
+    np.testing.assert_array_equal(other.stored[:, ~mixes], plain.stored[:, ~mixes])
     returned = plain.amplitude > 0
-    trials = (returned & several).sum()
-    spread = (probability * (1 - probability) / trials) ** 0.5
-    assert (flown & returned).sum() / trials == pytest.approx(probability, abs=4 * spread)
-    assert not (flown & ~returned).any()
+    for events in (returned, ~returned):
+        trials = (events & mixes).sum()
+        spread = (probability * (1 - probability) / trials) ** 0.5
+        assert (flown & events).sum() / trials == pytest.approx(probability, abs=4 * spread)
     if probability:
         at = np.nonzero(flown)
         middle = np.angle(mixed)[at[1]] % (2 * np.pi) * TURN / (2 * np.pi)
         error = other.range_mm[at] - middle
-        from_mm = np.empty(len(at[0]))
+        from_mm, light = np.empty(len(at[0])), np.empty(len(at[0]))
         for k, (frame, pixel) in enumerate(zip(*at, strict=True)):
-            event = np.argmin(abs(plain.truth.amplitude.reshape(-1, layers)[pixel] - plain.amplitude[frame, pixel]))
-            from_mm[k] = ranges[pixel, event]
-        z = error / np.hypot(plain.sigma(from_mm) * plain.amplitude[at] / other.amplitude[at], 12**-0.5)
-        assert abs(z.mean()) < 4 / z.size**0.5
-        assert z.var() == pytest.approx(1, abs=4 * (2 / z.size) ** 0.5)
+            own = amplitude[pixel]
+            dark = plain.amplitude[frame, pixel] == 0
+            event = np.argmax(share[pixel] * own) if dark else np.argmin(abs(own - plain.amplitude[frame, pixel]))
+            from_mm[k], light[k] = ranges[pixel, event], own[event]
+        z = error / np.hypot(plain.sigma(from_mm) * light / other.amplitude[at], 12**-0.5)
+        for some in (plain.amplitude[at] > 0, plain.amplitude[at] == 0):
+            n = some.sum()
+            assert abs(z[some].mean()) < 4 / n**0.5
+            assert z[some].var() == pytest.approx(1, abs=4 * (2 / n) ** 0.5)
+
+
+def test_a_surface_and_nothing_fly_as_the_surface_with_its_share_of_light(bench: Bench) -> None:
+    """No no-return sample is left; the range is the surface's, the amplitude its share, sigma over the share."""
+    recorded = bench.boards(effect("flying_pixels", probability=1.0), frames=2000, outlier_probability=0.0)
+    truth = recorded.truth
+    some = ((truth.n_modes == 1) & (truth.weight_no_return > 0.3) & (truth.weight_no_return < 0.7)).ravel()
+    assert some.any()
+    share = truth.weight_true.reshape(some.size, -1)[some, 0].astype(np.float64)
+    true_mm, light = recorded.true_mm[some], recorded.true_amplitude[some]
+    np.testing.assert_allclose(
+        recorded.amplitude[:, some], np.broadcast_to(share * light, (2000, some.sum())), rtol=1e-5
+    )
+    sigma = np.hypot(recorded.sigma(true_mm) / share, 12**-0.5)
+    z = (recorded.range_mm[:, some] - true_mm) / sigma
+    assert abs(z).max() < 6
+    assert abs(z.mean()) < 4 / z.size**0.5
+    assert z.var() == pytest.approx(1, abs=4 * (2 / z.size) ** 0.5)
 
 
 def test_light_acts_in_file_order(bench: Bench, plain_wall: Recorded) -> None:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Recorded, effect
+from effect_bench import Bench, Recorded, effect, light_alone
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.cast import cast_scene
@@ -20,7 +20,8 @@ def averaged(bench: Bench, *effects: Effect, frames: int = 10) -> Recorded:
     """Eight exposures of 1.2 ms and one of 0.4 ms a frame, of three boards."""
     base = bench.boards(*effects, frames=1)
     model = replace(base.model, sensor=replace(base.model.sensor, default_integration_time_ms=10.0))
-    block = next(render_blocks(model, cast_scene(model), n_frames=frames, seed=3, averaged=True))
+    with light_alone():
+        block = next(render_blocks(model, cast_scene(model), n_frames=frames, seed=3, averaged=True))
     stored = block.range_mm.reshape(frames, -1)
     amplitude = block.amplitude.reshape(frames, -1).astype(np.float64)
     return replace(base, stored=stored, range_mm=stored.astype(np.float64), amplitude=amplitude)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from tofmix.arrays import BoolArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.simulation.echoes import ComplexArray, Echoes, FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, Level
 from tofmix.simulation.effects.parameter import number
@@ -18,13 +18,15 @@ _SEVERAL = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlyingPixels(Effect):
-    """With `probability`, a pixel that sees several surfaces returns the phasor sum of all instead of one of them.
+    """With `probability`, a pixel that sees several surfaces, or a surface and nothing, returns the phasor sum of all.
 
     A pixel collects the light of its whole beam, so the physics of one exposure is the phasor sum,
-    z = sum_i share_i A_i exp(2 pi i r_i / d_u): a range between the surfaces. Equation (1) instead lets each sample
-    come from one surface. 0 is equation (1), 1 the phasor sum. Each pixel and frame decides by itself, where its
-    event is a surface; its sigma is sigma(r) |z| / |z'|, r and z those of that event. The surfaces' phasors are those
-    that the light effects before this one in the file give.
+    z = sum_i share_i A_i exp(2 pi i r_i / d_u): a range between the surfaces. What returns nothing adds nothing, so
+    that beside it a surface keeps its range, and has its share of the amplitude. Equation (1) instead lets each sample
+    come from one surface or from none. 0 is equation (1), 1 the phasor sum. Each pixel and frame decides by itself,
+    whatever its event; its sigma is sigma(r) |z| / |z'|, r and z those of that event, or, where that is no return, of
+    the surface with the most light. The surfaces' phasors are those that the light effects before this one in the
+    file give.
 
     References
     ----------
@@ -43,34 +45,81 @@ class FlyingPixels(Effect):
     def explain(self) -> str:
         """One sentence."""
         return (
-            f"in pixels that see several surfaces, {100 * self.probability:g} % of the samples are the phasor sum of "
-            "all, at a range where nothing stands"
+            f"in pixels that see several surfaces, or a surface and nothing, {100 * self.probability:g} % of the "
+            "samples are the phasor sum of all, between several surfaces at a range where nothing stands"
         )
 
-    def expect(self, prediction: "Prediction", context: Context) -> tuple[ComplexArray, BoolArray]:  # noqa: ARG002
-        """The phasor sum (pixel,), and which pixels see several surfaces."""
+    def expect(self, prediction: "Prediction", context: Context) -> "_Mixed":  # noqa: ARG002
+        """What mixes, and in which pixels."""
         area = prediction.area()
         seen = np.zeros(prediction.shape[1], dtype=np.int64)
         for number_ in np.unique(prediction.surface[area > 0]):
             seen += ((prediction.surface == number_) & (area > 0)).any(axis=0)
-        return (area * prediction.phasor()).sum(axis=0), seen >= _SEVERAL
+        dark = ~prediction.returned & (prediction.weight > 0)
+        pixel = np.arange(prediction.shape[1])
+        at = np.argmax(area * prediction.amplitude, axis=0), pixel
+        nothing = np.argmax(dark, axis=0), pixel
+        gap = dark.any(axis=0)
+        return _Mixed(
+            phasor=(area * prediction.phasor()).sum(axis=0),
+            mixes=(seen >= _SEVERAL) | ((seen > 0) & gap),
+            surface=prediction.surface[at],
+            true_range_mm=prediction.true_range_mm[at],
+            range_mm=prediction.range_mm[at],
+            amplitude=prediction.amplitude[at],
+            sigma_ratio=np.where(gap, prediction.sigma_mm[at] / prediction.sigma_mm[nothing], 1.0),
+        )
 
     def act(self, echoes: Echoes, context: Context) -> None:
-        """Mix every echo of a pixel that sees several surfaces."""
-        mixed, several = context.expected
-        z = echoes.phasor()
-        echoes.replace_phasor(z, np.where(several, mixed, z))
+        """Mix every echo of a pixel that sees several surfaces, or a surface and nothing."""
+        self._mix(echoes, context.expected, context.expected.mixes)
 
     def sample(self, samples: FrameSamples, context: Context) -> None:
         """Mix those that chance picks."""
-        mixed, several = context.expected
-        picked = several & (context.frame_rng(self).random(samples.shape) < self.probability)
-        z = samples.phasor()
-        samples.replace_phasor(z, np.where(picked, mixed, z))
+        picked = context.frame_rng(self).random(samples.shape) < self.probability
+        self._mix(samples, context.expected, context.expected.mixes & picked)
 
     def predict(self, prediction: "Prediction", context: Context) -> None:
-        """Every surface's component splits in two."""
-        _, several = context.expected
-        plain, flying = prediction.split(np.where(prediction.returned & several, self.probability, 0.0))
+        """Every component splits in two, no return included."""
+        plain, flying = prediction.split(np.where(context.expected.mixes, self.probability, 0.0))
         self.act(flying, context)
         prediction.join(plain, flying)
+
+    @staticmethod
+    def _mix(echoes: Echoes, mixed: "_Mixed", picked: BoolArray) -> None:
+        dark = picked & ~echoes.returned
+        echoes.surface = np.where(dark, mixed.surface, echoes.surface)
+        echoes.true_range_mm = np.where(dark, mixed.true_range_mm, echoes.true_range_mm)
+        echoes.range_mm = np.where(dark, mixed.range_mm, echoes.range_mm)
+        echoes.amplitude = np.where(dark, mixed.amplitude, echoes.amplitude)
+        echoes.sigma_mm = np.where(dark, echoes.sigma_mm * mixed.sigma_ratio, echoes.sigma_mm)
+        z = echoes.phasor()
+        echoes.replace_phasor(z, np.where(picked, mixed.phasor, z))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Mixed:
+    """What a frame's mixed samples are made of; arrays are (pixel,).
+
+    A no-return sample has neither turn nor noise of its own. The surface with the most light, share times amplitude,
+    lends it both.
+
+    Parameters
+    ----------
+    phasor : complex128
+        The phasor sum.
+    mixes : bool
+        Pixels that see several surfaces, or a surface and nothing.
+    surface, true_range_mm, range_mm, amplitude
+        Of the surface with the most light.
+    sigma_ratio : float64
+        Its sigma over that of no return, the same at every integration time and pixel's width.
+    """
+
+    phasor: ComplexArray
+    mixes: BoolArray
+    surface: IntArray
+    true_range_mm: FloatArray
+    range_mm: FloatArray
+    amplitude: FloatArray
+    sigma_ratio: FloatArray
