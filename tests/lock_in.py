@@ -1,7 +1,7 @@
 """Recordings of a lock-in camera whose light adds up, from the raw-tap simulator of tests/blind, and how to judge them.
 
-Scenes of flat boards before walls. Each sample of a pixel that sees several surfaces is their phasor sum with the
-probability q; q = 0 is equation (1) of the paper.
+Scenes of flat boards before walls. Each sample of a pixel that sees several surfaces, or open space beside one, is
+their phasor sum with the probability q; q = 0 is equation (1) of the paper.
 """
 
 from dataclasses import dataclass
@@ -127,23 +127,6 @@ class Texture(Mechanism):
         x.charge *= (factor**2).astype(np.float32)
 
 
-class OpenSum(Mechanism):
-    """A pixel that sees a surface and open space returns the share of the surface's light in every frame."""
-
-    moves = False
-
-    def light(self, x: Exposure) -> None:
-        """Put the area-weighted phasor where a part of the beam meets nothing."""
-        share, z, charge = x.layers()[0]
-        some = np.flatnonzero((x.beams.nothing > 0) & (share.sum(axis=0) > 0))
-        x.z[:, some] = (share * z).sum(axis=0)[some]
-        dark = x.device.charge(np.array(x.device.range_max_mm), np.array(0.5))
-        held = np.where(share > 0, share * charge, 0.0).sum(axis=0) + x.beams.nothing * dark
-        x.charge[:, some] = held[some]
-        x.layer[:, some] = 0
-        x.true_mm[:, some] = x.beams.range_mm[0, some]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
     """A recording and the truth about it."""
@@ -160,7 +143,7 @@ class Scene:
 
 def made(
     surfaces: list[Surface], seed: int, *, view: tuple[int, int, float, float] = FULL, frames: int = 50,
-    q: float = 1.0, texture: float = 0.0, frequency_hz: float = 20.0e6, wraps: bool = False, open_sums: bool = False,
+    q: float = 1.0, texture: float = 0.0, frequency_hz: float = 20.0e6, wraps: bool = False,
 ) -> Scene:  # fmt: skip
     """Record a scene."""
     device = Device(
@@ -169,7 +152,6 @@ def made(
     )  # fmt: skip
     mechanisms: list[Mechanism] = [WholeBeam(probability=q)] if q > 0 else []
     mechanisms += [Texture(texture, seed)] if texture else []
-    mechanisms += [OpenSum()] if open_sums else []
     mechanisms += [OneFrequency()] if wraps else []
     raw = record(device, surfaces, mechanisms, seed=seed)
     top = device.range_max_mm

@@ -104,7 +104,7 @@ def print_open(options: argparse.Namespace) -> None:
     for family in ("boards", "random boards"):
         for seed in options.seeds:
             surfaces = FAMILIES[family](np.random.default_rng([seed, 77]))[:-1]  # without the wall
-            one = made(surfaces, seed, view=SMALL if options.small else FULL, open_sums=True)
+            one = made(surfaces, seed, view=SMALL if options.small else FULL)
             beams = one.beams
             some = ((beams.share > 0).sum(axis=0) == 1) & (beams.share[0] > 0.15) & (beams.share[0] < 0.85)
             some &= beams.nothing > 0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array
 from tofmix.flags import Status
 from tofmix.layers import Layers, Provenance
+from tofmix.mixing import MixingLaw
 from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -33,6 +34,7 @@ class MemoryLayers:
     provenance: Provenance
     frames: int = 50
     reads: list[int] = field(default_factory=list)
+    law: MixingLaw | None = None
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -50,6 +52,10 @@ class MemoryLayers:
     @property
     def window_stop(self) -> NDArray[np.uint64]:
         return self.window_start + np.uint64(self.frames)
+
+    @property
+    def mixing_law(self) -> MixingLaw | None:
+        return self.law
 
     def read_window(self, window: int) -> Layers:
         self.reads.append(window)

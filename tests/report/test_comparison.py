@@ -24,6 +24,7 @@ class Source(LayersInMemory):
 
     def __init__(self, layers: Layers, *, frames: int = 20, source: str = "a.h5", **options: Any) -> None:  # noqa: ANN401  any option
         super().__init__(layers)
+        self.mixing_law = None
         self.window_start = np.arange(self.shape[0], dtype=np.uint64) * np.uint64(frames)
         self.window_stop = self.window_start + np.uint64(frames)
         self.provenance = Provenance(

@@ -9,8 +9,8 @@ from tofmix.estimation.sequence import EstimatedWindows, estimate_windows, settl
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
+from tofmix.mixing import MixingLaw
 from tofmix.recording import ArrayRecording
-from tofmix.unmixing.unmix import law_in_words
 
 EVENTS = EstimateOptions(mixing=MixingChoice.EVENTS)
 
@@ -101,7 +101,7 @@ def test_share_of_phasor_sums_is_measured_and_both_surfaces_found(q: float) -> N
 def test_share_of_a_surface_beside_open_space_is_its_area() -> None:
     rng = np.random.default_rng(5)
     board = Surface(name="board", center_mm=(10.0, 5.0, 2000.0), size_mm=(300.0, 250.0), yaw_deg=10.0, reflectivity=0.6)
-    one = made([board], int(rng.integers(100)), view=SMALL, open_sums=True)
+    one = made([board], int(rng.integers(100)), view=SMALL)
     layers = first(estimate_windows(one.recording)).reshaped((SMALL[0] * SMALL[1],))
     share = one.beams.share[0]
     some = (share > 0.15) & (share < 0.85) & (one.beams.nothing > 0)
@@ -149,9 +149,9 @@ def test_images_too_small_for_a_plane_are_left_alone(sums: Scene) -> None:
 
 
 @pytest.mark.parametrize(("share", "pixels", "text"), [
-    (1.0, 2016, "mixing: 100 % of the samples at edges are phasor sums (2,016 pixels)"),
-    (-0.004, 34, "mixing: 0 % of the samples at edges are phasor sums (34 pixels)"),
-    (float("nan"), 0, "mixing: no edge tells"),
+    (1.0, 2016, "100 % of the samples at edges are phasor sums (2,016 pixels)"),
+    (-0.004, 34, "0 % of the samples at edges are phasor sums (34 pixels)"),
+    (float("nan"), 0, "no edge tells"),
 ])  # fmt: skip
 def test_the_law_is_said_in_one_line(share: float, pixels: int, text: str) -> None:
-    assert law_in_words(share, pixels).startswith(text)
+    assert MixingLaw(phasor_share=share, pixels=pixels).words().startswith(text)

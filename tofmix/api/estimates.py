@@ -14,6 +14,7 @@ from tofmix import __version__
 from tofmix.api.recordings import Recording
 from tofmix.errors import BadInputError, DoubtWarning
 from tofmix.layers import LAW_TEXTS, Layers, Provenance
+from tofmix.mixing import MixingLaw
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
@@ -95,6 +96,13 @@ class Estimate(Layers):
         """Every option that affects values, by name."""
         return self.provenance.options
 
+    @property
+    def mixing_law(self) -> MixingLaw | None:
+        """The law of mixing over all windows; None where it was not measured."""
+        if self.phasor_share is None or self.phasor_pixels is None:
+            return None
+        return MixingLaw.of_windows(self.phasor_share, self.phasor_pixels)
+
     def window(self, number: int) -> Layers:
         """Layers of one window, of the leading shape (row, col); arrays are not copied."""
         return Layers(**{spec.name: getattr(self, spec.name)[number] for spec in self.fields})
@@ -172,13 +180,13 @@ class Estimate(Layers):
             provenance=self.provenance, overwrite=overwrite, inputs=() if source is None else (source,),
         )  # fmt: skip
         with writer:
+            if self.phasor_share is not None and self.phasor_pixels is not None:
+                for number, (share, pixels) in enumerate(zip(self.phasor_share, self.phasor_pixels, strict=True)):
+                    writer.write_law(number, float(share), int(pixels))
             for cell in grid.cells():
                 place = cell.windows, cell.rows
                 part = Layers(**{spec.name: getattr(self, spec.name)[place] for spec in self.fields})
                 writer.write_chunks(cell.windows, cell.rows, encode_cell(part, shape=(*grid.step, image[1])).chunks)
-            if self.phasor_share is not None and self.phasor_pixels is not None:
-                for number, (share, pixels) in enumerate(zip(self.phasor_share, self.phasor_pixels, strict=True)):
-                    writer.write_law(number, float(share), int(pixels))
         return target
 
     def _windows(self) -> "Windows":

@@ -1,7 +1,6 @@
 """What ``tofmix estimate`` does with its recordings: one after the other, one bar for all, one line each."""
 
 import json
-import math
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -176,7 +175,6 @@ def _estimate(
     from tofmix.pipeline.local import LocalEngine
     from tofmix.pipeline.run import run_job
     from tofmix.report.findings import Remedy
-    from tofmix.unmixing.unmix import law_in_words
 
     say = partial(_say, bar)
     with opened_recording(recording, say=say) as source:
@@ -215,7 +213,7 @@ def _estimate(
             progress=bar.update, say=say, settle=source.settle,
         )  # fmt: skip
     if outcome.mixture is not None and not is_quiet():
-        say(f"{recording}: {law_in_words(outcome.mixture.phasor_share, outcome.mixture.pixels)}")
+        say(f"{recording}: mixing: {outcome.mixture.words()}")
     if outcome.continued and not is_quiet():
         say(f"{target}: blocks that were there already: {outcome.continued} of {outcome.cells}")
     if windows.frames_left_out:
@@ -317,8 +315,7 @@ def describe(
         "warnings": [finding.as_dict() for finding in findings],
     }  # fmt: skip
     if outcome.mixture is not None:
-        share = outcome.mixture.phasor_share
-        said["mixing"] = {"phasor_share": None if math.isnan(share) else share, "pixels": outcome.mixture.pixels}
+        said["mixing"] = outcome.mixture.as_dict()
     return line, said | ({"targets": outcome.targets} if outcome.targets else {})
 
 

@@ -27,11 +27,10 @@ def merge(parts: tuple[Path, ...], output: Path, *, as_json: bool, overwrite: bo
     from tofmix.cli.estimate_files import describe, findings_of, say_findings
     from tofmix.cli.recording_check import echo
     from tofmix.pipeline.run import merge_parts
-    from tofmix.unmixing.unmix import law_in_words
 
     outcome = merge_parts(parts, output, overwrite=overwrite)
     if outcome.mixture is not None:
-        echo(f"{output}: {law_in_words(outcome.mixture.phasor_share, outcome.mixture.pixels)}")
+        echo(f"{output}: mixing: {outcome.mixture.words()}")
     findings = say_findings(output, findings_of(output), echo)
     line, values = describe(outcome, findings)
     click.echo(json.dumps({"output": str(output), **values}) if as_json else line)

@@ -29,6 +29,7 @@ from tofmix.layers import (
     Layers,
     Provenance,
 )
+from tofmix.mixing import MixingLaw
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.windows import Windows
 
@@ -219,6 +220,13 @@ class LayersFile:
             with guard.reading(self.path, name):
                 arrays[name] = dataset[window]
         return Layers(**arrays)
+
+    @property
+    def mixing_law(self) -> MixingLaw | None:
+        """The law of mixing over all windows; None where it was not measured."""
+        if self.phasor_share is None or self.phasor_pixels is None:
+            return None
+        return MixingLaw.of_windows(self.phasor_share, self.phasor_pixels)
 
     @property
     def names(self) -> tuple[str, ...]:

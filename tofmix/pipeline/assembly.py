@@ -6,32 +6,23 @@ them. Windows are unmixed side by side, a few at a time.
 
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from itertools import groupby, zip_longest
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
 from tofmix.estimation.settings import MixingChoice
 from tofmix.grid import Cell, Grid
 from tofmix.io.chunks import EncodedCell, decode_cell, encode_cell
-from tofmix.io.layers_file import LayersFile, LayersWriter
+from tofmix.io.layers_file import LayersWriter
 from tofmix.io.provenance import read_header_image
 from tofmix.layers import Layers, Provenance, layer_fields
+from tofmix.mixing import MixingLaw
 from tofmix.unmixing.unmix import unmix
 
 _WINDOWS_AT_ONCE = 2
 """Windows that are unmixed side by side: each takes some 100 bytes a pixel and some 100 MB of work."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mixture:
-    """The law of mixing over all windows: mean share of phasor sums, weighted by the pixels that tell it, and these."""
-
-    phasor_share: float
-    pixels: int
 
 
 def total(tallies: Iterable[tuple[int, ...]]) -> tuple[int, ...]:
@@ -48,12 +39,12 @@ def assemble(
     overwrite: bool,
     inputs: tuple[Path, ...] = (),
     temporary: Path | None = None,
-) -> tuple[tuple[int, ...], Mixture | None]:
+) -> tuple[tuple[int, ...], MixingLaw | None]:
     """Write the layers file from all cells in their order.
 
     Returns
     -------
-    ((n,) int, Mixture or None)
+    ((n,) int, MixingLaw or None)
         Pixels by their number of surfaces; the law of mixing, where it was measured.
     """
     provenance, grid = read_header_image(header, header_file)
@@ -80,7 +71,7 @@ def assemble(
 
 def _unmixed(
     cells: Iterable[tuple[Cell, EncodedCell]], grid: Grid, provenance: Provenance, writer: LayersWriter
-) -> tuple[tuple[int, ...], Mixture]:
+) -> tuple[tuple[int, ...], MixingLaw]:
     """Unmix the windows of each group of cells, and write them."""
     shape = (*grid.step, grid.image[1])
     tallies, shares, pixels = [], [], []
@@ -110,20 +101,7 @@ def _unmixed(
                 encoded = encode_cell(part, shape=shape)
                 writer.write_chunks(cell.windows, cell.rows, encoded.chunks)
                 tallies.append(encoded.tally)
-    return total(tallies), _mixture(np.array(shares), np.array(pixels))
-
-
-def _mixture(shares: NDArray[np.floating], pixels: NDArray[np.integer]) -> Mixture:
-    told = int(pixels.sum())
-    mean = float(np.nansum(shares * pixels) / told) if told else float("nan")
-    return Mixture(phasor_share=mean, pixels=told)
-
-
-def mixture_of(layers: LayersFile) -> Mixture | None:
-    """The law of mixing that a layers file says; None where it was not measured."""
-    if layers.phasor_share is None or layers.phasor_pixels is None:
-        return None
-    return _mixture(layers.phasor_share, layers.phasor_pixels)
+    return total(tallies), MixingLaw.of_windows(np.array(shares), np.array(pixels))
 
 
 def _groups(cells: Iterable[tuple[Cell, EncodedCell]], grid: Grid) -> Iterator[list[tuple[Cell, EncodedCell]]]:

@@ -25,7 +25,8 @@ from tofmix.io.journal import (
 from tofmix.io.layers_file import open_layers
 from tofmix.io.provenance import read_header_image
 from tofmix.io.storage import check_output
-from tofmix.pipeline.assembly import Mixture, assemble, mixture_of, total
+from tofmix.mixing import MixingLaw
+from tofmix.pipeline.assembly import assemble, total
 from tofmix.pipeline.job import Engine, Job
 from tofmix.windows import Windows
 from tofmix.wording import counted
@@ -45,7 +46,7 @@ class Outcome:
     cells: int
     continued: int = 0
     targets: int = 0
-    mixture: Mixture | None = None
+    mixture: MixingLaw | None = None
 
     @property
     def windows(self) -> Windows:
@@ -201,12 +202,12 @@ def _difference(journal: Journal, header: bytes, shard: Shard) -> str:
     return ", ".join(found) or ("its grid" if old_grid != new_grid else "its sensor or source name")
 
 
-def _finished(target: Path, header: bytes, shard: Shard) -> tuple[tuple[int, ...], Mixture | None] | None:
+def _finished(target: Path, header: bytes, shard: Shard) -> tuple[tuple[int, ...], MixingLaw | None] | None:
     """Return tally and mixture of an output that is just what the job would write; None if it is missing or another."""
     try:
         if shard == WHOLE:
             with open_layers(target) as layers:
-                return (layers.tally(), mixture_of(layers)) if layers.header_image() == header else None
+                return (layers.tally(), layers.mixing_law) if layers.header_image() == header else None
         with open_part(target) as part:
             if (part.header, part.shard) != (header, shard):
                 return None

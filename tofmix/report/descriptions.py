@@ -192,6 +192,8 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
     }  # fmt: skip
     noise = _noise_section(provenance.sensor)
     sections |= {"noise": noise} if noise else {}
+    law = file.mixing_law
+    sections |= {"mixing": {"law": law.words(), **law.as_dict()}} if law is not None else {}
     warnings = count_findings(
         pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers,
         remedy=remedy_for(provenance, windows),

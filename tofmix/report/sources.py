@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.layers import Layers, Provenance
+from tofmix.mixing import MixingLaw
 
 
 class LayersSource(Protocol):
@@ -33,6 +34,10 @@ class LayersSource(Protocol):
     @property
     def provenance(self) -> Provenance:
         """What the layers were made from and with."""
+
+    @property
+    def mixing_law(self) -> MixingLaw | None:
+        """The law of mixing over all windows; None where it was not measured."""
 
     def read_window(self, window: int) -> Layers:
         """Layers of one window, of the leading shape (row, col)."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.circle import circular_noise
-from tofmix.flags import Status, status_name
+from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.report.findings import CLOSE_SIGMAS, Finding, Remedy, count_findings, sigma_findings, target_findings
 from tofmix.report.noise_numbers import NoiseNumbers, noise_numbers
@@ -39,6 +39,28 @@ class LayerSummary:
     range_stderr_median_mm: float | None
     sigma_median_mm: float | None
     sigma_over_curve_median: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MixingNumbers:
+    """The law of mixing.
+
+    Parameters
+    ----------
+    line : str
+        The law in words.
+    phasor_share : float or None
+        Share of the samples at edges that are phasor sums; None if no pixel tells it.
+    telling_pixels : int
+        Pixels that tell it.
+    pixels : dict
+        Pixels by the names of `tofmix.flags.Mixing`.
+    """
+
+    line: str
+    phasor_share: float | None
+    telling_pixels: int
+    pixels: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +93,8 @@ class Summary:
         Valid samples a pixel.
     noise : NoiseNumbers or None
         The noise, where it has learnt parts, or parts of a file, beyond sigma by range and amplitude.
+    mixing : MixingNumbers or None
+        The law of mixing, where it was measured.
     warnings : tuple of Finding
         What to be wary of.
     """
@@ -97,6 +121,7 @@ class Summary:
     sigma_over_curve: Quantiles
     samples: Quantiles
     noise: NoiseNumbers | None
+    mixing: MixingNumbers | None
     warnings: tuple[Finding, ...]
 
     def as_dict(self) -> dict[str, Any]:
@@ -151,8 +176,19 @@ def summarise(layers_file: LayersSource) -> Summary:
         sigma_over_curve=spread_of(tally.dominant_ratio),
         samples=spread_of(tally.samples),
         noise=noise_numbers(provenance.sensor, tally.widths),
+        mixing=_mixing(layers_file, tally),
         warnings=tally.findings(layers_file, pixels, remedy_for(provenance, windows)),
     )
+
+
+def _mixing(layers_file: LayersSource, tally: "_Tally") -> MixingNumbers | None:
+    """Numbers of the law of mixing; None where it was not measured."""
+    law = layers_file.mixing_law
+    if law is None:
+        return None
+    counts = dict(zip((mixing_name(kind) for kind in Mixing), (*tally.mixing, 0, 0, 0, 0), strict=False))
+    share = law.as_dict()["phasor_share"]
+    return MixingNumbers(line=law.words(), phasor_share=share, telling_pixels=law.pixels, pixels=counts)
 
 
 def find(layers_file: LayersSource, remedy: Remedy | None = None) -> tuple[Finding, ...]:
@@ -249,6 +285,7 @@ class _Tally(_FindingTally):
         self.no_return = ValueCounts()
         self.samples = ValueCounts()
         self.widths = ValueCounts()
+        self.mixing = [0]
 
     def add(self, window: Layers) -> None:
         super().add(window)
@@ -257,6 +294,8 @@ class _Tally(_FindingTally):
         self.samples.add(window.n_samples.astype(np.float32))
         if window.noise_width is not None:
             self.widths.add(window.noise_width[window.n_modes > 0])
+        if window.mixing is not None:
+            self.mixing = _added(self.mixing, window.mixing)
         ratio = self.ratio(window)
         for k, layer in enumerate(self._layers):
             layer.range.add(window.range[..., k])

@@ -62,6 +62,11 @@ def _head(summary: Summary) -> list[str]:
     if summary.noise is not None:
         indent = " " * len("samples    ")
         head += textwrap.wrap(f"noise      {summary.noise.line}", COLUMNS, subsequent_indent=indent)
+    if summary.mixing is not None:
+        indent = " " * len("samples    ")
+        kinds = ", ".join(f"{name} {count:,}" for name, count in summary.mixing.pixels.items())
+        text = f"mixing     {summary.mixing.line}; pixels: {kinds}"
+        head += textwrap.wrap(text, COLUMNS, subsequent_indent=indent)
     return head
 
 

@@ -1,7 +1,5 @@
 """Unmix one window: the entry for everything that has layers and mean phasors of a whole image."""
 
-import math
-
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
@@ -74,11 +72,3 @@ def _sees_nothing(layers: Layers) -> BoolArray:
     empty = (layers.n_modes == 0) & (np.nan_to_num(layers.weight_no_return) > _OPEN_SHARE)
     lost = layers.status == int(Status.TOO_FEW_SAMPLES)
     return np.asarray(empty | lost)
-
-
-def law_in_words(phasor_share: float, pixels: int) -> str:
-    """One line on the law: ``mixing: 100 % of the samples at edges are phasor sums (2,016 pixels)``."""
-    if not math.isfinite(phasor_share) or not pixels:
-        return "mixing: no edge tells whether samples are phasor sums; layers are as for samples of one surface each"
-    percent = round(100.0 * min(max(phasor_share, 0.0), 1.0))
-    return f"mixing: {percent} % of the samples at edges are phasor sums ({pixels:,} pixels)"

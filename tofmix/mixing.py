@@ -1,0 +1,43 @@
+"""Which law of mixing holds in a recording: samples of one surface each, as in equation (1), or phasor sums."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MixingLaw:
+    """The law, over one window or several.
+
+    Parameters
+    ----------
+    phasor_share : float
+        q, the share of the samples at edges that are phasor sums; NaN if no pixel tells it.
+    pixels : int
+        Pixels that tell it.
+    """
+
+    phasor_share: float
+    pixels: int
+
+    @classmethod
+    def of_windows(cls, shares: NDArray[np.floating], pixels: NDArray[np.integer]) -> Self:
+        """Mean over windows (window,), weighted by the pixels that tell each."""
+        told = int(pixels.sum())
+        mean = float(np.nansum(np.asarray(shares, np.float64) * pixels) / told) if told else math.nan
+        return cls(phasor_share=mean, pixels=told)
+
+    def words(self) -> str:
+        """Say it: ``100 % of the samples at edges are phasor sums (2,016 pixels)``."""
+        if not self.pixels or math.isnan(self.phasor_share):
+            return "no edge tells whether samples are phasor sums; layers are as for samples of one surface each"
+        percent = round(100.0 * min(max(self.phasor_share, 0.0), 1.0))
+        return f"{percent} % of the samples at edges are phasor sums ({self.pixels:,} pixels)"
+
+    def as_dict(self) -> dict[str, Any]:
+        """The same for JSON; None where no pixel tells it."""
+        share = None if math.isnan(self.phasor_share) else self.phasor_share
+        return {"phasor_share": share, "pixels": self.pixels}
