@@ -1,6 +1,6 @@
 """Is the exit open in the map? Corridors mapped from layers, from averages, and from thin beams.
 
-Usage: python tests/benchmarks/maps.py [--seeds 100 101 ...] [--corridors]
+Usage: python tests/benchmarks/maps.py [--seeds 100 101 ...] [--corridors] [--mixing 0 0.1 0.5 1]
 
 Prints Markdown tables; docs/mapping.md holds a copy. Asserts nothing.
 
@@ -13,6 +13,9 @@ The defaults were chosen on the seeds 0 to 19; the seeds here are others.
 - averaged on board: 12 frames of the camera's default 10 ms, the same light, and their mean.
 - thin-beam: one surface fitted to the same 100 frames.
 
+With `--mixing`, open corridors alone, for shares q of phasor sums among the samples of pixels that see several surfaces
+(the effect flying_pixels): maps of layers, of layers that take each sample for one of one surface, and of averages.
+
 A cell is falsely occupied if it is more than 150 mm (three cells) from every true surface within the band of heights.
 A surface is lost if a pixel sees it with a share of 0.3 or more, nearer than the space that no return frees, and no
 occupied cell lies within 100 mm of its place.
@@ -20,6 +23,7 @@ occupied cell lies within 100 mm of its place.
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,7 +32,7 @@ from scipy.spatial import cKDTree
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.sequence import estimate_layers
-from tofmix.estimation.settings import EstimateOptions, SigmaMode
+from tofmix.estimation.settings import EstimateOptions, MixingChoice, SigmaMode
 from tofmix.mapping.beams import Beams, beams_from_layers, beams_from_ranges
 from tofmix.mapping.grid import plan_grid
 from tofmix.mapping.occupancy import FloorMap, State, map_beams, project
@@ -36,6 +40,7 @@ from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
 from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects.flying_pixels import FlyingPixels
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.simulation.truth import Truth
 
@@ -65,6 +70,33 @@ def record(corridor: Corridor, truth: Truth, seed: int, *, averaged: bool) -> Ar
         recording_sensor(corridor.model, averaged=averaged),
         np.concatenate([block.amplitude for block in blocks]),
     )
+
+
+def print_mixing(shares: list[float], seeds: list[int]) -> None:
+    """A row for each share of phasor sums and each source."""
+    print("| q | map | shown open | falsely occupied cells | surfaces lost |\n|---|---|---|---|---|")
+    for share in shares:
+        totals: dict[str, list[Scores]] = {}
+        for seed in seeds:
+            corridor = draw_corridor(seed, blocked=False)
+            truth = cast_scene(corridor.model)
+            effects = (FlyingPixels(probability=share),) if share > 0 else ()
+            mixed = replace(corridor, model=replace(corridor.model, effects=effects))
+            samples = record(mixed, truth, seed, averaged=False)
+            beams = {"averaged": averaged_beams(samples)}
+            for name, mixing in (("layers", MixingChoice.AUTO), ("layers, --mixing events", MixingChoice.EVENTS)):
+                layers = estimate_layers(samples, EstimateOptions(mixing=mixing), workers=2)
+                beams[name] = beams_from_layers(layers.reshaped(layers.shape[1:]), samples.sensor)
+            true, seen = true_places(corridor), seen_places(corridor, truth, beams["layers"])
+            for name in ("layers", "layers, --mixing events", "averaged"):
+                totals.setdefault(name, []).append(score(map_of(beams[name], corridor), corridor, true, seen))
+        for name, every in totals.items():
+            summed = Scores(*(sum(values) for values in zip(*every, strict=True)))
+            print(
+                f"| {share:g} | {name} | {summed.is_open} of {len(every)} | {summed.false_cells}"
+                f" | {summed.lost} of {summed.seen} |",
+                flush=True,
+            )
 
 
 def averaged_beams(recording: ArrayRecording) -> Beams:
@@ -161,7 +193,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(100, 120)))
     parser.add_argument("--corridors", action="store_true", help="print a line for each corridor too, on stderr")
+    parser.add_argument("--mixing", type=float, nargs="+", help="shares of phasor sums, instead")
     chosen = parser.parse_args()
+    if chosen.mixing:
+        print_mixing(chosen.mixing, chosen.seeds)
+        return
     totals: dict[tuple[bool, str], list[Scores]] = {}
     for seed in chosen.seeds:
         for blocked in (False, True):
