@@ -224,7 +224,8 @@ def estimate(
     workers : int, optional
         Threads; all processors without it. It changes no value.
     force : bool
-        Whether a recording that is marked as averaged is taken all the same.
+        Whether a recording that is marked as averaged is taken all the same; with ``mixing="phasor"`` it is anyway, as
+        means are phasor sums.
     **choices
         Fields of `tofmix.estimation.settings.EstimateOptions`, for example ``sigma="tied"`` or ``paper=True``.
 
@@ -254,10 +255,10 @@ def estimate(
 
     source = recording if isinstance(recording, Recording) else opened_recording(Path(recording))
     options = EstimateOptions(**choices)  # type: ignore[arg-type]  # texts become members of their enumerations there
-    if source.averaged and not force:
+    if source.averaged and not force and options.mixing != "phasor":
         raise BadInputError(
-            f"{source.name}: marked as averaged: its frames are means, in which surfaces cannot be told apart;"
-            " force=True takes the means for samples"
+            f"{source.name}: marked as averaged: its frames are means, in which samples cannot tell surfaces apart;"
+            " mixing='phasor' unmixes them, force=True takes the means for samples"
         )
     windows = plan_windows(source.shape[0], window=window, stride=stride)
     asked = noise if noise is not None else AUTO if source.sensor.noise is None else FILE

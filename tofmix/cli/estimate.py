@@ -125,7 +125,10 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
     help="Fewest valid samples that a pixel is fitted with.",
 )  # fmt: skip
 @click.option(
-    "--force", is_flag=True, allow_from_autoenv=False, help="Estimate a recording that is marked as averaged as well."
+    "--force",
+    is_flag=True,
+    allow_from_autoenv=False,
+    help="Estimate a recording that is marked as averaged as well; --mixing phasor does so by itself.",
 )
 @click.option("--workers", type=click.IntRange(1), help="Threads; results do not depend on it.  [default: all cores]")
 @click.option(

@@ -178,7 +178,7 @@ def _estimate(
 
     say = partial(_say, bar)
     with opened_recording(recording, say=say) as source:
-        if not request.force:
+        if not request.force and request.options.mixing != "phasor":
             check_not_averaged(source)
         if not request.resume:
             check_output(target, overwrite=request.overwrite, inputs=(recording,))

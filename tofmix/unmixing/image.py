@@ -246,8 +246,13 @@ def local_coordinates(
         Cosine of the angle between both beams; columns to the right and rows down in the plane across the pixel's beam.
         A plane's 1 / r over the cosine is affine in x and y.
     """
-    ways = image.directions[others]
-    cosine = np.einsum("npk,nk->np", ways, image.directions[pixels])
-    x = np.einsum("npk,nk->np", ways, image.across[pixels]) / cosine / image.pitch_across[pixels, np.newaxis]
-    y = np.einsum("npk,nk->np", ways, image.down[pixels]) / cosine / image.pitch_down[pixels, np.newaxis]
+    cosine = dot(image.directions, others, image.directions[pixels])
+    x = dot(image.directions, others, image.across[pixels]) / cosine / image.pitch_across[pixels, np.newaxis]
+    y = dot(image.directions, others, image.down[pixels]) / cosine / image.pitch_down[pixels, np.newaxis]
     return cosine, x, y
+
+
+def dot(vectors: FloatArray, others: IntArray, own: FloatArray) -> FloatArray:
+    """Scalar products (n, place) of the vectors (pixel, 3) of other pixels (n, place) with one of each, (n, 3)."""
+    parts = (vectors[:, axis][others] * own[:, axis, np.newaxis] for axis in range(3))
+    return np.asarray(sum(parts))

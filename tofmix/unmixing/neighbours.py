@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.unmixing.image import ComplexArray, PhasorImage, local_coordinates, places, window
+from tofmix.unmixing.image import ComplexArray, PhasorImage, dot, local_coordinates, places, window
 from tofmix.unmixing.plane_fit import fit_planes
 from tofmix.unmixing.seeds import Seeds, plane_coefficients
 
@@ -208,7 +208,7 @@ def _groups(
     """
     around = window(_REACH)
     has_plane = members.has_plane[others]
-    by_plane = np.einsum("npk,nk->np", members.plane[others], image.directions[pixels])
+    by_plane = dot(members.plane, others, image.directions[pixels])
     row, col = np.divmod(members.middle[others], image.shape[1])
     own_row, own_col = np.divmod(pixels, image.shape[1])
     away = (row - own_row[:, np.newaxis]) ** 2 + (col - own_col[:, np.newaxis]) ** 2
@@ -253,12 +253,12 @@ def _fit_surface(
     known = mask & members.has_plane[others]
     with_plane = known.sum(axis=1)
     level = (np.where(mask, near, 0.0).sum(axis=1) / size)[:, np.newaxis]
-    plane = np.where(known[..., np.newaxis], members.plane[others], 0.0).sum(axis=1)
+    plane = np.stack([np.where(known, members.plane[:, axis][others], 0.0).sum(axis=1) for axis in range(3)], axis=-1)
     plane = np.where(
         with_plane[:, np.newaxis] > 0, plane / np.maximum(with_plane, 1)[:, np.newaxis],
         level * image.directions[pixels],
     )  # fmt: skip
-    expected = np.einsum("npk,nk->np", image.directions[others], plane)
+    expected = dot(image.directions, others, plane)
     slope = np.where(with_plane > 0, _KNOWN_SLOPE, _FREE_SLOPE) * image.pitch[pixels] * level[:, 0]
     weights = np.where(mask, 1.0 / np.where(mask, variance, 1.0), 0.0)
     values, slope_weight = (near - expected) / cosine, 1.0 / slope**2

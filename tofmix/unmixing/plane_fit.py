@@ -7,6 +7,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 
 _TINY = 1.0e-12
+"""Part of the sum of weights that is added to the normal matrix: a window without slopes stays regular."""
 
 
 class PlaneFits(NamedTuple):
@@ -36,14 +37,17 @@ def fit_planes(
     PlaneFits
         A window without weights has coefficients 0.
     """
-    design = np.stack([np.ones_like(x), x, y], axis=-1)
-    weighted = design * weights[..., np.newaxis]
-    normal = np.einsum("npi,npk->nik", weighted, design)
-    normal[:, 1, 1] += slope_weight
-    normal[:, 2, 2] += slope_weight
+    weighted_x, weighted_y = weights * x, weights * y
+    normal = np.empty((len(x), 3, 3))
+    normal[:, 0, 0] = weights.sum(axis=1)
+    normal[:, 0, 1] = normal[:, 1, 0] = weighted_x.sum(axis=1)
+    normal[:, 0, 2] = normal[:, 2, 0] = weighted_y.sum(axis=1)
+    normal[:, 1, 2] = normal[:, 2, 1] = (weighted_x * y).sum(axis=1)
+    normal[:, 1, 1] = (weighted_x * x).sum(axis=1) + slope_weight
+    normal[:, 2, 2] = (weighted_y * y).sum(axis=1) + slope_weight
     normal += (_TINY * normal[:, :1, :1] + np.finfo(float).tiny) * np.eye(3)
     covariance = np.linalg.inv(normal)
-    right = np.einsum("npi,np->ni", weighted, values)
-    coefficients = np.einsum("nik,nk->ni", covariance, right)
-    residuals = values - np.einsum("npi,ni->np", design, coefficients)
-    return PlaneFits(coefficients, covariance, residuals)
+    right = np.stack([(part * values).sum(axis=1) for part in (weights, weighted_x, weighted_y)], axis=-1)
+    coefficients: FloatArray = (covariance * right[:, np.newaxis]).sum(axis=-1)
+    at, across, down = (coefficients[:, k, np.newaxis] for k in range(3))
+    return PlaneFits(coefficients, covariance, np.asarray(values - at - across * x - down * y))

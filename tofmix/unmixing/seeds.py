@@ -25,6 +25,9 @@ _QUANTILES = 0.1, 0.25
 _LEAST_WINDOWS = 20
 """Windows from which on a scatter beyond noise is measured."""
 
+_HALVINGS = 24
+"""Halvings of the interval in which a scatter is looked for: to a ten millionth of it."""
+
 _BLOCK = 1 << 14
 """Pixels that are worked on at once: some 10 MB an array."""
 
@@ -145,7 +148,7 @@ def _excess_at(scatter: FloatArray, noise: FloatArray, part: float) -> float:
     if not too_small(0.0):
         return 0.0
     low, high = 0.0, float(np.quantile(scatter, part)) / target
-    for _ in range(40):
+    for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if too_small(middle) else (low, middle)
     return high
