@@ -1,16 +1,17 @@
-"""Draw the README's picture: what the camera's averaging returns beside what tofmix recovers.
+"""Draw the README's pictures: what a camera returns beside what tofmix recovers.
 
-Run ``python docs/pictures.py``. Both panels show the built-in model
-``three-boards`` from above, with the same light: 12 averaged frames of 10 ms, and
-100 samples of 1.2 ms. The same versions of tofmix and Matplotlib give the same
-bytes.
+Run ``python docs/pictures.py``. All panels show the built-in model ``three-boards``
+from above. ``comet_tail.png``: 12 averaged frames of 10 ms beside 100 samples of
+1.2 ms of one surface each, the same light. ``unmixed.png``: 100 samples of a lock-in
+camera, each the phasor sum of all surfaces in the pixel, and the same samples unmixed.
+The same versions of tofmix and Matplotlib give the same bytes.
 
 ``docs/images/report_page.png`` is not made here: it is a screenshot of the page
 that ``tofmix report`` writes, see docs/developers.md.
 """
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,10 +23,12 @@ from matplotlib.lines import Line2D
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.estimation.sequence import estimate_layers
+from tofmix.flags import Mixing
 from tofmix.io.model_file import load_model
 from tofmix.projection import beam_directions_of
 from tofmix.recording import ArrayRecording
 from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects.flying_pixels import FlyingPixels
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.simulation.truth import Truth
@@ -65,7 +68,8 @@ class Scene:
 
     averaged_mm (row, col); layers_mm and weight (row, col, layer), NaN where there is no layer; mixed (row, col),
     whether a beam meets several surfaces, or a surface and open space; nowhere_averaged (row, col) and
-    nowhere_layers (row, col, layer), whether a point of these pixels lies on none of their surfaces.
+    nowhere_layers (row, col, layer), whether a point of these pixels lies on none of their surfaces;
+    undecided, pixels whose layers are left out because their surfaces cannot be told.
     """
 
     model: Model
@@ -75,6 +79,7 @@ class Scene:
     mixed: BoolArray
     nowhere_averaged: BoolArray
     nowhere_layers: BoolArray
+    undecided: int = 0
 
 
 def make_scene() -> Scene:
@@ -97,6 +102,31 @@ def make_scene() -> Scene:
     )
 
 
+def make_sums() -> Scene:
+    """Simulate the model with phasor sums, and unmix them; `averaged_mm` is the median of a pixel's samples."""
+    model = load_model(MODEL)
+    truth = cast_scene(model)
+    sums = replace(model, effects=(FlyingPixels(probability=1.0),))
+    blocks = list(render_blocks(sums, truth, n_frames=SAMPLES, seed=SEED))
+    recording = ArrayRecording(
+        np.concatenate([block.range_mm for block in blocks]), recording_sensor(sums),
+        np.concatenate([block.amplitude for block in blocks]),
+    )  # fmt: skip
+    layers = estimate_layers(recording, workers=2)
+    middle = np.median(recording.read_range(slice(None), ROWS), axis=0).astype(np.float64)
+    if layers.mixing is None:
+        raise ValueError("the recording has no phasors")
+    undecided = layers.mixing[0, ROWS] == int(Mixing.UNDECIDED)
+    layers_mm = np.where(undecided[..., np.newaxis], np.nan, layers.range[0, ROWS].astype(np.float64))
+    mixed = truth.n_modes[ROWS] + (truth.weight_no_return[ROWS] > 0) > 1
+    return Scene(
+        model=model, undecided=int(undecided.sum()), averaged_mm=middle, layers_mm=layers_mm,
+        weight=layers.weight[0, ROWS].astype(np.float64), mixed=mixed,
+        nowhere_averaged=mixed & _nowhere(middle[..., np.newaxis], model, truth)[..., 0],
+        nowhere_layers=mixed[..., np.newaxis] & _nowhere(layers_mm, model, truth),
+    )  # fmt: skip
+
+
 def _frames(model: Model, truth: Truth, n_frames: int, *, averaged: bool) -> FloatArray:
     blocks = render_blocks(model, truth, n_frames=n_frames, seed=SEED, averaged=averaged)
     return np.concatenate([block.range_mm for block in blocks]).astype(np.float64)
@@ -111,14 +141,27 @@ def _nowhere(range_mm: FloatArray, model: Model, truth: Truth) -> BoolArray:
 
 
 def comet_tail(scene: Scene) -> Figure:
-    """Draw the two panels."""
+    """Draw averages and layers."""
+    sensor = scene.model.sensor
+    frame_ms, sample_ms = sensor.default_integration_time_ms, sensor.integration_time_ms
+    return _two_panels(
+        scene, ("averaged by the camera", f"{AVERAGED_FRAMES} frames of {frame_ms:g} ms"),
+        ("recovered by tofmix", f"{SAMPLES} samples of {sample_ms:g} ms"),
+    )  # fmt: skip
+
+
+def unmixed(scene: Scene) -> Figure:
+    """Draw phasor sums, and the surfaces in them."""
+    light = f"{SAMPLES} samples of {scene.model.sensor.integration_time_ms:g} ms"
+    return _two_panels(scene, ("as the camera returns it", light), ("unmixed by tofmix", "the same samples"))
+
+
+def _two_panels(scene: Scene, first: tuple[str, str], second: tuple[str, str]) -> Figure:
     layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08)
     figure = Figure(figsize=_SIZE_INCH, dpi=_DPI, layout=layout, facecolor="white")
     left, right = figure.subplots(1, 2, sharex=True, sharey=True)
-    sensor = scene.model.sensor
-    frame_ms, sample_ms = sensor.default_integration_time_ms, sensor.integration_time_ms
-    _panel(left, scene, "averaged by the camera", f"{AVERAGED_FRAMES} frames of {frame_ms:g} ms")
-    _panel(right, scene, "recovered by tofmix", f"{SAMPLES} samples of {sample_ms:g} ms")
+    _panel(left, scene, *first)
+    _panel(right, scene, *second)
     left.set_ylabel("z, away from the camera (m)")
     _draw_averaged(left, scene)
     _draw_layers(right, scene)
@@ -158,7 +201,9 @@ def _draw_layers(axes: Axes, scene: Scene) -> None:
     share = scene.weight[mixed]
     axes.scatter(x[mixed], z[mixed], s=_LARGEST_AREA * share, color=_BLUE, alpha=_ALPHA, linewidths=0, zorder=3)
     shown = int((scene.nowhere_layers & _in_view(x, z)).sum())
-    axes.text(0.42, 2.8, f"the same pixels:\n{shown} points where\nnothing stands", color=_BLUE, va="center")
+    text = f"the same pixels:\n{shown} points where\nnothing stands"
+    text += f",\n{scene.undecided} pixels undecided" if scene.undecided else ""
+    axes.text(0.42, 2.8, text, color=_BLUE, va="center")
     handles = [
         Line2D([], [], linestyle="", marker="o", color=_BLUE, alpha=_ALPHA, markeredgewidth=0,
                markersize=(_LARGEST_AREA * value) ** 0.5, label=f"{value:g}")
@@ -191,6 +236,7 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     with style.context(["default", _SETTINGS]):
         comet_tail(make_scene()).savefig(folder / "comet_tail.png", metadata={"Software": None})
+        unmixed(make_sums()).savefig(folder / "unmixed.png", metadata={"Software": None})
 
 
 if __name__ == "__main__":

@@ -46,8 +46,8 @@ def fit_planes(
     normal[:, 1, 1] = (weighted_x * x).sum(axis=1) + slope_weight
     normal[:, 2, 2] = (weighted_y * y).sum(axis=1) + slope_weight
     normal += (_TINY * normal[:, :1, :1] + np.finfo(float).tiny) * np.eye(3)
-    covariance = np.linalg.inv(normal)
-    right = np.stack([(part * values).sum(axis=1) for part in (weights, weighted_x, weighted_y)], axis=-1)
-    coefficients: FloatArray = (covariance * right[:, np.newaxis]).sum(axis=-1)
+    covariance = np.asarray(np.linalg.inv(normal), np.float64)
+    right: FloatArray = np.stack([(part * values).sum(axis=1) for part in (weights, weighted_x, weighted_y)], axis=-1)
+    coefficients = np.asarray((covariance * right[:, np.newaxis]).sum(axis=-1), np.float64)
     at, across, down = (coefficients[:, k, np.newaxis] for k in range(3))
     return PlaneFits(coefficients, covariance, np.asarray(values - at - across * x - down * y))
