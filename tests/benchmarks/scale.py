@@ -108,7 +108,7 @@ def in_memory(samples: Float32Array, sensor: Sensor, case: Case, window: int, wo
     windows = plan_windows(n, window=window)
     grid = plan_grid(windows, (case.rows, case.cols), row_step=min(8, case.rows))
     start = time.perf_counter()
-    for _ in estimate_cells(recording, grid, EstimateOptions(), lambda *_: None, workers=workers):
+    for _ in estimate_cells(recording, grid, EstimateOptions(), lambda _: None, workers=workers):
         pass
     return windows.count * window * case.rows * case.cols / (time.perf_counter() - start)
 

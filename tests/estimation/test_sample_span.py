@@ -117,7 +117,7 @@ def test_cells_alone_and_all_together_have_the_same_interval() -> None:
         grid = plan_grid(windows, (6, 3))
     assert grid.count > 1
     for cell in grid.cells():
-        ((_, alone),) = estimate_cells(recording, grid, EstimateOptions(), lambda layers, _: layers, wanted=[cell])
+        ((_, alone),) = estimate_cells(recording, grid, EstimateOptions(), lambda layers: layers, wanted=[cell])
         for spec in LAYER_FIELDS:
             expected = getattr(whole, spec.name)[cell.windows, cell.rows]
             np.testing.assert_array_equal(getattr(alone, spec.name), expected)

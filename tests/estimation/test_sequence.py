@@ -73,7 +73,7 @@ def test_results_do_not_depend_on_workers_memory_or_cells(
         counting = Counting(recording)
         out = Layers.empty(reference.shape, options.max_layers)
         for cell, layers in estimate_cells(
-            counting, grid, options, lambda layers, _: layers, workers=workers, buffer_bytes=buffer_bytes
+            counting, grid, options, lambda layers: layers, workers=workers, buffer_bytes=buffer_bytes
         ):
             for spec in LAYER_FIELDS:
                 getattr(out, spec.name)[cell.windows, cell.rows] = getattr(layers, spec.name)
@@ -102,7 +102,7 @@ def test_only_the_frames_of_wanted_cells_are_read(recording: ArrayRecording) -> 
     counting = Counting(recording)
     wanted = [grid.cell(8), grid.cell(13)]
     little = working_bytes(grid) + 1_400 * COLS
-    found = estimate_cells(counting, grid, EstimateOptions(), lambda *_: None, wanted=wanted, buffer_bytes=little)
+    found = estimate_cells(counting, grid, EstimateOptions(), lambda _: None, wanted=wanted, buffer_bytes=little)
     done = [cell.index for cell, _ in found]
     assert done == [13, 8]  # band by band
     # Cell 8: window 1 (frames 10 to 19), rows 8 to 11. Cell 13: window 2 (frames 20 to 29), rows 4 to 7.
@@ -140,7 +140,7 @@ def test_each_window_is_the_estimate_of_its_frames(recording: ArrayRecording, se
 def test_a_consumer_may_stop_early(recording: ArrayRecording) -> None:
     grid = small(plan_grid(plan_windows(60, window=1), (23, COLS)), 4)
     before = set(threading.enumerate())
-    cells = estimate_cells(recording, grid, EstimateOptions(min_samples=2), lambda *_: None, workers=2)
+    cells = estimate_cells(recording, grid, EstimateOptions(min_samples=2), lambda _: None, workers=2)
     next(cells)
     assert set(threading.enumerate()) > before
     cells.close()

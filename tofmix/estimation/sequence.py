@@ -12,7 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
 from queue import SimpleQueue
-from typing import Generic, NamedTuple, TypeAlias, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,10 +36,6 @@ DEFAULT_BUFFER_BYTES = 800_000_000
 """Memory for samples where nobody says otherwise."""
 
 
-Finish: TypeAlias = Callable[[Layers, Float32Array | None], T]
-"""What becomes of a cell: its layers, of the leading shape (window, row, col), and its mean phasors, if any."""
-
-
 def settled_mixing(options: EstimateOptions, source: SampleSource) -> EstimateOptions:
     """The same options with the law of mixing that can be measured: ``events`` where samples are no phasors.
 
@@ -59,11 +55,12 @@ def estimate_cells(
     source: SampleSource,
     grid: Grid,
     options: EstimateOptions,
-    finish: Finish[T],
+    finish: Callable[..., T],
     *,
     workers: int = 1,
     buffer_bytes: int = DEFAULT_BUFFER_BYTES,
     wanted: Iterable[Cell] | None = None,
+    phasors: bool = False,
 ) -> Generator[tuple[Cell, T], None, None]:
     """Estimate the layers of some cells of a recording.
 
@@ -77,14 +74,17 @@ def estimate_cells(
     options : EstimateOptions
         The estimator's.
     finish : callable
-        What becomes of a cell's layers, of the leading shape (window, row, col), and of its mean phasors, of the shape
-        (window, row, col, 7) float32, or None where `settled_mixing` is ``events``; called in the worker.
+        What becomes of a cell's layers, of the leading shape (window, row, col), as samples of one surface each give
+        them; called in the worker. With `phasors`, its second argument are the mean phasors (window, row, col, 7)
+        float32 of `tofmix.unmixing.phasors`, which `tofmix.unmixing.unmix` takes when a window is whole.
     workers : int
         Threads, at least 1. It changes no value.
     buffer_bytes : int
         Memory for samples and work. It changes no value.
     wanted : iterable of Cell, optional
         The cells to estimate; all without it.
+    phasors : bool
+        Whether mean phasors are wanted; the recording must have them (`tofmix.recording.has_phasors`).
 
     Yields
     ------
@@ -94,7 +94,7 @@ def estimate_cells(
     Raises
     ------
     ValueError
-        If the sensor has no noise curve, `workers` is below 1, or as `settled_mixing`.
+        If the sensor has no noise curve, or `workers` is below 1.
     MemoryTooSmallError
         If one row of one window does not fit into `buffer_bytes`.
     """
@@ -103,13 +103,11 @@ def estimate_cells(
     sensor = source.sensor
     if sensor.sample_max_mm is None:
         sensor = sensor_with_span(source, options.unambiguous_range_mm)
-    options = settled_mixing(options, source)
-    phasors = options.mixing is not MixingChoice.EVENTS
     plan = plan_reading(source, grid, buffer_bytes=buffer_bytes, workers=workers, phasors=phasors)
     # Compile or load the kernels before there are threads: several at once would wait for each other.
     warm_up(options)
     groups = read_groups(source, grid, plan, grid.cells() if wanted is None else wanted, phasors=phasors)
-    run = _Run(groups, plan, _Work(sensor, grid, options, finish), workers)
+    run = _Run(groups, plan, _Work(sensor, grid, options, finish, phasors=phasors), workers)
     with closing(run.results()) as results:
         yield from results
 
@@ -117,16 +115,18 @@ def estimate_cells(
 class _Work(Generic[T]):
     """What a worker does with a cell."""
 
-    def __init__(self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Finish[T]) -> None:
+    def __init__(
+        self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[..., T], *, phasors: bool
+    ) -> None:
         self._sensor, self._grid, self._options, self._finish = sensor, grid, options, finish
+        self._phasors = phasors
 
     def __call__(self, group: Group, cell: Cell) -> T:
         """Estimate a cell of a group."""
         rows, cols = cell.rows.stop - cell.rows.start, self._grid.image[1]
         count = cell.windows.stop - cell.windows.start
         out = Layers.empty((count, rows, cols), self._options.max_layers, layer_fields(self._sensor))
-        measured = self._options.mixing is not MixingChoice.EVENTS
-        phasors = np.empty((count, rows, cols, FIELD_COUNT), np.float32) if measured else None
+        phasors = np.empty((count, rows, cols, FIELD_COUNT), np.float32) if self._phasors else None
         for window in range(count):
             frames = self._grid.frames(slice(cell.windows.start + window, cell.windows.start + window + 1))
             for piece_rows, piece_cols in self._pieces(cell.rows):
@@ -138,7 +138,7 @@ class _Work(Generic[T]):
                     getattr(out, spec.name)[window, place, piece_cols] = getattr(layers, spec.name)
                 if phasors is not None and light is not None:
                     phasors[window, place, piece_cols] = mean_phasors(samples, light, self._sensor)
-        return self._finish(out, phasors)
+        return self._finish(out) if phasors is None else self._finish(out, phasors)
 
     def _pieces(self, rows: slice) -> Iterator[tuple[slice, slice]]:
         cols = self._grid.image[1]
@@ -245,12 +245,14 @@ def estimate_windows(
     shape = windows.count, rows, cols
     out = Layers.empty(shape, options.max_layers, layer_fields(source.sensor, mixing=measured))
     phasors = np.empty((*shape, FIELD_COUNT), np.float32) if measured else None
-    cells = estimate_cells(source, grid, options, lambda *parts: parts, workers=workers, buffer_bytes=buffer_bytes)
-    for cell, (layers, found) in cells:
+    cells = estimate_cells(
+        source, grid, options, lambda *parts: parts, workers=workers, buffer_bytes=buffer_bytes, phasors=measured
+    )
+    for cell, (layers, *found) in cells:
         for spec in layers.fields:
             getattr(out, spec.name)[cell.windows, cell.rows] = getattr(layers, spec.name)
-        if phasors is not None and found is not None:
-            phasors[cell.windows, cell.rows] = found
+        if phasors is not None:
+            phasors[cell.windows, cell.rows] = found[0]
     if phasors is None:
         return EstimatedWindows(layers=out)
     shares, pixels = np.empty(windows.count, np.float32), np.empty(windows.count, np.uint32)

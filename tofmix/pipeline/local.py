@@ -66,7 +66,14 @@ class LocalEngine:
                 raise UsageError(f"{job.recording}: {error}; pass --memory {least}MB or more") from error
             finish = partial(encode_cell, shape=job.chunk)
             yield from estimate_cells(
-                source, job.grid, job.options, finish, workers=self.workers, buffer_bytes=buffer_bytes, wanted=wanted
+                source,
+                job.grid,
+                job.options,
+                finish,
+                workers=self.workers,
+                buffer_bytes=buffer_bytes,
+                wanted=wanted,
+                phasors=phasors,
             )
 
 
