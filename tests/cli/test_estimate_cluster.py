@@ -79,7 +79,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def command(recording: Path, output: Path, *extra: object) -> list[str]:
-    arguments = ("estimate", recording, "-o", output, "--window", 40, "--stride", 8, *extra)
+    arguments = ("estimate", recording, "-o", output, "--window", 40, "--stride", 8, "--mixing", "events", *extra)
     return [*TOFMIX, *(str(argument) for argument in arguments)]
 
 

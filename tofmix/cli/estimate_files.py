@@ -196,8 +196,6 @@ def _estimate(
             findings = findings_of_samples(source, source.sensor, options.unambiguous_range_mm, remedy)
         say_findings(recording, findings, say)
         job = plan_job(source, windows, options, _of_sensor(request, noise))
-        if not job.provenance.is_unmixed and options.mixing == "auto" and not is_quiet():
-            say(f"{recording}: {_NO_PHASORS}")
         engine: Engine
         if cluster is not None:
             engine = cluster
@@ -212,6 +210,8 @@ def _estimate(
             job, engine, target, shard=shard, overwrite=request.overwrite, resume=request.resume,
             progress=bar.update, say=say, settle=source.settle,
         )  # fmt: skip
+    if not job.provenance.is_unmixed and options.mixing == "auto" and not is_quiet():
+        say(f"{recording}: {_NO_PHASORS}")
     if outcome.mixture is not None and not is_quiet():
         say(f"{recording}: mixing: {outcome.mixture.words()}")
     if outcome.continued and not is_quiet():
