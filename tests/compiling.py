@@ -1,12 +1,12 @@
-"""Compile the kernels once for all of pytest's workers: each begins with another part, then loads what others made.
+"""Compile the kernels once for all of pytest's workers, each from another end of the list of parts.
 
-Without this every worker compiles nearly every kernel by itself, on the same few processors. The longest part is begun
-before tests are collected, and what is left is compiled after that.
+Without this every worker compiles nearly every kernel by itself, on the same few processors. Parts are compiled before
+tests are collected. Tests load from the cache what they use.
 """
 
 import fcntl
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, suppress
 
 from tofmix.jit import cache_folder
 
@@ -36,13 +36,20 @@ def learnt_noise() -> None:
     warm_up()
 
 
-PARTS: tuple[Callable[[], None], ...] = (layers, learnt_noise, noise_and_reconciliation)
+def further_options() -> None:
+    """Compile what other options of the estimator, maps and scenes take, beside the default layers."""
+    from tofmix.pipeline.kernels import compile_options
+
+    compile_options()
+
+
+PARTS: tuple[Callable[[], None], ...] = (layers, noise_and_reconciliation, further_options, learnt_noise)
+"""The first three take as long together as the last."""
 
 
 def begin(worker: int) -> None:
-    """Compile the parts that no other worker has begun, each worker from another one on."""
-    first = worker % len(PARTS)
-    for part in PARTS[first:] + PARTS[:first]:
+    """Compile the parts that no other worker has begun; every other worker begins with the last one."""
+    for part in PARTS if worker % 2 == 0 else PARTS[::-1]:
         done = cache_folder() / f"{part.__name__}.done"
         with suppress(BlockingIOError), _alone_with(part, wait=False):
             if not done.exists():
@@ -51,14 +58,10 @@ def begin(worker: int) -> None:
 
 
 def finish() -> None:
-    """Wait for all parts, load them, and compile what is left."""
-    from tofmix.pipeline.kernels import compile_all
-
-    with ExitStack() as locks:
-        for part in PARTS:
-            locks.enter_context(_alone_with(part))
-        noise_and_reconciliation()
-        compile_all()
+    """Wait for the parts that others have begun."""
+    for part in PARTS:
+        with _alone_with(part):
+            pass
 
 
 @contextmanager

@@ -66,7 +66,7 @@ def pytest_sessionstart() -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Compile or load the rest of the kernels, and then run tests."""
+    """Wait for the kernels that other workers compile, and then run tests."""
     if WORKER and not PLAIN:
         import compiling
 

@@ -25,12 +25,17 @@ _RANGE_MM = 1000.0
 
 def compile_all() -> None:
     """Compile the kernels of all commands and options, or load them from their cache."""
+    compile_options()
+    compile_noise()
+    learnt.warm_up()
+
+
+def compile_options() -> None:
+    """Compile the kernels that estimate layers, with all options, and those of maps and scenes, or load them."""
     for sigma, refine, counter in product(SigmaMode, Refine, COUNTERS.values()):
         warm_up(EstimateOptions(sigma=sigma, refine=refine, counter=counter()))
     warm_up(EstimateOptions(unambiguous_range_mm=2.0 * _RANGE_MM))
     warm_up(EstimateOptions(paper=True))
-    compile_noise()
-    learnt.warm_up()
     range_mm, sensor, amplitude = _made_up()
     law = AmplitudeLaw(np.array([100.0]), np.array([50.0, 200.0]), np.array([2.0, 0.5]))
     by_amplitude = replace(sensor, noise=NoiseCurve(np.array([_RANGE_MM]), np.array([10.0]), law))
