@@ -22,6 +22,8 @@ import tofmix
 from tofmix.arrays import FloatArray
 
 LOW, TOP = 300.0, 6000.0
+pytestmark = pytest.mark.slow  # of the benchmarks alone
+
 SIGMA = 15.0
 
 

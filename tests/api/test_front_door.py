@@ -45,6 +45,7 @@ def test_every_public_name_is_there_and_unknown_ones_are_refused() -> None:
         tm.estimates  # noqa: B018
 
 
+@pytest.mark.slow
 def test_function_reconcile_is_not_hidden_by_the_package_of_reconciliation() -> None:
     code = "import tofmix.reconciliation.workflow, tofmix; assert callable(tofmix.reconcile)"
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -199,6 +200,7 @@ def test_recording_marked_as_averaged_is_refused_unless_forced(tmp_path: Path) -
     assert tm.estimate(saved, force=True).n_modes.shape == (1, *saved.shape[1:])
 
 
+@pytest.mark.slow
 def test_estimate_warns_of_close_layers_and_of_shares_of_detections(tmp_path: Path) -> None:
     rng = np.random.default_rng(8)
     near = rng.random((100, 8, 8)) < 0.5

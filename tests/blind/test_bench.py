@@ -19,6 +19,7 @@ TESTS = Path(__file__).parents[1]
 NAME = "wiggling-clear-0-0"
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("quick_calibration")
 def test_scored_case_is_a_line_that_the_command_sums_up_and_does_not_score_again(
     tmp_path: Path, fake: tuple[str, ...], capsys: pytest.CaptureFixture[str]

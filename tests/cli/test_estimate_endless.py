@@ -48,7 +48,10 @@ def test_layers_of_a_known_range_keep_no_extreme_samples(tofmix: Tofmix, tmp_pat
         assert not {"sample_min_mm", "sample_max_mm"} & set(root["sensor"].attrs)
 
 
-@pytest.mark.parametrize("options", [("--workers", 1), ("--workers", 3), ("--memory", "250MB")])
+@pytest.mark.parametrize(
+    "options",
+    [("--workers", 1), *(pytest.param(o, marks=pytest.mark.slow) for o in (("--workers", 3), ("--memory", "250MB")))],
+)
 def test_bytes_depend_on_neither_workers_nor_memory(
     tofmix: Tofmix, recording: Path, expected: bytes, tmp_path: Path, options: tuple[object, ...]
 ) -> None:
@@ -56,6 +59,7 @@ def test_bytes_depend_on_neither_workers_nor_memory(
     assert (tmp_path / "a.layers.h5").read_bytes() == expected
 
 
+@pytest.mark.slow
 def test_shards_merged_have_the_bytes_of_one_run(
     tofmix: Tofmix, recording: Path, expected: bytes, tmp_path: Path
 ) -> None:

@@ -84,6 +84,7 @@ def test_findings_are_those_of_report_whoever_computes(
     assert [warning["code"] for warning in told] == ["drift", "close_layers"]
 
 
+@pytest.mark.slow
 def test_several_recordings_have_their_own(tofmix: Tofmix, tmp_path: Path) -> None:
     well, drifts = _wall(tmp_path / "a.h5"), _wall(tmp_path / "b.h5", drift=8.0)
     done = tofmix("estimate", well, drifts, "--output-dir", tmp_path / "out", "--mixing", "events", "--json")

@@ -21,7 +21,7 @@ def samples() -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
     return boards(60, rows=20, cols=24)
 
 
-@pytest.mark.parametrize("option", [[], ["--noise", "auto"]])
+@pytest.mark.parametrize("option", [[], pytest.param(["--noise", "auto"], marks=pytest.mark.slow)])
 def test_recording_without_a_curve_is_estimated_with_the_measured_one_and_that_is_said(
     tofmix: Tofmix, tmp_path: Path, samples: np.ndarray, option: list[str]
 ) -> None:
@@ -55,6 +55,7 @@ def test_recording_without_a_curve_that_does_not_tell_it_is_refused_with_the_rem
     assert not (tmp_path / "a.layers.h5").exists()
 
 
+@pytest.mark.slow
 def test_a_wrong_curve_is_told_in_one_line(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     wrong = write_recording(tmp_path / "wrong.h5", samples, noise=WRONG)
     outcome = tofmix("estimate", wrong, "--noise", "auto")

@@ -161,6 +161,7 @@ def test_a_run_that_is_still_going_is_not_disturbed(tofmix: Tofmix, recording: P
             assert "another run has it" in outcome.err
 
 
+@pytest.mark.slow
 def test_shards_make_the_same_bytes(tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes) -> None:
     parts = []
     for number in (3, 1, 2):
@@ -202,6 +203,7 @@ def test_parts_that_do_not_make_one_run_are_refused(tofmix: Tofmix, recording: P
     assert tofmix("merge", one, two, "-o", one, "--overwrite").code == ExitCode.USAGE
 
 
+@pytest.mark.slow
 def test_more_shards_than_cells_make_empty_parts(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = write_recording(tmp_path / "b.h5", boards(20))
     for number in (1, 2):

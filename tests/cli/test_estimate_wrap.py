@@ -105,6 +105,7 @@ def test_a_range_max_at_the_fold_leaves_no_c0_and_says_so(tofmix: Tofmix, tmp_pa
     assert (found["n_modes"] == 1).all()
 
 
+@pytest.mark.slow
 def test_the_report_holds_sigma_against_the_circle(tofmix: Tofmix, tmp_path: Path) -> None:
     recording, layers = _folded(tmp_path / "a.h5"), tmp_path / "a.layers.h5"
     assert tofmix("estimate", recording, "--wrap").code == 0

@@ -66,6 +66,7 @@ def test_what_needs_the_unknown_says_what_it_misses(tofmix: Tofmix, tmp_path: Pa
     assert "tofmix import --fov" in refused.err
 
 
+@pytest.mark.slow
 def test_the_field_of_view_of_the_command_line_is_the_recordings(tofmix: Tofmix, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", samples((60, 8, 8)))
     assert tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--fov", "70x55").code == 0

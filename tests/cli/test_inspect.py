@@ -52,7 +52,7 @@ def test_numbers_are_those_of_the_files(tofmix: Tofmix, layers: Path, tmp_path: 
     assert "modes of the density" not in text
 
 
-@pytest.mark.parametrize("suffix", ["png", "svg"])
+@pytest.mark.parametrize("suffix", [pytest.param("png", marks=pytest.mark.slow), "svg"])
 @pytest.mark.parametrize("over_frames", [False, True])
 def test_figures(tofmix: Tofmix, layers: Path, tmp_path: Path, suffix: str, over_frames: bool) -> None:
     figure = tmp_path / f"f.{suffix}"

@@ -27,6 +27,7 @@ def paths(case: Made, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, P
     return write_files(tmp_path_factory.mktemp("learnt"), case)
 
 
+@pytest.mark.slow
 def test_report_with_and_without_the_recording(tofmix: Tofmix, paths: tuple[Path, Path], tmp_path: Path) -> None:
     recording, layers = paths
     pages = []

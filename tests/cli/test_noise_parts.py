@@ -176,6 +176,7 @@ def test_unfit_width_spread_is_refused_in_one_line(tofmix: Tofmix, recording: Pa
     assert said.err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_reconcile_hands_the_parts_on_with_their_map(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     said = tofmix("reconcile", tmp_path / "model.toml", recording, "-o", tmp_path / "gap", "--effects", "range_offset")
     assert said.code == 0, said.err

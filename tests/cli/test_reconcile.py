@@ -273,6 +273,7 @@ def test_unknown_effect_is_refused(tofmix: Tofmix, files: tuple[Path, Path], tmp
         assert reason in done.err
 
 
+@pytest.mark.slow
 def test_different_maps_of_one_name_are_refused(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
     """Two models of one camera are written to one folder: a map's name there is one map."""
     models = []

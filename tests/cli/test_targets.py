@@ -93,6 +93,7 @@ def test_both_files_pass_verify(tofmix: Tofmix, made: Path) -> None:
     assert done.code == 0, done.out + done.err
 
 
+@pytest.mark.slow
 def test_windows_are_counted_in_frames(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
     out = tmp_path / "w.layers.h5"
     done = tofmix("estimate", made / "t.h5", "-o", out, "--window", 40, "--json")
@@ -128,7 +129,7 @@ def test_the_bytes_do_not_depend_on_memory_or_shards(tofmix: Tofmix, made: Path,
     assert "were there already" in resumed.err
 
 
-@pytest.mark.parametrize("source", ["averaged", "thin-beam"])
+@pytest.mark.parametrize("source", ["averaged", pytest.param("thin-beam", marks=pytest.mark.slow)])
 def test_maps_for_comparison_average_all_detections(tofmix: Tofmix, made: Path, tmp_path: Path, source: str) -> None:
     done = tofmix(
         "map", made / "t.layers.h5", "-o", tmp_path / "m.yaml", "--from", source, "--recording", made / "t.h5"

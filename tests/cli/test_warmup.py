@@ -60,6 +60,7 @@ def test_after_it_measuring_noise_and_simulating_compile_no_kernel(tofmix: Tofmi
         assert tofmix("simulate", "corridor", "--frames", "2", "-o", tmp_path / "c.h5").code == 0
 
 
+@pytest.mark.slow
 @pytest.mark.compiled("there is nothing to compile")
 def test_after_it_reconciling_compiles_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     model, measured = tmp_path / "model.toml", tmp_path / "measured.h5"

@@ -51,6 +51,7 @@ def test_hdf5_reads_what_was_encoded(tmp_path: Path, cell: tuple[int, int, int])
     assert encoded.tally == tuple(int((layers.n_modes == n).sum()) for n in range(4))
 
 
+@pytest.mark.slow
 @given(data=st.binary(max_size=4000) | st.sampled_from([b"\xff" * 800, b"\0" * 9, b"\xff\xff\0\0", b""]))
 def test_fletcher32_is_that_of_the_library(data: bytes) -> None:
     # The library's loop: 16-bit big-endian words, carries folded in every 360 words.

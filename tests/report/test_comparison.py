@@ -157,6 +157,7 @@ def test_the_table_says_what_json_says() -> None:
     assert found.as_dict()["options"] == {"gamma": (0.02, 0.1)}  # extra: NaN there, missing here
 
 
+@pytest.mark.slow
 def test_the_page_stands_alone_and_is_the_same_each_time() -> None:
     a, b, found = _comparison()
     page = render_comparison(a, b, comparison=found, window=None, names=("a.layers.h5", "b.layers.h5"))

@@ -19,7 +19,14 @@ def saved(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-@pytest.mark.parametrize(("shape", "max_layers", "curve"), [((1, 1), 1, CURVE), ((1, 30), 5, None), ((9, 9), 5, CURVE)])
+@pytest.mark.parametrize(
+    ("shape", "max_layers", "curve"),
+    [
+        pytest.param((1, 1), 1, CURVE, marks=pytest.mark.slow),
+        pytest.param((1, 30), 5, None, marks=pytest.mark.slow),
+        ((9, 9), 5, CURVE),
+    ],
+)
 def test_histograms_are_drawn(
     shape: tuple[int, int], max_layers: int, curve: NoiseCurve | None, make_layers: Callable[..., Layers]
 ) -> None:

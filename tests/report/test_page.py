@@ -111,6 +111,7 @@ def test_pictures_decode(make_layers: Callable[..., Layers], make_source: Callab
         assert content.startswith(b"\x89PNG" if "png" in head else b"<?xml")
 
 
+@pytest.mark.slow
 def test_the_same_input_gives_the_same_page(
     make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
 ) -> None:

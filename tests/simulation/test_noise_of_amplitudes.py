@@ -58,7 +58,7 @@ def test_noise_has_the_standard_deviation_of_the_phasor(
     assert abs(np.corrcoef(z.ravel(), (of_range / of_range.std(axis=0)).ravel())[0, 1]) < 4 / z.size**0.5
 
 
-@pytest.mark.parametrize("averaged", [False, True])
+@pytest.mark.parametrize("averaged", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("effects", [(), (effect("flying_pixels", probability=0.5), effect("dropout", threshold=30.0))])
 def test_ranges_are_those_without_noise_in_amplitudes(
     bench: Bench, effects: tuple[Effect, ...], averaged: bool

@@ -103,6 +103,7 @@ def test_blocks_follow_each_other(make_model: MakeModel) -> None:
         ]
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_number_of_frames(make_model: MakeModel) -> None:
     model = make_model(*BOARDS)
     truth = cast_scene(model)

@@ -197,6 +197,7 @@ def test_em_ends_at_the_maximum_that_scipy_finds(name: str, rng: np.random.Gener
     assert written_out(samples, noise, found) == pytest.approx(value, abs=margin)
 
 
+@pytest.mark.slow
 def test_em_of_a_drifting_surface_ends_at_the_maximum_that_scipy_finds(rng: np.random.Generator) -> None:
     noise = pixel_noise(drift_mm=(20.0, 10.0, 5.0), background=(1.0, 10.0))
     time = np.linspace(-1.0, 1.0, 120)

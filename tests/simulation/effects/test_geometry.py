@@ -86,6 +86,7 @@ def test_true_ranges_follow_frame_by_frame(bench: Bench) -> None:
     np.testing.assert_array_equal(ranges[11], cast_scene(model, time_s=1.1).range_true)
 
 
+@pytest.mark.slow
 def test_a_long_motion_needs_no_more_memory(bench: Bench) -> None:
     model = bench.boards(effect("motion", surface="near", velocity_mm_s=1.0), frames=1).model
     truth = cast_scene(model)
