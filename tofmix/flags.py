@@ -34,6 +34,9 @@ class Mixing(IntEnum):
     UNDECIDED = 3
 
 
+MOST_UNDECIDED = 0.5
+"""Most probability of a layer in a pixel whose mixing is undecided."""
+
 MIXING_MEANINGS: dict[Mixing, str] = {
     Mixing.ONE_SURFACE: "the pixel sees one surface, or none",
     Mixing.EVENTS: "each sample is of one of several surfaces",

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray
-from tofmix.flags import Status
+from tofmix.flags import MOST_UNDECIDED, Mixing, Status
 from tofmix.layers import Layers
 
 SUM_TOLERANCE = 1e-4
@@ -64,6 +64,8 @@ def layer_rules(
             yield Rule("range", f"within [0, {circle_mm:g}) mm, the circle", _any(outside))
     yield from _shares(layers, present, fitted)
     yield from _statuses(layers, present, fitted)
+    if layers.mixing is not None:
+        yield from _mixing(layers, layers.mixing)
     frames = np.asarray(window_frames).reshape(-1, 1, 1)
     yield Rule("n_samples", "at most the frames of the window", layers.n_samples > frames)
     yield Rule(
@@ -120,6 +122,17 @@ def _statuses(layers: Layers, present: BoolArray, fitted: BoolArray) -> Iterator
     unknown = _any(np.isnan(layers.range_stderr) & present)
     yield Rule("status", "ok has a standard error for each range", unknown & (status == int(Status.OK)))
     yield Rule("n_peaks", "0 where nothing was fitted", ~fitted & (layers.n_peaks > 0))
+
+
+def _mixing(layers: Layers, mixing: NDArray[np.uint8]) -> Iterator[Rule]:
+    """What the law of mixing says of a pixel goes with its layers."""
+    kinds = [int(kind) for kind in Mixing]
+    yield Rule("mixing", f"one of {', '.join(map(str, kinds))}", ~np.isin(mixing, kinds))
+    yield Rule("mixing", "phasor has a layer", (mixing == int(Mixing.PHASOR)) & (layers.n_modes == 0))
+    with np.errstate(invalid="ignore"):
+        sure = _any(layers.probability > MOST_UNDECIDED)
+    text = f"at most {MOST_UNDECIDED:g} where mixing is undecided"
+    yield Rule("probability", text, sure & (mixing == int(Mixing.UNDECIDED)))
 
 
 _EMPTY = [int(Status.TOO_FEW_SAMPLES), int(Status.NO_SURFACE)]

@@ -8,6 +8,7 @@ from lock_in import SMALL, Scene, judge, made, small
 from tofmix.estimation.sequence import EstimatedWindows, estimate_windows, settled_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.flags import Mixing
+from tofmix.invariants import layer_rules
 from tofmix.layers import Layers
 from tofmix.mixing import MixingLaw
 from tofmix.recording import ArrayRecording
@@ -110,12 +111,20 @@ def test_share_of_a_surface_beside_open_space_is_its_area() -> None:
     np.testing.assert_allclose(layers.weight[both, 0], share[both], atol=0.06)
 
 
-def test_ranges_that_fold_are_unmixed() -> None:
+def test_ranges_that_fold_are_unmixed_and_stay_on_the_circle() -> None:
     one = small(6, frequency_hz=45.0e6, wraps=True)  # the wall is a turn of 3331 mm away
-    on_circle = EstimateOptions(unambiguous_range_mm=one.device.unambiguous_mm)
-    after = judge(one, first(estimate_windows(one.recording, on_circle)), circle_mm=one.device.unambiguous_mm)
+    length = one.device.unambiguous_mm
+    result = estimate_windows(one.recording, EstimateOptions(unambiguous_range_mm=length))
+    after = judge(one, first(result), circle_mm=length)
     assert after.asked > 100
     assert after.found >= 0.95 * after.asked
+    broken = [rule.text for rule in layer_rules(result.layers, np.array([50]), circle_mm=length) if rule.broken.any()]
+    assert broken == []
+
+
+def test_every_rule_of_a_result_holds_for_unmixed_layers(found: EstimatedWindows) -> None:
+    broken = [rule.text for rule in layer_rules(found.layers, np.array([50])) if rule.broken.any()]
+    assert broken == []
 
 
 def test_phasor_sums_can_be_insisted_on_where_nothing_tells_the_law() -> None:

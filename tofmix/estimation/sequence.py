@@ -258,7 +258,8 @@ def estimate_windows(
     shares, pixels = np.empty(windows.count, np.float32), np.empty(windows.count, np.uint32)
     for window, means in enumerate(phasors):
         part = Layers(**{spec.name: getattr(out, spec.name)[window] for spec in layer_fields(source.sensor)})
-        unmixed = unmix(part, means, source.sensor, insist=options.mixing is MixingChoice.PHASOR)
+        insist, circle_mm = options.mixing is MixingChoice.PHASOR, options.unambiguous_range_mm
+        unmixed = unmix(part, means, source.sensor, insist=insist, circle_mm=circle_mm)
         shares[window], pixels[window] = unmixed.phasor_share, unmixed.telling_pixels
         for spec in out.fields:
             getattr(out, spec.name)[window] = getattr(unmixed.layers, spec.name)

@@ -6,6 +6,7 @@ them. Windows are unmixed side by side, a few at a time.
 
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import groupby, zip_longest
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from tofmix.io.layers_file import LayersWriter
 from tofmix.io.provenance import read_header_image
 from tofmix.layers import Layers, Provenance, layer_fields
 from tofmix.mixing import MixingLaw
+from tofmix.unmixing.rewriting import Rewritten
 from tofmix.unmixing.unmix import unmix
 
 _WINDOWS_AT_ONCE = 2
@@ -79,15 +81,7 @@ def _unmixed(
         for group in _groups(cells, grid):
             places = [cell for cell, _ in group]
             layers, phasors = _whole(group, grid, provenance)
-            insist = provenance.options["mixing"] == MixingChoice.PHASOR
-            results = list(
-                pool.map(
-                    lambda window, layers=layers, phasors=phasors, insist=insist: unmix(
-                        _window(layers, window), phasors[window], provenance.sensor, insist=insist
-                    ),
-                    range(len(phasors)),
-                )
-            )
+            results = list(pool.map(partial(_unmix, layers, phasors, provenance), range(len(phasors))))
             first = places[0].windows.start
             for number, result in enumerate(results):
                 writer.write_law(first + number, result.phasor_share, result.telling_pixels)
@@ -123,5 +117,10 @@ def _whole(group: list[tuple[Cell, EncodedCell]], grid: Grid, provenance: Proven
     return layers, np.concatenate([phasors for _, phasors in parts], axis=1)
 
 
-def _window(layers: Layers, window: int) -> Layers:
-    return Layers(**{spec.name: getattr(layers, spec.name)[window] for spec in layers.fields})
+def _unmix(layers: Layers, phasors: Float32Array, provenance: Provenance, window: int) -> Rewritten:
+    """Unmix one window of layers (window, row, col) and their mean phasors."""
+    part = Layers(**{spec.name: getattr(layers, spec.name)[window] for spec in layers.fields})
+    return unmix(
+        part, phasors[window], provenance.sensor, insist=provenance.options["mixing"] == MixingChoice.PHASOR,
+        circle_mm=provenance.unambiguous_range_mm,
+    )  # fmt: skip

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.flags import Mixing, Status
+from tofmix.circle import fold
+from tofmix.flags import MOST_UNDECIDED, Mixing, Status
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor
 from tofmix.unmixing.hypotheses import Kind
@@ -19,9 +20,6 @@ LEAST_PROBABILITY = 0.5
 _FRESH = 0.9
 """Most probability of a layer that rests on a surface which no pixel surely sees alone: pixels that agree with their
 neighbours may be equal mixtures. In a fence of pales two pixels wide 84 to 100 % of such layers are right."""
-
-_UNDECIDED = 0.5
-"""Most probability of a layer in a pixel that is undecided."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,7 +41,10 @@ class Rewritten:
     telling_pixels: int
 
 
-def rewrite(layers: Layers, image: PhasorImage, labels: Labels, law: Law, sensor: Sensor, *, insist: bool) -> Rewritten:
+def rewrite(
+    layers: Layers, image: PhasorImage, labels: Labels, law: Law, sensor: Sensor, *, insist: bool,
+    circle_mm: float | None = None,
+) -> Rewritten:  # fmt: skip
     """Write the surfaces of mixed pixels over layers.
 
     Parameters
@@ -56,6 +57,8 @@ def rewrite(layers: Layers, image: PhasorImage, labels: Labels, law: Law, sensor
         Its noise curve gives sigma.
     insist : bool
         Whether all samples at edges are taken for phasor sums, whatever the law.
+    circle_mm : float, optional
+        Length of the circle that ranges are on, mm.
 
     Returns
     -------
@@ -75,7 +78,7 @@ def rewrite(layers: Layers, image: PhasorImage, labels: Labels, law: Law, sensor
         ends = np.isfinite(labels.range_mm).sum(axis=1)
         decided = mixed & labels.is_known & (labels.probability > LEAST_PROBABILITY) & (ends <= layers.max_layers)
         flat = out.reshaped((image.count,))
-        _write(flat, decided & sums, image, labels, sensor)
+        _write(flat, decided & sums, image, labels, sensor, circle_mm)
         # One surface, says the mean; several, say the samples, as surfaces that move do, or chance.
         contradicted = labels.is_surface & several & (count > 1)
         _doubt(flat, image.valid & ~decided & sums & (count > 0) & (~labels.is_surface | contradicted))
@@ -84,18 +87,24 @@ def rewrite(layers: Layers, image: PhasorImage, labels: Labels, law: Law, sensor
     return Rewritten(layers=out, phasor_share=law.phasor_share, telling_pixels=law.pixels)
 
 
-def _write(flat: Layers, pixels: BoolArray, image: PhasorImage, labels: Labels, sensor: Sensor) -> None:
+def _write(
+    flat: Layers, pixels: BoolArray, image: PhasorImage, labels: Labels, sensor: Sensor, circle_mm: float | None
+) -> None:
     """Write the surfaces of decided pixels."""
     chosen = np.flatnonzero(pixels)
     if not chosen.size:
         return
-    order = np.argsort(labels.range_mm[chosen], axis=1)  # near to far, open space and NaN behind
+    places = labels.range_mm[chosen]
+    if circle_mm is not None:
+        places = np.where(np.isfinite(places), fold(places, circle_mm), places)
+    order = np.argsort(places, axis=1)  # near to far, open space and NaN behind
 
     def sorted_(values: FloatArray) -> FloatArray:
         return np.take_along_axis(values[chosen], order, axis=1)
 
-    range_mm, variance, share, share_variance = (
-        sorted_(part) for part in (labels.range_mm, labels.range_variance, labels.share, labels.share_variance)
+    range_mm = np.take_along_axis(places, order, axis=1)
+    variance, share, share_variance = (
+        sorted_(part) for part in (labels.range_variance, labels.share, labels.share_variance)
     )
     is_surface = np.isfinite(range_mm)
     share = np.where(np.isnan(share), 0.0, share)
@@ -127,5 +136,5 @@ def _write(flat: Layers, pixels: BoolArray, image: PhasorImage, labels: Labels, 
 
 def _doubt(flat: Layers, pixels: BoolArray) -> None:
     """Mark pixels in which the surfaces cannot be told."""
-    flat.probability[pixels] = np.minimum(flat.probability[pixels], _UNDECIDED)
+    flat.probability[pixels] = np.minimum(flat.probability[pixels], MOST_UNDECIDED)
     flat.mixing[pixels] = int(Mixing.UNDECIDED)  # type: ignore[index]  # it was just made

@@ -22,7 +22,9 @@ _OPEN_SHARE = 0.5
 """Least share without a return of a pixel that sees no surface at all."""
 
 
-def unmix(layers: Layers, phasors: Float32Array, sensor: Sensor, *, insist: bool = False) -> Rewritten:
+def unmix(
+    layers: Layers, phasors: Float32Array, sensor: Sensor, *, insist: bool = False, circle_mm: float | None = None
+) -> Rewritten:
     """Find the surfaces in the mixed pixels of one window.
 
     Parameters
@@ -35,6 +37,8 @@ def unmix(layers: Layers, phasors: Float32Array, sensor: Sensor, *, insist: bool
         Its modulation frequency must be known; its optics and its noise curve are used where they are.
     insist : bool
         Whether all samples at edges are taken for phasor sums, whatever their scatter says.
+    circle_mm : float, optional
+        Length of the circle that ranges are on, mm.
 
     Returns
     -------
@@ -55,7 +59,7 @@ def unmix(layers: Layers, phasors: Float32Array, sensor: Sensor, *, insist: bool
         open_space=_sees_nothing(layers),
     )  # fmt: skip
     labels = label(image)
-    return rewrite(layers, image, labels, measure_law(image, labels), sensor, insist=insist)
+    return rewrite(layers, image, labels, measure_law(image, labels), sensor, insist=insist, circle_mm=circle_mm)
 
 
 def _directions(sensor: Sensor, shape: tuple[int, int]) -> FloatArray:
