@@ -26,7 +26,7 @@ MAY_IMPORT = {
     },
     "pipeline": {"pipeline", "io", "estimation", "unmixing", "mapping", "simulation"},
     "io": {"io", "mapping", "simulation"},
-    "report": {"report", "reconciliation", "estimation", "simulation", "sensors"},
+    "report": {"report", "reconciliation", "estimation", "unmixing", "simulation", "sensors"},
     "reconciliation": {"reconciliation", "simulation"},
     "estimation": {"estimation", "unmixing"},
     "unmixing": {"unmixing"},

@@ -113,3 +113,26 @@ def test_api_gives_the_values_that_the_command_writes(tofmix: Tofmix, sums: Path
     assert isinstance(back, Estimate)
     np.testing.assert_array_equal(back.mixing, made.mixing)
     np.testing.assert_array_equal(back.phasor_share, made.phasor_share)
+
+
+def test_inspect_says_and_draws_what_the_samples_are_of(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
+    out, events = tmp_path / "a.h5", tmp_path / "events.h5"
+    assert tofmix("estimate", sums, *WINDOWS, "-o", out).code == 0
+    assert tofmix("estimate", sums, *WINDOWS, "-o", events, "--mixing", "events").code == 0
+    with h5py.File(out) as root:
+        row, col = np.argwhere(root["mixing"][1] == int(Mixing.PHASOR))[0].tolist()
+    place = ("--pixel", f"{row},{col}", "--window", 1, "--neighbours", 0)
+    assert "\n  mixing: phasor\n" in tofmix("inspect", out, *place).out
+    assert json.loads(tofmix("inspect", out, *place, "--json").out)["pixels"][0]["mixing"] == "phasor"
+    assert "mixing" not in tofmix("inspect", events, *place).out
+    assert "mixing" not in json.loads(tofmix("inspect", events, *place, "--json").out)["pixels"][0]
+    heights = []
+    for number, (layers, options) in enumerate(
+        ((out, ("--recording", sums)), (out, ()), (events, ("--recording", sums)))
+    ):
+        figure = tmp_path / f"{number}.svg"
+        shown = tofmix("inspect", layers, *place, *options, "-o", figure)
+        assert shown.code == 0, shown.err
+        heights.append(float(figure.read_text().partition('height="')[2].partition("pt")[0]))
+    assert heights[0] > heights[1] + 200
+    assert heights[1] == heights[2]

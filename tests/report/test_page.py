@@ -1,19 +1,22 @@
 import base64
 import hashlib
+import io
 import re
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from html.parser import HTMLParser
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tofmix.errors import UsageError
-from tofmix.flags import Status
+from tofmix.flags import Mixing, Status
 from tofmix.layers import Layers
+from tofmix.mixing import MixingLaw
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.report.page import headline, page_script, percent, render_page
 from tofmix.report.sources import LayersSource
@@ -213,6 +216,53 @@ def test_a_full_page_is_small_and_soon_done(
     text = render_page(source, recording=recording)
     assert len(text) < 3_000_000
     assert time.process_time() - start < 12.0  # about 2 s on a quiet core; slower ones must pass too
+
+
+LAW = MixingLaw(phasor_share=0.97, pixels=1234)
+
+
+def test_a_file_that_says_what_samples_are_of_has_a_map_of_it(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    kinds = np.zeros((9, 11), np.uint8)
+    kinds[2], kinds[3, :4], kinds[8, 8] = int(Mixing.PHASOR), int(Mixing.UNDECIDED), int(Mixing.EVENTS)
+    source = make_source(replace(make_layers(), mixing=kinds))
+    assert is_dataclass(source)
+    text = render_page(replace(source, law=LAW))
+    page = check_page(text)
+    part = text.partition("<h2>Mixing</h2>")[2]
+    assert "97 % of the samples at edges are phasor sums (1,234 pixels). A phasor sum is a sample" in page.text
+    assert re.findall(r"<tr><td>([a-z ]+)</td><td>(\d+)</td><td>([\d.]+ %)</td></tr>", part) == [
+        ("one surface", "83", "83.8 %"), ("events", "1", "1.0 %"), ("phasor", "11", "11.1 %"),
+        ("undecided", "4", "4.0 %"),
+    ]  # fmt: skip
+    assert "one surface: 83 pixels; events: 1 pixel; phasor: 11 pixels; undecided: 4 pixels." in part
+    pictures = re.findall(r'(?:src|srcset)="data:image/png;base64,([^"]+)"', part)[:2]
+    assert len(set(pictures)) == 2  # dark and light
+    for picture in pictures:
+        with Image.open(io.BytesIO(base64.b64decode(picture))) as image:
+            shades = np.asarray(image.convert("RGB")).astype(int)
+        assert shades.shape == (9, 11, 3)
+        colours, place = np.unique(shades.reshape(-1, 3), axis=0, return_inverse=True)
+        assert len(colours) == 4
+        pairs = set(zip(place.ravel().tolist(), kinds.ravel().tolist(), strict=True))
+        assert len(pairs) == 4  # each kind has a colour of its own
+
+
+def test_a_file_that_does_not_say_it_has_no_part_about_mixing(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    assert "Mixing" not in check_page(render_page(make_source(make_layers()))).text
+
+
+def test_legend_and_map_of_mixing_have_the_kinds_that_occur(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    source = make_source(replace(make_layers(), mixing=np.full((9, 11), int(Mixing.EVENTS), np.uint8)))
+    assert is_dataclass(source)
+    part = render_page(replace(source, law=LAW)).partition("<h2>Mixing</h2>")[2]
+    legend = part.partition('<ul class="legend">')[2].partition("</ul>")[0]
+    assert re.findall(r"</i>([^<]+)</li>", legend) == ["events"]
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,9 @@ from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
     from tofmix.io.layers_file import LayersFile
+    from tofmix.layers import Layers
+    from tofmix.recording import SampleSource
+    from tofmix.report.phasor_plane import PhasorPlane
     from tofmix.report.pixels import GrowingDensity, PixelView
 
 _COORDINATES = 2
@@ -58,7 +61,9 @@ def inspect(
     probability. The figure (-o) shows the fitted components and, with --recording, the
     samples and their density: the paper's Fig. 8, or its Fig. 7 with --over-frames.
     Under learnt noise the line over the samples is the fitted mixture instead, with the
-    learnt shape, the pixel's own width, its background and its drift.
+    learnt shape, the pixel's own width, its background and its drift. Where the law of
+    mixing was measured, a panel below shows the pixel in the complex plane: its samples'
+    phasors, its neighbours', and the chord or triangle that it was unmixed on.
     """
     from tofmix.io.layers_file import open_layers
     from tofmix.io.storage import claimed
@@ -74,7 +79,7 @@ def inspect(
         row, col = _place(pixel, file)
         if window >= file.shape[0]:
             raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
-        samples = None
+        samples = source = None
         if recording is not None:
             from tofmix.report.pixels import row_samples
 
@@ -86,15 +91,19 @@ def inspect(
 
         cols = [col] if over_frames else neighbour_columns(col, cols=file.shape[2], neighbours=neighbours)
         try:
+            found = file.read_window(window)
             views = view_pixels(
-                file.read_window(window), row=row, cols=cols, samples=samples, noise=file.provenance.sensor.noise,
+                found, row=row, cols=cols, samples=samples, noise=file.provenance.sensor.noise,
                 unambiguous_range_mm=file.provenance.unambiguous_range_mm, learnt=learnt_sensor(file.provenance),
             )  # fmt: skip
+            plane = None
+            if output is not None and source is not None and not over_frames:
+                plane = _plane(found, file, source, window, (row, col))
         except ValueError as error:  # a noise or a working range that no estimate could have had
             raise BadInputError(f"{file.path}: {error}") from error
         growth = _growth(views[0], file) if over_frames else None
         if output is not None:
-            _write_figure(output, views, file, growth, inputs, overwrite)
+            _write_figure(output, views, file, growth, plane, inputs, overwrite)
     _print(views, col, growth, file.provenance.targets, as_json)
     if output is not None:
         click.echo(f"figure: {output}", err=as_json)
@@ -125,11 +134,29 @@ def _growth(view: "PixelView", file: "LayersFile") -> "GrowingDensity":
         raise BadInputError(f"{file.path}: {view.name}: {error}") from error
 
 
+def _plane(
+    layers: "Layers", file: "LayersFile", source: "SampleSource", window: int, pixel: tuple[int, int]
+) -> "PhasorPlane | None":
+    """The pixel in the complex plane; None where the file does not say what samples are of, or without amplitudes."""
+    from tofmix.report.phasor_plane import phasor_plane, read_around
+
+    made, (row, col) = file.provenance, pixel
+    if layers.mixing is None or made.sensor.modulation_frequency_hz is None:
+        return None
+    start, stop = int(file.window_start[window]), int(file.window_stop[window])
+    around = read_around(source, row=row, col=col, start=start, stop=stop)
+    if around is None:
+        return None
+    circle_mm = made.unambiguous_range_mm
+    return phasor_plane(layers, around, made.sensor, row=row, col=col, unambiguous_range_mm=circle_mm)
+
+
 def _write_figure(
     output: Path,
     views: "list[PixelView]",
     file: "LayersFile",
     growth: "GrowingDensity | None",
+    plane: "PhasorPlane | None",
     inputs: tuple[Path, ...],
     overwrite: bool,
 ) -> None:
@@ -139,8 +166,9 @@ def _write_figure(
     kind = FIGURE_SUFFIXES[output.suffix.lower()]
     made = file.provenance
     content = pixel_figure(
-        views, noise=made.sensor.noise, growth=growth, kind=kind, unambiguous_range_mm=made.unambiguous_range_mm
-    )
+        views, noise=made.sensor.noise, growth=growth, kind=kind, unambiguous_range_mm=made.unambiguous_range_mm,
+        plane=plane,
+    )  # fmt: skip
     with AtomicFile(output, overwrite=overwrite, inputs=inputs) as target:
         target.sink.write(content)
         target.commit()

@@ -4,6 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 from tofmix.errors import UsageError
+from tofmix.report.phasor_plane import PhasorPlane
 from tofmix.report.pixels import GrowingDensity, PixelView
 from tofmix.sensor import NoiseCurve
 
@@ -24,6 +25,7 @@ def pixel_figure(
     growth: GrowingDensity | None,
     kind: "Format",
     unambiguous_range_mm: float | None = None,
+    plane: PhasorPlane | None = None,
 ) -> bytes:
     """Draw neighbouring pixels, or how the density of the first one grew; see `tofmix.report.pixel_figures`.
 
@@ -39,6 +41,8 @@ def pixel_figure(
         Format.
     unambiguous_range_mm : float, optional
         Length of the circle that ranges are on, mm.
+    plane : PhasorPlane, optional
+        One of the pixels in the complex plane, drawn below the neighbouring pixels.
 
     Returns
     -------
@@ -58,7 +62,7 @@ def pixel_figure(
 
     def draw(t: "Theme") -> "Figure":
         if growth is None:
-            figure: Figure = drawings.neighbours_figure(views, noise=noise, theme=t, **circle)
+            figure: Figure = drawings.neighbours_figure(views, noise=noise, theme=t, plane=plane, **circle)
         else:
             figure = drawings.growth_figure(growth, views[0], theme=t, **circle)
         return figure

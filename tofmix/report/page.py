@@ -92,6 +92,9 @@ def render_page(
         singles = singles or single_pixels(layers, provenance, recording=recording, start=start, stop=stop)
         draw_noise = import_module("tofmix.report.noise_pictures").draw_noise
         noise_pictures = draw_noise(layers, provenance, singles, summary.noise)
+    mixing = None
+    if summary.mixing is not None and layers.mixing is not None:
+        mixing = import_module("tofmix.report.mixing_pictures").draw_mixing(layers.mixing, summary.mixing)
     script = page_script()
     return template.render(
         source=provenance.source,
@@ -110,6 +113,7 @@ def render_page(
         sensor=_sensor_rows(provenance),
         noise=_noise_rows(provenance),
         noise_pictures=noise_pictures,
+        mixing=mixing,
         provenance=_provenance_rows(summary, provenance.sensor.name),
     )
 

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
@@ -15,6 +15,8 @@ from tofmix.arrays import FloatArray
 from tofmix.circle import cut_between
 from tofmix.estimation.density import density
 from tofmix.estimation.learnt.pixel_mixture import PixelMixture
+from tofmix.report.phasor_figure import PLANE_INCH, draw_plane
+from tofmix.report.phasor_plane import PhasorPlane
 from tofmix.report.pixels import GrowingDensity, PixelView
 from tofmix.report.theme import Theme
 from tofmix.sensor import NoiseCurve
@@ -65,7 +67,12 @@ def draw_modes(axes: Axes, range_m: FloatArray, p: FloatArray, modes_m: FloatArr
 
 
 def neighbours_figure(
-    views: list[PixelView], *, noise: NoiseCurve | None, theme: Theme, unambiguous_range_mm: float | None = None
+    views: list[PixelView],
+    *,
+    noise: NoiseCurve | None,
+    theme: Theme,
+    unambiguous_range_mm: float | None = None,
+    plane: PhasorPlane | None = None,
 ) -> Figure:
     """Draw pixels side by side: histogram and density of the samples, fitted components with their means (Fig. 8).
 
@@ -82,6 +89,8 @@ def neighbours_figure(
         Colours.
     unambiguous_range_mm : float, optional
         Where ranges are on a circle: its length, mm. What lies across the fold is then drawn in one piece, past it.
+    plane : PhasorPlane, optional
+        One of the pixels in the complex plane, drawn below.
     """
     cut = _cut(views, unambiguous_range_mm)
     named = [[_told(view, k) for k in range(len(view.range_mm))] for view in views]
@@ -89,12 +98,17 @@ def neighbours_figure(
         views = [view.opened(cut, unambiguous_range_mm) for view in views]
     columns = min(_MOST_COLUMNS, len(views))
     rows = math.ceil(len(views) / columns)
-    figure = new_figure(_PANEL_INCH * rows + 0.7)
+    height = _PANEL_INCH * rows + 0.7
+    figure = new_figure(height + (0.0 if plane is None else PLANE_INCH))
+    part: Figure | SubFigure = figure
+    if plane is not None:
+        part, below_it = figure.subfigures(2, 1, height_ratios=(height, PLANE_INCH), squeeze=False)[:, 0]
+        draw_plane(below_it, plane, theme=theme)
     low, high = _view(views)
     known = np.concatenate([view.sigma_mm for view in views])
     # Side by side on one axis, as in the paper, unless the components would be needles.
     shared = known.size == 0 or high - low < _MOST_SIGMAS * float(known.min()) / _M
-    panels = figure.subplots(rows, columns, sharex=shared, squeeze=False)
+    panels = part.subplots(rows, columns, sharex=shared, squeeze=False)
     for number, (axes, view, names) in enumerate(zip(panels.flat, views, named, strict=False)):
         limits = (low, high) if shared else _view([view])
         _draw_pixel(axes, view, names, np.linspace(*limits, _PLACES), noise, theme)
@@ -107,7 +121,7 @@ def neighbours_figure(
         axes.tick_params(labelbottom=below or not shared)
     for axes in panels.flat[len(views) :]:
         axes.set_visible(False)
-    _explain(figure, theme, learnt=any(view.mixture is not None for view in views))
+    _explain(part, theme, learnt=any(view.mixture is not None for view in views))
     return figure
 
 
@@ -207,7 +221,7 @@ def _own_noise(view: PixelView, mixture: PixelMixture) -> str:
     return f"{said}\ndrift not known" if mixture.drifts and view.samples_mm is None else said
 
 
-def _explain(figure: Figure, theme: Theme, *, learnt: bool) -> None:
+def _explain(figure: Figure | SubFigure, theme: Theme, *, learnt: bool) -> None:
     """Say below the panels what is the same in each."""
     means = Line2D([], [], color=theme.ink, linestyle="--", linewidth=1.0, label="fitted means, with standard errors")
     if learnt:

@@ -18,6 +18,8 @@ def _pixel_lines(view: PixelView) -> list[str]:
     if count:
         lines.append(f"{'layer':>7}{'range mm':>11}{'+-':>9}{'weight':>9}{'+-':>8}{'sigma mm':>10}{'probability':>13}")
     lines += [_layer_line(view, k) for k in range(count)]
+    if view.mixing is not None:
+        lines.append(f"  mixing: {view.mixing.replace('_', ' ')}")
     lines.append(f"  no return {view.weight_no_return:.4f}, outliers {view.weight_outlier:.2g}")
     if view.mixture is not None and count:
         lines.append(f"  own noise: {_own_noise(view)}")

@@ -15,7 +15,7 @@ from tofmix.estimation.incremental import IncrementalDensity
 from tofmix.estimation.learnt.pixel_mixture import PixelMixture, pixel_mixture
 from tofmix.estimation.modes import find_modes
 from tofmix.estimation.settings import Refine, SigmaMode
-from tofmix.flags import Status, status_name
+from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
@@ -46,6 +46,8 @@ class PixelView:
         Peaks of the density of these samples; None without samples or without a noise curve.
     mixture : PixelMixture or None
         The fitted mixture under learnt noise; None where the pixel was fitted with Gaussians of the curve.
+    mixing : str or None
+        Name of what its samples are of (`tofmix.flags.Mixing`); None in files that do not say it.
     """
 
     row: int
@@ -64,6 +66,7 @@ class PixelView:
     samples_mm: FloatArray | None = None
     modes_mm: FloatArray | None = None
     mixture: PixelMixture | None = None
+    mixing: str | None = None
 
     @property
     def name(self) -> str:
@@ -88,7 +91,7 @@ class PixelView:
         """Return the same as dicts and lists, for JSON; None for what is not known.
 
         ``learnt_noise`` is there with learnt noise alone: the pixel's own width, its background, and how far each of
-        its layers drifts within the window.
+        its layers drifts within the window. ``mixing`` is there where the file has it.
         """
         layers = [{name: _number(getattr(self, name)[k]) for name in _PER_LAYER} for k in range(len(self.range_mm))]
         return {
@@ -97,6 +100,7 @@ class PixelView:
             "status": self.status,
             "n_samples": self.n_samples,
             "n_peaks": self.n_peaks,
+            **({} if self.mixing is None else {"mixing": self.mixing}),
             "layers": layers,
             "weight_no_return": _number(self.weight_no_return),
             "weight_outlier": _number(self.weight_outlier),
@@ -222,6 +226,7 @@ def view_pixels(
                 samples_mm=valid,
                 modes_mm=modes,
                 mixture=mixture,
+                mixing=None if layers.mixing is None else _mixing(int(layers.mixing[row, col])),
             )
         )
     return views
@@ -243,6 +248,10 @@ def drifts(provenance: Provenance) -> bool:
     sensor = learnt_sensor(provenance)
     on_line = provenance.unambiguous_range_mm is None
     return on_line and sensor is not None and sensor.learnt is not None and bool(sensor.learnt.drift_mm.any())
+
+
+def _mixing(value: int) -> str:
+    return mixing_name(value) if value in tuple(Mixing) else f"mixing_{value}"
 
 
 def _mixture(

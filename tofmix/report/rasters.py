@@ -109,6 +109,12 @@ def count_uri(n_modes: NDArray[np.uint8], *, fitted: NDArray[np.bool_], theme: T
     return _png_uri(index, ["#000000", *count_colours(int(n_modes.max(initial=0)), theme)])
 
 
+def kinds_uri(kinds: NDArray[np.uint8], colours: list[str]) -> str:
+    """Draw one of a few kinds (row, col), each in its colour, ``#rrggbb``; transparent past the last."""
+    index = np.where(kinds < len(colours), kinds.astype(np.int64) + 1, _NO_DATA).astype(np.uint8)
+    return _png_uri(index, ["#000000", *colours])
+
+
 def count_colours(most: int, theme: Theme) -> list[str]:
     """Colours of the counts 0 to `most`, at most `MANY`: the ground for none, then from dark to light, far apart."""
     steps = colormaps[COUNT_MAP](np.linspace(0.15, 1.0, max(3, min(MANY, most))))
