@@ -1,19 +1,23 @@
 """From the layers of one window to its surfaces, their edges, and a finer range image."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from tofmix.arrays import FloatArray
+from tofmix.arrays import BoolArray, FloatArray
 from tofmix.layers import Layers
 from tofmix.projection import Projection, beam_directions_of, unit
 from tofmix.sensor import Sensor
 from tofmix.surfaces.cuts import make_cuts
 from tofmix.surfaces.edge_fit import fit_edges
-from tofmix.surfaces.found import NO_SURFACE, Planes, WindowSurfaces, no_edges
+from tofmix.surfaces.edge_lines import trace
+from tofmix.surfaces.found import NO_SURFACE, Edges, Planes, WindowSurfaces
+from tofmix.surfaces.grazing import continue_edges
 from tofmix.surfaces.linking import Linked, link
 from tofmix.surfaces.nodes import Nodes, make_nodes
 from tofmix.surfaces.painting import paint_row
 from tofmix.surfaces.regions import choose_regions, ray_lines
-from tofmix.surfaces.shares import make_shares
+from tofmix.surfaces.shares import Shares, make_shares
 
 DEFAULT_FACTOR = 8
 """Parts of a pixel along each side."""
@@ -54,21 +58,34 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
     fits = fit_edges(cuts.row, cuts.col, cuts.near, *seen, *where)
     lines = ray_lines(fits, cuts.row, cuts.col, np.linalg.inv(np.moveaxis(rays[..., [1, 2, 0], :], -1, -2)))
     regions = choose_regions(fits, lines, cuts.row, cuts.col, cuts.near, cuts.first, cuts.following, *seen, *where)
+    painted = continue_edges(shares, cuts, fits, lines, regions, *where, _silent(layers, shares))
     range_fine = np.empty((rows * factor, cols * factor), np.float32)
     surface_fine = np.empty((rows * factor, cols * factor), np.int32)
     for row in range(rows):
         part = slice(row * factor, (row + 1) * factor)
         paint_row(
-            row, factor, regions, cuts.first, cuts.following, shares.count, shares.label, shares.inverse, linked.planes,
-            directions, _part_directions(optics, row, factor, (rows, cols)), range_fine[part], surface_fine[part],
+            row, factor, painted.regions, painted.cuts.first, painted.cuts.following, painted.count, painted.label,
+            painted.inverse, linked.planes, directions, _part_directions(optics, row, factor, (rows, cols)), range_fine[part], surface_fine[part],
         )  # fmt: skip
+    edges = trace(painted.cuts, painted.regions)
     kept = int((linked.sizes >= LEAST_PIXELS).sum())
     surface_fine[surface_fine >= kept] = NO_SURFACE
     surface = np.where(nodes.index >= 0, np.append(linked.label, NO_SURFACE)[nodes.index], NO_SURFACE)
     return WindowSurfaces(
         surface=np.where(surface < kept, surface, NO_SURFACE).astype(np.int32),
-        planes=_planes(nodes, linked, kept), edges=no_edges(), range_fine=range_fine, surface_fine=surface_fine,
+        planes=_planes(nodes, linked, kept), edges=_kept_edges(edges, kept), range_fine=range_fine, surface_fine=surface_fine,
     )  # fmt: skip
+
+
+def _silent(layers: Layers, shares: Shares) -> BoolArray:
+    """Pixels (row, col) that have layers and do not tell shares, as their mixing is undecided."""
+    return np.asarray((shares.count == 0) & (layers.n_modes > 0))
+
+
+def _kept_edges(edges: Edges, kept: int) -> Edges:
+    """Edges with the surfaces that are too small left out of their sides."""
+    near, far = (np.where(side < kept, side, NO_SURFACE).astype(np.int32) for side in (edges.near, edges.far))
+    return replace(edges, near=near, far=far)
 
 
 def pixel_rays(optics: Projection, shape: tuple[int, int]) -> FloatArray:

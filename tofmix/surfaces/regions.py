@@ -33,11 +33,11 @@ ONE, BOTH, EITHER = 0, 1, 2
 """A region is one side of an edge; on that side of two edges; or of either."""
 
 # Columns of a region: which of these, then two edges of six numbers each.
-SHAPE, FIRST, SECOND = 0, 1, 7
-DOWN, RIGHT, AT, BEND, VARIANCE, TURN_VARIANCE = range(6)
-REGION_COLUMNS = 13
-"""An edge is the place where DOWN u + RIGHT v - AT - BEND s^2 / 2 = 0 with (DOWN, RIGHT) of length 1 and s along it; the
-variances are those of AT and of the direction."""
+SHAPE, FIRST, SECOND = 0, 1, 6
+DOWN, RIGHT, AT, BEND, VARIANCE = range(5)
+REGION_COLUMNS = 11
+"""An edge is the place where DOWN u + RIGHT v - AT - BEND s^2 / 2 = 0 with (DOWN, RIGHT) of length 1 and s along it;
+VARIANCE is that of AT."""
 
 _AROUND = 3
 """Pixels around, in which an edge's neighbours are continued."""
@@ -88,7 +88,7 @@ def ray_lines(
 
 
 @borrowing
-def _local(g: FloatArray, ray: FloatArray, out: FloatArray) -> None:
+def local_edge(g: FloatArray, ray: FloatArray, out: FloatArray) -> None:
     """Fill `out` (3,): slopes down and right and the value at the centre, of an edge in a pixel; slopes of length 1."""
     for i in range(3):
         out[i] = g[0] * ray[(i + 1) % 3, 0] + g[1] * ray[(i + 1) % 3, 1] + g[2] * ray[(i + 1) % 3, 2]
@@ -108,9 +108,10 @@ def _area(shape: int, one: FloatArray, other: FloatArray, work: FloatArray) -> f
 
 
 @borrowing
-def _set_edge(region: FloatArray, at: int, local: FloatArray, variance: float, turn: float) -> None:
+def set_edge(region: FloatArray, at: int, local: FloatArray, fit: FloatArray, down: int, right: int) -> None:
+    """Set an edge of a region to that of a fit some pixels away: its error is that of its place and of its direction."""
     region[at + DOWN], region[at + RIGHT], region[at + AT], region[at + BEND] = local[0], local[1], -local[2], 0.0
-    region[at + VARIANCE], region[at + TURN_VARIANCE] = variance, turn
+    region[at + VARIANCE] = fit[VAR_OFFSET] + (down * down + right * right) * fit[VAR_ANGLE]
 
 
 @borrowing
@@ -121,10 +122,10 @@ def _own_region(fit: FloatArray, region: FloatArray) -> None:
     region[SHAPE] = BOTH if kind == BAR else ONE
     region[FIRST + DOWN], region[FIRST + RIGHT], region[FIRST + AT] = down, right, fit[OFFSET]
     region[FIRST + BEND] = fit[THIRD] if kind == ARC else 0.0
-    region[FIRST + VARIANCE], region[FIRST + TURN_VARIANCE] = fit[VAR_OFFSET], fit[VAR_ANGLE]
+    region[FIRST + VARIANCE] = fit[VAR_OFFSET]
     if kind == BAR:
         region[SECOND + DOWN], region[SECOND + RIGHT], region[SECOND + AT] = -down, -right, -fit[THIRD]
-        region[SECOND + VARIANCE], region[SECOND + TURN_VARIANCE] = fit[VAR_THIRD], fit[VAR_ANGLE]
+        region[SECOND + VARIANCE] = fit[VAR_THIRD]
 
 
 @jit
@@ -170,7 +171,7 @@ def choose_regions(
                         fitting = fits[other, WORTH] > 0.0 and int(fits[other, BACK] + fits[other, AHEAD]) == longest
                         if cut_labels[other] == cut_labels[cut] and fitting:
                             for side in range(2 if fits[other, KIND] == BAR else 1):
-                                _local(lines[other, side], rays[row, col], here)
+                                local_edge(lines[other, side], rays[row, col], here)
                                 new = used < _MOST and abs(here[2]) < _AROUND
                                 for k in range(used):
                                     turn = here[0] * local[k, 4, 1] - here[1] * local[k, 4, 0]
@@ -189,7 +190,7 @@ def choose_regions(
             if 0 <= r < height and 0 <= c < width:
                 share[place] = share_of(cut_labels[cut], r, c, count, labels, inverses, up_to, planes, directions)
                 for k in range(used):
-                    _local(lines[chosen[k], second[k]], rays[r, c], local[k, place])
+                    local_edge(lines[chosen[k], second[k]], rays[r, c], local[k, place])
         own = np.inf
         best, best_shape, best_one, best_other = np.inf, -1, -1, -1
         for one in range(-1, used):
@@ -217,13 +218,12 @@ def choose_regions(
             continue
         if fits[cut, WORTH] > 0.0 and best_shape == ONE:
             continue  # its own edge agrees; that of a neighbour is the same, seen from farther away
-        region = out[cut]
-        region[SHAPE] = best_shape
-        fit = fits[chosen[best_one]]
-        _set_edge(region, FIRST, local[best_one, 4], fit[VAR_OFFSET], fit[VAR_ANGLE])
+        out[cut, SHAPE] = best_shape
+        one = chosen[best_one]
+        set_edge(out[cut], FIRST, local[best_one, 4], fits[one], row - rows[one], col - cols[one])
         if best_shape != ONE:
-            fit = fits[chosen[best_other]]
-            _set_edge(region, SECOND, local[best_other, 4], fit[VAR_OFFSET], fit[VAR_ANGLE])
+            one = chosen[best_other]
+            set_edge(out[cut], SECOND, local[best_other, 4], fits[one], row - rows[one], col - cols[one])
     return out
 
 
@@ -232,25 +232,26 @@ def _own_area(
     fit: FloatArray, lines: FloatArray, ray: FloatArray, here: FloatArray, there: FloatArray, work: FloatArray
 ) -> float:  # fmt: skip
     """Area that a pixel's own fit covers in a pixel around it; an arc is taken for its tangent."""
-    _local(lines[0], ray, here)
+    local_edge(lines[0], ray, here)
     if fit[KIND] != BAR:
         return covered(here[0], here[1], here[2])
-    _local(lines[1], ray, there)
+    local_edge(lines[1], ray, there)
     return covered_by_both(here[0], here[1], here[2], there[0], there[1], there[2], work)
 
 
 @borrowing
 def inside(region: FloatArray, u: float, v: float) -> bool:
     """Whether a place (u, v) of the pixel, down and right of its centre, is of a region."""
-    first = _side(region, FIRST, u, v) >= 0.0
+    first = edge_side(region, FIRST, u, v) >= 0.0
     if region[SHAPE] == ONE:
         return first
-    second = _side(region, SECOND, u, v) >= 0.0
+    second = edge_side(region, SECOND, u, v) >= 0.0
     return (first and second) if region[SHAPE] == BOTH else (first or second)
 
 
 @borrowing
-def _side(region: FloatArray, at: int, u: float, v: float) -> float:
+def edge_side(region: FloatArray, at: int, u: float, v: float) -> float:
+    """How far a place is on the covered side of one edge of a region, pixels."""
     down, right = region[at + DOWN], region[at + RIGHT]
     along = -right * u + down * v
     return float(down * u + right * v - region[at + AT] - 0.5 * region[at + BEND] * along * along)
