@@ -309,9 +309,9 @@ def _invert(ray: FloatArray, frame: FloatArray) -> None:
 
 
 @borrowing
-def _first_guess(pixels: FloatArray, count: int, share: float, start: FloatArray) -> bool:
+def _first_guess(pixels: FloatArray, count: int, start: FloatArray) -> bool:
     """Set a line by the slope of the shares of the eight neighbours, and by the pixel's own share (Youngs 1982)."""
-    down, right = 0.0, 0.0
+    down, right, share = 0.0, 0.0, min(max(pixels[0, _SHARE], 0.02), 0.98)
     for k in range(1, count):
         if abs(pixels[k, _X]) < 1.5 and abs(pixels[k, _Y]) < 1.5:  # noqa: PLR2004  the eight neighbours
             weight = 1.0 / (pixels[k, _X] ** 2 + pixels[k, _Y] ** 2)
@@ -335,7 +335,7 @@ def _first_guess(pixels: FloatArray, count: int, share: float, start: FloatArray
 
 
 @borrowing
-def _first_bar(pixels: FloatArray, count: int, share: float, start: FloatArray) -> None:
+def _first_bar(pixels: FloatArray, count: int, start: FloatArray) -> None:
     """Set a bar by the second moments of the shares within two pixels."""
     total, x, y = 0.0, 0.0, 0.0
     for k in range(count):
@@ -396,9 +396,8 @@ def fit_edges(
             cut_labels[cut], rows[cut], cols[cut], REACH, count, labels, inverses, up_to, samples, floor, planes,
             directions, rays, frame, pixels,
         )  # fmt: skip
-        share = pixels[0, _SHARE]
         fit = result[cut]
-        if not _first_guess(pixels, found, share, start):
+        if not _first_guess(pixels, found, start):
             continue
         _grow(LINE, pixels, found, line, start, normal, right, out, work)
         for i in range(FIT_COLUMNS):
@@ -414,7 +413,7 @@ def fit_edges(
                     for i in range(FIT_COLUMNS):
                         fit[i] = other[i]
         if fit[WORTH] == 0.0:
-            _first_bar(pixels, found, share, start)
+            _first_bar(pixels, found, start)
             _grow(BAR, pixels, found, other, start, normal, right, out, work)
             if other[WORTH] > 0.0:
                 for i in range(FIT_COLUMNS):

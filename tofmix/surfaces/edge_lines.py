@@ -33,7 +33,7 @@ def trace(cuts: Cuts, regions: FloatArray) -> Edges:
     regions : (cut, REGION_COLUMNS) float64
         What they cover.
     """
-    pieces, owner = _pieces(cuts.row, cuts.col, cuts.first, cuts.following, regions)
+    pieces, owner = _pieces(cuts.row, cuts.col, cuts.first, cuts.following, cuts.margin, regions)
     if not len(pieces):
         return no_edges()
     follower = _followers(pieces, cuts.near[owner])
@@ -43,7 +43,7 @@ def trace(cuts: Cuts, regions: FloatArray) -> Edges:
 @jit
 def _pieces(
     rows: NDArray[np.int32], cols: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
-    regions: FloatArray,
+    margin: FloatArray, regions: FloatArray,
 ) -> tuple[FloatArray, NDArray[np.int64]]:  # fmt: skip
     """Visible pieces (piece, 7): begin, middle, end (row, col of each) and variance; and the cut of each.
 
@@ -56,13 +56,13 @@ def _pieces(
         for side in range(1 if region[SHAPE] == ONE else 2):
             at, other = (FIRST, SECOND) if side == 0 else (SECOND, FIRST)
             piece = out[total]
-            if not _piece(region, at, other, piece):
+            if not _piece(region, at, other, 0.5 + margin[cut], piece):
                 continue
             hidden, nearer = False, first_cut[rows[cut], cols[cut]]
             while nearer >= 0 and nearer != cut:
                 hidden = hidden or inside(regions[nearer], piece[2], piece[3])
                 nearer = next_cut[nearer]
-            if hidden:
+            if hidden or nearer != cut:  # behind a nearer surface, or replaced by an edge that grazes the pixel
                 continue
             for i in range(3):
                 piece[2 * i] += rows[cut]
@@ -74,8 +74,8 @@ def _pieces(
 
 
 @borrowing
-def _piece(region: FloatArray, at: int, other: int, out: FloatArray) -> bool:
-    """Fill begin, middle and end of an edge's piece in the pixel, on the right side of the region's other edge."""
+def _piece(region: FloatArray, at: int, other: int, half: float, out: FloatArray) -> bool:
+    """Fill begin, middle and end of an edge's piece up to `half` off the centre, on the right side of the other edge."""
     down, right = region[at + DOWN], region[at + RIGHT]
     ahead_down, ahead_right = right, -down  # the covered side, (down, right), is to the left of it
     begin, end = -2.0, 2.0
@@ -83,10 +83,10 @@ def _piece(region: FloatArray, at: int, other: int, out: FloatArray) -> bool:
         place = (down if axis == 0 else right) * region[at + AT]
         pace = ahead_down if axis == 0 else ahead_right
         if abs(pace) < _NOTHING:
-            if abs(place) > 0.5:  # noqa: PLR2004  half a pixel
+            if abs(place) > half:
                 return False
             continue
-        one, two = (-0.5 - place) / pace, (0.5 - place) / pace
+        one, two = (-half - place) / pace, (half - place) / pace
         begin, end = max(begin, min(one, two)), min(end, max(one, two))
     if region[SHAPE] != ONE:
         # Along the piece the other edge's side changes once: from `value` at its start by `slope`.

@@ -59,7 +59,7 @@ def continue_edges(
         shares.count, shares.label, shares.inverse, shares.samples, shares.floor, cuts.near, cuts.far, cuts.row,
         cuts.col, cuts.first, cuts.following, fits, lines, planes, directions, rays, silent,
     )  # fmt: skip
-    row, col, near, far, taken = found.T
+    row, col, near, far = found.T
     count, first = shares.count.copy(), cuts.first.copy()
     label = np.concatenate([shares.label, np.full((*count.shape, 1), NO_SURFACE, np.int32)], axis=2)
     inverse = np.concatenate([shares.inverse, np.zeros((*count.shape, 1))], axis=2)
@@ -73,6 +73,7 @@ def continue_edges(
         row=np.concatenate([cuts.row, row]), col=np.concatenate([cuts.col, col]),
         near=np.concatenate([cuts.near, near]), far=np.concatenate([cuts.far, far]), first=first,
         following=np.concatenate([cuts.following, np.full(len(row), -1, np.int32)]),
+        margin=np.concatenate([cuts.margin, np.zeros(len(row))]),
     )  # fmt: skip
     return Painted(count, label, inverse, both, np.concatenate([regions, more]))
 
@@ -84,9 +85,9 @@ def _continue(
     cut_cols: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32], fits: FloatArray,
     lines: FloatArray, planes: FloatArray, directions: FloatArray, rays: FloatArray, silent: BoolArray,
 ) -> tuple[NDArray[np.int32], FloatArray]:  # fmt: skip
-    """Edges that go on: (row, col, near, far, cut), (edge, 5) int32, and their regions."""
+    """Edges that go on: (row, col, near, far), (edge, 4) int32, and their regions."""
     rows, cols = count.shape
-    found = np.empty((rows * cols, 5), np.int32)
+    found = np.empty((rows * cols, 4), np.int32)
     regions = np.zeros((rows * cols, REGION_COLUMNS))
     here = np.empty(3)
     total = 0
@@ -123,7 +124,7 @@ def _continue(
                                         continue
                                 longest, hidden = run, behind
                                 found[total, 0], found[total, 1] = row, col
-                                found[total, 2], found[total, 3], found[total, 4] = near[cut], hidden, cut
+                                found[total, 2], found[total, 3] = near[cut], hidden
                                 regions[total, SHAPE] = ONE
                                 set_edge(
                                     regions[total], FIRST, here, fits[cut], row - cut_rows[cut], col - cut_cols[cut]
