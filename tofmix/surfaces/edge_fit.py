@@ -136,34 +136,52 @@ def _is_of_run(kind: int, fit: FloatArray, pixel: FloatArray, back: float, ahead
 
 
 @borrowing
+def _equations(
+    kind: int, pixels: FloatArray, count: int, fit: FloatArray, start: FloatArray, back: float, ahead: float,
+    normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray,
+) -> float:  # fmt: skip
+    """Fill the normal equations of a run about the numbers of `fit`; return chi-square, the first guess's included."""
+    numbers = 2 if kind == LINE else 3
+    total = 0.0
+    for i in range(3):
+        off = start[ANGLE + i] - fit[ANGLE + i]
+        right[i] = _PRIOR[i] * off
+        total += _PRIOR[i] * off * off
+        for j in range(3):
+            normal[i, j] = _PRIOR[i] if i == j else 0.0
+    for k in range(count):
+        if not _is_of_run(kind, fit, pixels[k], back, ahead):
+            continue
+        predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
+        weight = 1.0 / _variance(out[0], pixels[k])
+        miss = pixels[k, _SHARE] - out[0]
+        total += weight * miss * miss
+        for i in range(numbers):
+            right[i] += weight * out[1 + i] * miss
+            for j in range(numbers):
+                normal[i, j] += weight * out[1 + i] * out[1 + j]
+    return total
+
+
+@borrowing
 def _adjust(
     kind: int, pixels: FloatArray, count: int, fit: FloatArray, start: FloatArray, back: float, ahead: float,
     steps: int, normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray,
 ) -> None:  # fmt: skip
-    """Fit the numbers of an edge to its run, from those of `fit`, which is changed; its variances are filled."""
-    numbers = 2 if kind == LINE else 3
-    for step in range(steps + 1):
-        for i in range(3):
-            right[i] = _PRIOR[i] * (start[ANGLE + i] - fit[ANGLE + i])
-            for j in range(3):
-                normal[i, j] = _PRIOR[i] if i == j else 0.0
-        for k in range(count):
-            if not _is_of_run(kind, fit, pixels[k], back, ahead):
-                continue
-            predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
-            weight = 1.0 / _variance(out[0], pixels[k])
-            miss = pixels[k, _SHARE] - out[0]
-            for i in range(numbers):
-                right[i] += weight * out[1 + i] * miss
-                for j in range(numbers):
-                    normal[i, j] += weight * out[1 + i] * out[1 + j]
-        a, b, c, d, e, f = normal[0, 0], normal[0, 1], normal[0, 2], normal[1, 1], normal[1, 2], normal[2, 2]
+    """Fit the numbers of an edge to its run, from those of `fit`, which is changed; its variances are filled.
+
+    Levenberg and Marquardt's method.
+    """
+    damping, settled = 0.0, False
+    total = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work)
+    for _ in range(steps):
+        if settled:
+            break
+        angle, offset, third = fit[ANGLE], fit[OFFSET], fit[THIRD]
+        a, b, c = normal[0, 0] * (1.0 + damping), normal[0, 1], normal[0, 2]
+        d, e, f = normal[1, 1] * (1.0 + damping), normal[1, 2], normal[2, 2] * (1.0 + damping)
         co_a, co_b, co_c = d * f - e * e, c * e - b * f, b * e - c * d
         whole = a * co_a + b * co_b + c * co_c
-        fit[VAR_ANGLE], fit[COV_ANGLE] = co_a / whole, co_b / whole
-        fit[VAR_OFFSET], fit[VAR_THIRD] = (a * f - c * c) / whole, (a * d - b * b) / whole
-        if step == steps:
-            return
         turn = (co_a * right[0] + co_b * right[1] + co_c * right[2]) / whole
         move = (co_b * right[0] + (a * f - c * c) * right[1] + (b * c - a * e) * right[2]) / whole
         bend = (co_c * right[0] + (b * c - a * e) * right[1] + (a * d - b * b) * right[2]) / whole
@@ -173,8 +191,20 @@ def _adjust(
             fit[THIRD] += min(max(bend, -0.1), 0.1)
         elif kind == BAR:
             fit[THIRD] = max(fit[THIRD] + min(max(bend, -0.4), 0.4), fit[OFFSET] + 0.05)
-        if abs(turn) < 1e-4 and abs(move) < 1e-4 and abs(bend) < 1e-4:  # noqa: PLR2004  rad, pixels: far below errors
-            steps = step + 1
+        settled = abs(turn) < 1e-4 and abs(move) < 1e-4 and abs(bend) < 1e-4  # noqa: PLR2004  rad, pixels: far below errors
+        new = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work)
+        if new > total:
+            fit[ANGLE], fit[OFFSET], fit[THIRD] = angle, offset, third
+            damping = max(10.0 * damping, 0.1)
+            total = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work)
+        else:
+            total = new
+            damping = 0.1 * damping if damping > 0.01 else 0.0  # noqa: PLR2004  hardly any
+    a, b, c, d, e, f = normal[0, 0], normal[0, 1], normal[0, 2], normal[1, 1], normal[1, 2], normal[2, 2]
+    co_a, co_b, co_c = d * f - e * e, c * e - b * f, b * e - c * d
+    whole = a * co_a + b * co_b + c * co_c
+    fit[VAR_ANGLE], fit[COV_ANGLE] = co_a / whole, co_b / whole
+    fit[VAR_OFFSET], fit[VAR_THIRD] = (a * f - c * c) / whole, (a * d - b * b) / whole
 
 
 @borrowing
@@ -219,7 +249,7 @@ def _grow(
     back, ahead = (2.0, 2.0) if kind == ARC else (1.0, 1.0)
     for i in range(FIT_COLUMNS):
         fit[i] = start[i]
-    _adjust(kind, pixels, count, fit, start, back, ahead, 2 * _STEPS, normal, right, out, work)
+    _adjust(kind, pixels, count, fit, start, back, ahead, 3 * _STEPS, normal, right, out, work)
     fit[WORTH] = 1.0 if _disagreement(kind, pixels, count, fit, back, ahead, -9.0, -9.0, out, work) < _AGREED else 0.0
     go_back, go_ahead = True, True
     while fit[WORTH] > 0.0 and (go_back or go_ahead):
@@ -369,6 +399,31 @@ def _first_bar(pixels: FloatArray, count: int, start: FloatArray) -> None:
     start[OFFSET], start[THIRD] = middle - 0.5 * wide, middle + 0.5 * wide
 
 
+@borrowing
+def _best_start(
+    pixels: FloatArray, count: int, start: FloatArray, trial: FloatArray, best: FloatArray, normal: FloatArray,
+    right: FloatArray, out: FloatArray, work: FloatArray,
+) -> None:  # fmt: skip
+    """Move the first guess of a bar to the best of three fits of the nearest pixels: from it, and from both sides of it.
+
+    A bar that lies within a row of pixels can be moved without a change of any share: no slope leads out of there.
+    """
+    least = np.inf
+    for shift in range(-1, 2):
+        for i in range(FIT_COLUMNS):
+            trial[i] = start[i]
+        trial[OFFSET] += 0.25 * shift
+        trial[THIRD] += 0.25 * shift
+        _adjust(BAR, pixels, count, trial, start, 1.0, 1.0, 3 * _STEPS, normal, right, out, work)
+        total = _chi2(BAR, pixels, count, trial, 1.0, 1.0, out, work)
+        if total < least:
+            least = total
+            for i in range(FIT_COLUMNS):
+                best[i] = trial[i]
+    for i in range(FIT_COLUMNS):
+        start[i] = best[i]
+
+
 @jit
 def fit_edges(
     rows: NDArray[np.int32], cols: NDArray[np.int32], cut_labels: NDArray[np.int32], count: NDArray[np.int32],
@@ -425,6 +480,7 @@ def fit_edges(
                         fit[i] = other[i]
         if fit[WORTH] == 0.0:
             _first_bar(pixels, found, start)
+            _best_start(pixels, found, start, other, line, normal, right, out, work)
             _grow(BAR, pixels, found, other, start, normal, right, out, work)
             if other[WORTH] > 0.0:
                 for i in range(FIT_COLUMNS):

@@ -103,9 +103,7 @@ def _continue(
                         run = fits[cut, BACK] + fits[cut, AHEAD]
                         if fits[cut, WORTH] > 0.0 and run > longest:
                             for side in range(2 if fits[cut, KIND] == BAR else 1):
-                                continue_edge(
-                                    fits[cut], lines[cut, side], rays[row, col], row - r, col - c, here
-                                )
+                                continue_edge(fits[cut], lines[cut, side], rays[row, col], row - r, col - c, here)
                                 area = covered(here[0], here[1], here[2])
                                 if area < _LEAST_AREA or area > 1.0 - _LEAST_AREA:
                                     continue

@@ -183,9 +183,7 @@ def choose_regions(
                         fitting = fits[other, WORTH] > 0.0 and int(fits[other, BACK] + fits[other, AHEAD]) == longest
                         if cut_labels[other] == cut_labels[cut] and fitting:
                             for side in range(2 if fits[other, KIND] == BAR else 1):
-                                continue_edge(
-                                    fits[other], lines[other, side], rays[row, col], row - r, col - c, here
-                                )
+                                continue_edge(fits[other], lines[other, side], rays[row, col], row - r, col - c, here)
                                 new = used < _MOST and abs(here[2]) < _AROUND
                                 for k in range(used):
                                     turn = here[0] * local[k, 4, 1] - here[1] * local[k, 4, 0]
@@ -206,7 +204,12 @@ def choose_regions(
                 for k in range(used):
                     other = chosen[k]
                     continue_edge(
-                        fits[other], lines[other, second[k]], rays[r, c], r - rows[other], c - cols[other], local[k, place]
+                        fits[other],
+                        lines[other, second[k]],
+                        rays[r, c],
+                        r - rows[other],
+                        c - cols[other],
+                        local[k, place],
                     )
         own = np.inf
         best, best_shape, best_one, best_other = np.inf, -1, -1, -1
