@@ -30,6 +30,8 @@ class Cuts:
         Number of the first cut of each pixel; -1: it has none.
     following : (cut,) int32
         Number of the pixel's next cut; -1 after the last.
+    entry : (cut,) int32
+        Cuts of the pixel that are nearer.
     margin : (cut,) float64
         Distance beyond the pixel's border up to which the edge may lie: 0 for a cut within the pixel.
     """
@@ -40,6 +42,7 @@ class Cuts:
     far: NDArray[np.int32]
     first: NDArray[np.int32]
     following: NDArray[np.int32]
+    entry: NDArray[np.int32]
     margin: FloatArray
 
     def __len__(self) -> int:
@@ -74,7 +77,7 @@ def make_cuts(shares: Shares, planes: FloatArray, directions: FloatArray) -> Cut
         near=np.concatenate([shares.label[row, col, entry], shares.label[(*border, 0)]]),
         far=np.concatenate([shares.label[row, col, entry + 1], behind[border]]), first=first,
         following=np.concatenate([np.where(last, -1, inner + 1), np.full(len(border[0]), -1)]).astype(np.int32),
-        margin=np.where(number < len(row), 0.0, BORDER_MARGIN),
+        entry=np.concatenate([entry, np.zeros(len(border[0]))]).astype(np.int32), margin=np.where(number < len(row), 0.0, BORDER_MARGIN),
     )  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.jit import borrowing, jit
-from tofmix.surfaces.half_plane import chord, covered
+from tofmix.surfaces.half_plane import chord, chord_outside, covered, covered_by_both
 
 LINE, ARC, BAR = 0, 1, 2
 """Kinds of edges: n . x = c; the same with a curvature; between two parallel lines."""
@@ -42,8 +42,8 @@ _UNIFORM = 1.0 / 12.0
 """Variance of a place that is anywhere in a pixel, pixels^2."""
 
 # Columns of a collected pixel.
-_X, _Y, _X_ROW, _Y_ROW, _X_COL, _Y_COL, _SHARE, _SAMPLES, _FLOOR = range(9)
-_COLUMNS = 9
+_X, _Y, _X_ROW, _Y_ROW, _X_COL, _Y_COL, _SHARE, _SAMPLES, _FLOOR, _HIDES, _HIDES_ROW, _HIDES_COL, _HIDES_AT = range(13)
+_COLUMNS = 13
 
 # Columns of a fit.
 KIND, ANGLE, OFFSET, THIRD, BACK, AHEAD, CHI2, FREEDOM, VAR_ANGLE, COV_ANGLE, VAR_OFFSET, VAR_THIRD, AREA, WORTH = (
@@ -81,9 +81,9 @@ def share_of(
 def predict(
     kind: int, angle: float, offset: float, third: float, pixel: FloatArray, out: FloatArray, work: FloatArray
 ) -> None:  # fmt: skip
-    """Fill `out` (4,): the share of a collected pixel, and its change with angle, offset and the third number.
+    """Fill `out` (7,): the share of a collected pixel, its change with angle, offset and third number; the rest is scratch.
 
-    `work` is (3,).
+    Where a nearer surface hides a part of the pixel, the share is that of both. `work` is (3, 8, 2).
     """
     down, right = math.cos(angle), math.sin(angle)
     across = down * pixel[_X] + right * pixel[_Y] - offset
@@ -96,22 +96,35 @@ def predict(
     b = by_row * pixel[_X_COL] + by_col * pixel[_Y_COL]
     # In the pixel, s^2 is 1/12 on average beyond that of its centre.
     c = across - 0.5 * bend * (across * across + along * along + _UNIFORM)
-    out[0] = covered(a, b, c)
-    chord(a, b, c, work)
-    x = pixel[_X] + pixel[_X_ROW] * work[1] + pixel[_X_COL] * work[2]
-    y = pixel[_Y] + pixel[_Y_ROW] * work[1] + pixel[_Y_COL] * work[2]
+    place = out[4:7]
+    out[0] = _covered(a, b, c, pixel, work, place)
+    x = pixel[_X] + pixel[_X_ROW] * place[1] + pixel[_X_COL] * place[2]
+    y = pixel[_Y] + pixel[_Y_ROW] * place[1] + pixel[_Y_COL] * place[2]
     turned = -right * x + down * y
-    out[1] = work[0] * turned * (1.0 + bend * offset)
-    out[2] = -work[0] * (1.0 - bend * (down * x + right * y - offset))
-    out[3] = -0.5 * work[0] * ((down * x + right * y - offset) ** 2 + turned * turned) if kind == ARC else 0.0
+    out[1] = place[0] * turned * (1.0 + bend * offset)
+    out[2] = -place[0] * (1.0 - bend * (down * x + right * y - offset))
+    out[3] = -0.5 * place[0] * ((down * x + right * y - offset) ** 2 + turned * turned) if kind == ARC else 0.0
     if kind == BAR:
         c = c + offset - third
         out[0] -= covered(a, b, c)
-        chord(a, b, c, work)
-        x = pixel[_X] + pixel[_X_ROW] * work[1] + pixel[_X_COL] * work[2]
-        y = pixel[_Y] + pixel[_Y_ROW] * work[1] + pixel[_Y_COL] * work[2]
-        out[1] -= work[0] * (-right * x + down * y)
-        out[3] = work[0]
+        chord(a, b, c, place)
+        x = pixel[_X] + pixel[_X_ROW] * place[1] + pixel[_X_COL] * place[2]
+        y = pixel[_Y] + pixel[_Y_ROW] * place[1] + pixel[_Y_COL] * place[2]
+        out[1] -= place[0] * (-right * x + down * y)
+        out[3] = place[0]
+
+
+@borrowing
+def _covered(
+    a: float, b: float, c: float, pixel: FloatArray, work: FloatArray, place: FloatArray
+) -> float:  # fmt: skip
+    """Area of a half-plane and of a nearer surface; `place` is filled as by `chord`, where the edge is not hidden."""
+    if pixel[_HIDES] == 0.0:
+        chord(a, b, c, place)
+        return covered(a, b, c)
+    p, q, r = pixel[_HIDES_ROW], pixel[_HIDES_COL], pixel[_HIDES_AT]
+    chord_outside(a, b, c, p, q, r, place)
+    return covered(a, b, c) + covered(p, q, r) - covered_by_both(a, b, c, p, q, r, work)
 
 
 @borrowing
@@ -295,7 +308,8 @@ def _chi2(
 def _collect(
     label: int, row: int, col: int, reach: int, count: NDArray[np.int32], labels: NDArray[np.int32],
     inverses: FloatArray, up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: FloatArray,
-    directions: FloatArray, rays: FloatArray, frame: FloatArray, pixels: FloatArray,
+    directions: FloatArray, rays: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
+    fits: FloatArray, frame: FloatArray, pixels: FloatArray,
 ) -> int:  # fmt: skip
     """Fill `pixels` with those around (row, col) that tell the share of a surface; return how many.
 
@@ -326,8 +340,27 @@ def _collect(
             one[_X_ROW + 2 * k] = (_along(frame[0], ray[1 + k]) - one[_X] * change) / depth
             one[_Y_ROW + 2 * k] = (_along(frame[1], ray[1 + k]) - one[_Y] * change) / depth
         one[_SHARE], one[_SAMPLES], one[_FLOOR] = share, samples[r, c], floor[r, c]
+        one[_HIDES] = 0.0
+        if labels[r, c, 0] != label and share > 0.0:
+            _hide(label, r, c, labels, first_cut, next_cut, fits, one)
         found += 1
     return found
+
+
+@borrowing
+def _hide(
+    label: int, row: int, col: int, labels: NDArray[np.int32], first_cut: NDArray[np.int32],
+    next_cut: NDArray[np.int32], fits: FloatArray, pixel: FloatArray,
+) -> None:  # fmt: skip
+    """Set the edge of the surface before a label's in its pixel."""
+    cut, entry = first_cut[row, col], 1
+    while cut >= 0 and labels[row, col, entry] != label:
+        cut = next_cut[cut]
+        entry += 1
+    if cut >= 0:
+        pixel[_HIDES] = 1.0
+        pixel[_HIDES_ROW], pixel[_HIDES_COL] = math.cos(fits[cut, ANGLE]), math.sin(fits[cut, ANGLE])
+        pixel[_HIDES_AT] = -fits[cut, OFFSET]
 
 
 @borrowing
@@ -426,14 +459,21 @@ def _best_start(
 
 @jit
 def fit_edges(
+    which: NDArray[np.int64], fits: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
     rows: NDArray[np.int32], cols: NDArray[np.int32], cut_labels: NDArray[np.int32], count: NDArray[np.int32],
     labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray, samples: FloatArray, floor: FloatArray,
     planes: FloatArray, directions: FloatArray, rays: FloatArray,
-) -> FloatArray:  # fmt: skip
+) -> None:  # fmt: skip
     """Fit an edge in each of some pixels.
 
     Parameters
     ----------
+    which : (chosen,) int64
+        Cuts that are fitted. The nearer ones of their pixels must be fitted already.
+    fits : (cut, FIT_COLUMNS) float64
+        The fits, filled; `WORTH` is 0 where none agrees with the shares.
+    first_cut, next_cut
+        The first cut of each pixel (row, col), and the next one of each cut's pixel; -1: none.
     rows, cols, cut_labels : (cut,) int32
         The pixels, and the surface that ends there.
     count, labels, inverses, up_to, samples, floor
@@ -444,24 +484,18 @@ def fit_edges(
         Unit vectors d.
     rays : (row, col, 3, 3) float64
         Ray through the centre of each pixel, and its change to the next row and to the next column.
-
-    Returns
-    -------
-    (cut, FIT_COLUMNS) float64
-        The fits; `WORTH` is 0 where none agrees with the shares.
     """
-    result = np.zeros((len(rows), FIT_COLUMNS))
     size = 2 * REACH + 1
     pixels = np.empty((size * size, _COLUMNS))
     frame, normal, right = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    out, work = np.empty(4), np.empty(3)
+    out, work = np.empty(7), np.empty((3, 8, 2))
     start, line, other = np.empty(FIT_COLUMNS), np.empty(FIT_COLUMNS), np.empty(FIT_COLUMNS)
-    for cut in range(len(rows)):
+    for cut in which:
         found = _collect(
             cut_labels[cut], rows[cut], cols[cut], REACH, count, labels, inverses, up_to, samples, floor, planes,
-            directions, rays, frame, pixels,
+            directions, rays, first_cut, next_cut, fits, frame, pixels,
         )  # fmt: skip
-        fit = result[cut]
+        fit = fits[cut]
         if not _first_guess(pixels, found, start):
             fit[:] = start
             continue
@@ -488,4 +522,3 @@ def fit_edges(
         kind = int(fit[KIND])
         predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[0], out, work)
         fit[AREA] = out[0]
-    return result

@@ -73,6 +73,7 @@ def continue_edges(
         row=np.concatenate([cuts.row, row]), col=np.concatenate([cuts.col, col]),
         near=np.concatenate([cuts.near, near]), far=np.concatenate([cuts.far, far]), first=first,
         following=np.concatenate([cuts.following, np.full(len(row), -1, np.int32)]),
+        entry=np.concatenate([cuts.entry, np.zeros(len(row), np.int32)]),
         margin=np.concatenate([cuts.margin, np.zeros(len(row))]),
     )  # fmt: skip
     return Painted(count, label, inverse, both, np.concatenate([regions, more]))

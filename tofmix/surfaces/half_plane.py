@@ -44,6 +44,34 @@ def chord(a: float, b: float, c: float, out: FloatArray) -> None:
 
 
 @borrowing
+def chord_outside(
+    a: float, b: float, c: float, a_other: float, b_other: float, c_other: float, out: FloatArray
+) -> None:  # fmt: skip
+    """Fill `out` (3,) as `chord` does, with the part of the line alone on which the other line's value is negative."""
+    square = a * a + b * b
+    u, v = -a * c / square, -b * c / square  # the line's place nearest to the centre; it runs along (-b, a)
+    begin, end = -math.inf, math.inf
+    for axis in range(2):
+        place, pace = (u, -b) if axis == 0 else (v, a)
+        if pace == 0.0:
+            if abs(place) > 0.5:  # noqa: PLR2004  half a pixel
+                begin, end = 0.0, 0.0
+        else:
+            one, two = (-0.5 - place) / pace, (0.5 - place) / pace
+            begin, end = max(begin, min(one, two)), min(end, max(one, two))
+    value, slope = a_other * u + b_other * v + c_other, b_other * a - a_other * b
+    if slope > 0.0:
+        end = min(end, -value / slope)
+    elif slope < 0.0:
+        begin = max(begin, -value / slope)
+    elif value >= 0.0:
+        begin, end = 0.0, 0.0
+    out[0] = max(end - begin, 0.0)  # of the length times (a, b)'s, over (a, b)'s
+    middle = 0.5 * (begin + end) if out[0] > 0.0 else 0.0
+    out[1], out[2] = u - b * middle, v + a * middle
+
+
+@borrowing
 def clip(corners: FloatArray, count: int, a: float, b: float, c: float, out: FloatArray) -> int:
     """Keep the part of a convex polygon in which a u + b v + c >= 0 (Sutherland and Hodgman 1974).
 

@@ -1,6 +1,8 @@
 """From the layers of one window to its surfaces, their edges, and a finer range image."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -8,8 +10,8 @@ from tofmix.arrays import BoolArray, FloatArray
 from tofmix.layers import Layers
 from tofmix.projection import Projection, beam_directions_of, unit
 from tofmix.sensor import Sensor
-from tofmix.surfaces.cuts import make_cuts
-from tofmix.surfaces.edge_fit import fit_edges
+from tofmix.surfaces.cuts import Cuts, make_cuts
+from tofmix.surfaces.edge_fit import FIT_COLUMNS, fit_edges
 from tofmix.surfaces.edge_lines import trace
 from tofmix.surfaces.found import NO_SURFACE, Edges, Planes, WindowSurfaces
 from tofmix.surfaces.grazing import continue_edges
@@ -21,6 +23,9 @@ from tofmix.surfaces.shares import Shares, make_shares
 
 DEFAULT_FACTOR = 8
 """Parts of a pixel along each side."""
+
+_THREADS, _PARTS = 2, 16
+"""Fits do not depend on each other; parts of the work even out."""
 
 LEAST_PIXELS = 3
 """Layers of a surface at least: a plane has three numbers."""
@@ -55,7 +60,7 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
     rays = pixel_rays(optics, (rows, cols))
     seen = (shares.count, shares.label, shares.inverse, shares.up_to, shares.samples, shares.floor)
     where = (linked.planes, directions, rays)
-    fits = fit_edges(cuts.row, cuts.col, cuts.near, *seen, *where)
+    fits = _fit(cuts, *seen, *where)
     lines = ray_lines(fits, cuts.row, cuts.col, np.linalg.inv(np.moveaxis(rays[..., [1, 2, 0], :], -1, -2)))
     regions = choose_regions(fits, lines, cuts.row, cuts.col, cuts.near, cuts.first, cuts.following, *seen, *where)
     painted = continue_edges(shares, cuts, fits, lines, regions, *where, _silent(layers, shares))
@@ -76,6 +81,21 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
         surface=np.where(surface < kept, surface, NO_SURFACE).astype(np.int32),
         planes=_planes(nodes, linked, kept), edges=edges, range_fine=range_fine, surface_fine=surface_fine,
     )  # fmt: skip
+
+
+def _fit(cuts: Cuts, *arrays: Any) -> FloatArray:  # noqa: ANN401  those of `fit_edges`
+    """Fit all cuts, those of nearer surfaces first, in two threads."""
+    fits = np.zeros((len(cuts), FIT_COLUMNS))
+    with ThreadPoolExecutor(_THREADS) as pool:
+        for entry in range(int(cuts.entry.max(initial=-1)) + 1):
+            which = np.flatnonzero(cuts.entry == entry)
+            jobs = [
+                pool.submit(fit_edges, part, fits, cuts.first, cuts.following, cuts.row, cuts.col, cuts.near, *arrays)
+                for part in np.array_split(which, _PARTS)
+            ]
+            for job in jobs:
+                job.result()
+    return fits
 
 
 def _silent(layers: Layers, shares: Shares) -> BoolArray:
