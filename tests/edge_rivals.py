@@ -7,6 +7,7 @@ wall behind all else.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from edges import matched
@@ -43,19 +44,18 @@ class _Labelled:
 
 def _labelled(one: Scene, layers: Layers) -> _Labelled:
     label = matched(one, layers, any_distance=True)
+    weight = np.where(label >= 0, layers.weight, 0.0).astype(float)
+    shares = np.stack([np.where(label == k, weight, 0.0).sum(axis=-1) for k in range(len(one.plates))])
+    shares /= np.maximum(shares.sum(axis=0), 1e-9)
     for k in range(1, layers.max_layers):  # a surface that was found twice is one
         again = (label[..., :k] == label[..., k : k + 1]).any(axis=-1)
         label[..., k] = np.where(again, -1, label[..., k])
-    weight = np.where(matched(one, layers, any_distance=True) >= 0, layers.weight, 0.0).astype(float)
-    raw = matched(one, layers, any_distance=True)
-    shares = np.stack([np.where(raw == k, weight, 0.0).sum(axis=-1) for k in range(len(one.plates))])
-    shares /= np.maximum(shares.sum(axis=0), 1e-9)
     row, col = np.nonzero((label >= 0).sum(axis=-1) > 1)
     return _Labelled(row=row, col=col, label=label[row, col], shares=shares)
 
 
-def _painted(one: Scene, layers: Layers, cells: _Labelled, inside: BoolArray) -> FloatArray:
-    """Range image of parts: of pixels with several surfaces, the first layer that a part (pixel, layer, 64) is inside."""
+def _painted(layers: Layers, cells: _Labelled, inside: BoolArray) -> FloatArray:
+    """Range image of parts; with several surfaces, of the first layer that a part (pixel, layer, 64) is inside."""
     rows, cols = layers.shape
     largest = np.nan_to_num(layers.weight, nan=-1.0).argmax(axis=-1)
     whole = np.take_along_axis(layers.range, largest[..., np.newaxis], -1)[..., 0].astype(float)
@@ -74,7 +74,7 @@ def whole_pixels(one: Scene, layers: Layers) -> FloatArray:
     """Each pixel all of the surface with the largest share."""
     cells = _labelled(one, layers)
     none = _Labelled(row=cells.row[:0], col=cells.col[:0], label=cells.label[:0], shares=cells.shares)
-    return _painted(one, layers, none, np.zeros((0, layers.max_layers, PARTS**2), dtype=bool))
+    return _painted(layers, none, np.zeros((0, layers.max_layers, PARTS**2), dtype=bool))
 
 
 def bilinear(one: Scene, layers: Layers) -> FloatArray:
@@ -87,18 +87,18 @@ def bicubic(one: Scene, layers: Layers) -> FloatArray:
     return _interpolated(one, layers, 3)
 
 
-def _interpolated(one: Scene, layers: Layers, order: int) -> FloatArray:
+def _interpolated(one: Scene, layers: Layers, order: Literal[1, 3]) -> FloatArray:
     cells = _labelled(one, layers)
     down = (cells.row[:, np.newaxis, np.newaxis] + _OFFSETS[:, np.newaxis] + np.zeros(PARTS)).reshape(-1, PARTS**2)
     across = (cells.col[:, np.newaxis, np.newaxis] + np.zeros((PARTS, 1)) + _OFFSETS).reshape(-1, PARTS**2)
     values = np.zeros((*cells.label.shape, PARTS**2))
     for k, share in enumerate(cells.shares):
         pixel, layer = np.nonzero(cells.label == k)
-        smooth = spline_filter(share, order=order, mode="nearest") if order > 1 else share
+        smooth = np.asarray(spline_filter(share, order=order, mode="nearest") if order == 3 else share, np.float64)
         values[pixel, layer] = map_coordinates(
             smooth, np.stack([down[pixel], across[pixel]]), order=order, mode="nearest", prefilter=False
         )
-    return _painted(one, layers, cells, np.cumsum(values, axis=1) >= 0.5)
+    return _painted(layers, cells, np.cumsum(values, axis=1) >= 0.5)
 
 
 def youngs(one: Scene, layers: Layers) -> FloatArray:
@@ -106,9 +106,7 @@ def youngs(one: Scene, layers: Layers) -> FloatArray:
     cells = _labelled(one, layers)
     normal, reach = youngs_lines(cells.patches)
     y, x = (part.ravel() for part in np.meshgrid(_OFFSETS, _OFFSETS, indexing="ij"))
-    return _painted(
-        one, layers, cells, normal[..., :1] * y + normal[..., 1:] * x <= reach[..., np.newaxis]
-    )
+    return _painted(layers, cells, normal[..., :1] * y + normal[..., 1:] * x <= reach[..., np.newaxis])
 
 
 def youngs_points(one: Scene, layers: Layers) -> tuple[FloatArray, FloatArray]:

@@ -18,7 +18,6 @@ from tofmix.estimation.settings import EstimateOptions
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.surfaces.found import WindowSurfaces
 
 NOTHING = -1
 """Number of no surface in the truth."""
@@ -50,7 +49,9 @@ def camera(view: View = FULL) -> Sensor:
     )  # fmt: skip
 
 
-def recorded(surfaces: list[Surface], seed: int, *, view: View = FULL, frames: int, q: float) -> tuple[Scene, ArrayRecording]:
+def recorded(
+    surfaces: list[Surface], seed: int, *, view: View = FULL, frames: int, q: float
+) -> tuple[Scene, ArrayRecording]:
     """Record rectangles with the raw-tap simulator of tests/blind, and cast them on our own."""
     size = view.rows, view.cols, view.fov_horizontal_deg, view.fov_vertical_deg
     raw = made(surfaces, seed, view=size, frames=frames, q=q)
@@ -250,26 +251,45 @@ class Links:
 def judge_links(one: Scene, layers: Layers, surface: np.ndarray) -> Links:
     """Hold linked surfaces (row, col, layer) against the truth; layers without a true surface do not count."""
     true = matched(one, layers)
-    known = true >= 0
-    count = len(one.plates)
-    both = known & (surface >= 0)
-    found = int(surface.max(initial=-1)) + 1
-    table = np.bincount(surface[both] * count + true[both], minlength=found * count).reshape(found, count)
-    sizes = np.bincount(true[known], minlength=count)
+    table = _table(one, true, surface)
+    sizes = np.bincount(true[true >= 0], minlength=len(one.plates))
     asked = sizes >= LEAST_LAYERS
     largest = table.max(axis=0, initial=0)
     return Links(
-        linked=int(both.sum()), own=int(table.max(axis=1, initial=0).sum()), visible=int(sizes[asked].sum()),
+        linked=int(table.sum()), own=int(table.max(axis=1, initial=0).sum()), visible=int(sizes[asked].sum()),
         in_largest=int(largest[asked].sum()), surfaces=int((table.sum(axis=1) > 0).sum()),
         true_surfaces=int(asked.sum()),
     )  # fmt: skip
 
 
+def _table(one: Scene, true: IntArray, surface: np.ndarray) -> IntArray:
+    """Layers (linked surface, plate) of each linked and each true surface."""
+    both = (true >= 0) & (surface >= 0)
+    found, count = int(surface.max(initial=-1)) + 1, len(one.plates)
+    return np.bincount(surface[both] * count + true[both], minlength=found * count).reshape(found, count)
+
+
+def between(
+    one: Scene,
+    layers: Layers,
+    surface: np.ndarray,
+    near: np.ndarray,
+    far: np.ndarray,
+    *,
+    plates: tuple[int, int] = (0, 1),
+) -> BoolArray:
+    """Whether points of edges (point,) are between the linked surfaces that are mostly of two plates."""
+    table = _table(one, matched(one, layers), surface)
+    mostly = np.append(np.where(table.sum(axis=1) > 0, table.argmax(axis=1), NOTHING), NOTHING)
+    return np.asarray((mostly[near] == plates[0]) & (mostly[far] == plates[1]))
+
+
 @dataclass(slots=True, kw_only=True)
 class Places:
-    """Points of an edge against the true one."""
+    """Points of an edge against the true one; `elsewhere` are points of edges that are none."""
 
     points: int = 0
+    elsewhere: int = 0
     squares: float = 0.0
     z_squares: float = 0.0
     far_off: int = 0
@@ -296,10 +316,10 @@ class Places:
 
 
 def judge_places(
-    one: Scene, frames: int, row: np.ndarray, col: np.ndarray, stderr: np.ndarray | None = None, *, plate: int = 0
+    one: Scene, frames: int, row: np.ndarray, col: np.ndarray, stderr: np.ndarray | None = None, *, elsewhere: int = 0
 ) -> Places:
-    """Hold points of edges against the edge of a half-plane; those above 0.25 pixels off are counted apart, too."""
-    off = one.plates[plate].edge_distance(one.view, row.astype(float), col.astype(float))
+    """Hold points of edges against the edge of a half-plane, plate 0; those above 0.25 pixels off are counted, too."""
+    off = one.plates[0].edge_distance(one.view, row.astype(float), col.astype(float))
     pixels = mixed(one, frames)
     touched = np.zeros(pixels.shape, dtype=bool)
     down, across = np.rint(row).astype(int), np.rint(col).astype(int)
@@ -307,20 +327,6 @@ def judge_places(
     touched[down[inside], across[inside]] = True
     z = off / stderr if stderr is not None else np.full(off.shape, np.nan)
     return Places(
-        points=len(off), squares=float((off**2).sum()), z_squares=float((z**2).sum()),
+        points=len(off), elsewhere=elsewhere, squares=float((off**2).sum()), z_squares=float((z**2).sum()),
         far_off=int((np.abs(off) > 0.25).sum()), pixels=int(pixels.sum()), with_point=int((touched & pixels).sum()),
     )  # fmt: skip
-
-
-def truth_as_found(one: Scene, layers: Layers) -> WindowSurfaces:
-    """The truth in the form of an answer: what judges must find without a fault."""
-    from tofmix.surfaces.found import Planes, no_edges
-
-    none = np.zeros(0, dtype=np.float32)
-    planes = Planes(n_pixels=np.zeros(0, np.uint32), normal=none.reshape(0, 3), offset_mm=none, rms_mm=none)
-    return WindowSurfaces(
-        surface=matched(one, layers).astype(np.int32), planes=planes, edges=no_edges(),
-        range_fine=one.truth.part_range_mm.astype(np.float32), surface_fine=one.truth.part_surface.astype(np.int32),
-    )  # fmt: skip
-
-

@@ -1,8 +1,9 @@
 """Flat plates of any outline before a camera of equal angles, cast finely: what each part of each pixel sees.
 
-Rectangles (rolled in their plane, too), disks, half-planes, and bars that are narrow rectangles. `truth` casts them: the
-surface and range at the centre of each of 8 x 8 parts of a pixel, and each pixel's shares from 1597 beams in a lattice
-whose projections on the pixel's sides are evenly spread, so that shares of edges along the grid are right to 1/1597.
+Rectangles (rolled in their plane, too), disks, half-planes, and bars that are narrow rectangles. `truth` casts them:
+the surface and range at the centre of each of 8 x 8 parts of a pixel, and each pixel's shares from 1597 beams in a
+lattice whose projections on the pixel's sides are evenly spread, so that shares of edges along the grid are right to
+1/1597.
 """
 
 import math
@@ -12,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 from blind.geometry import Surface, View
+from numpy.typing import ArrayLike
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 
@@ -70,9 +72,7 @@ class Plate:
         normal = np.array([math.sin(yaw), -math.sin(pitch) * math.cos(yaw), math.cos(pitch) * math.cos(yaw)])
         u0 = np.array([math.cos(yaw), math.sin(pitch) * math.sin(yaw), -math.cos(pitch) * math.sin(yaw)])
         v0 = np.array([0.0, math.cos(pitch), math.sin(pitch)])
-        return np.stack(
-            [math.cos(roll) * u0 + math.sin(roll) * v0, math.cos(roll) * v0 - math.sin(roll) * u0, normal]
-        )
+        return np.stack([math.cos(roll) * u0 + math.sin(roll) * v0, math.cos(roll) * v0 - math.sin(roll) * u0, normal])
 
     def met(self, beams: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Range along beams (..., 3) to the plate's plane (inf: none), and u and v there, each (...)."""
@@ -95,12 +95,13 @@ class Plate:
             inside = (np.abs(u) <= self.half_mm[0]) & (np.abs(v) <= self.half_mm[1])
         return np.where(inside & np.isfinite(away), away, np.inf)
 
-    def edge_distance(self, view: View, row: FloatArray, col: FloatArray) -> FloatArray:
+    def edge_distance(self, view: View, row: ArrayLike, col: ArrayLike) -> FloatArray:
         """Distance (...) of places in the image from the edge of a half-plane, or of a disk's outline, in pixels.
 
         Positive outside. To the first order in the distance.
         """
         step = 1.0e-3
+        row, col = np.asarray(row, dtype=np.float64), np.asarray(col, dtype=np.float64)
 
         def level(down: FloatArray, across: FloatArray) -> FloatArray:
             _, u, v = self.met(rays(view, down, across))
@@ -111,7 +112,7 @@ class Plate:
         return np.asarray(level(row, col) / np.hypot(slope_row, slope_col))
 
 
-def rays(view: View, row: FloatArray, col: FloatArray) -> FloatArray:
+def rays(view: View, row: ArrayLike, col: ArrayLike) -> FloatArray:
     """Unit vectors (..., 3) along the beams at places of the image; the centre of pixel (0, 0) is at (0, 0)."""
     wide, high = view.cell_rad
     across = (np.asarray(col) - (view.cols - 1) / 2) * wide
@@ -125,7 +126,7 @@ def facing(
     tilt_deg: tuple[float, float] = (0.0, 0.0), roll_deg: float = 0.0, reflectivity: float = 0.6,
     outline: Outline = "rectangle",
 ) -> Plate:  # fmt: skip
-    """A plate at a place of the image that faces the camera but for `tilt_deg`; its sides (disk: diameters) in pixels."""
+    """A plate at a place of the image that faces the camera but for `tilt_deg`; sides (disk: diameters) in pixels."""
     toward = rays(view, np.array(row), np.array(col))
     pixel_mm = view.cell_rad[0] * range_mm
     return Plate(
@@ -283,22 +284,21 @@ def _fill_mixed(
             count = mine.sum(axis=1)
             share[k, row[some], col[some]] = count / BEAMS
             with np.errstate(invalid="ignore"):
-                mean[k, row[some], col[some]] = np.where(mine, nearest, 0.0).sum(axis=1) / np.where(count, count, np.nan)
+                mean[k, row[some], col[some]] = np.where(mine, nearest, 0.0).sum(axis=1) / np.where(
+                    count, count, np.nan
+                )
 
 
 def tilted_rectangles(rng: np.random.Generator, view: View) -> list[Plate]:
-    """Rectangles rolled by 5 to 40 degrees at a third of the image each, before a wall."""
-    out = []
-    for k in range(max(3, round(12 * view.rows / FULL.rows))):
-        out.append(_rolled(rng, view, k, (10.0, 45.0)))
+    """Rectangles of 10 to 45 pixels, rolled by 5 to 40 degrees, before a wall."""
+    out = [_rolled(rng, view, k, (10.0, 45.0)) for k in range(max(3, round(12 * view.rows / FULL.rows)))]
     return [*out, wall(4600.0, yaw_deg=float(rng.uniform(-6, 6)), reflectivity=0.6)]
 
 
 def crossing_boards(rng: np.random.Generator, view: View) -> list[Plate]:
     """Many small rolled boards that cross each other: pixels of three surfaces."""
-    out = []
-    for k in range(max(6, round(40 * (view.rows * view.cols) / (FULL.rows * FULL.cols)))):
-        out.append(_rolled(rng, view, k, (14.0, 40.0)))
+    count = max(6, round(40 * (view.rows * view.cols) / (FULL.rows * FULL.cols)))
+    out = [_rolled(rng, view, k, (14.0, 40.0)) for k in range(count)]
     return [*out, wall(4600.0, yaw_deg=float(rng.uniform(-6, 6)), reflectivity=0.6)]
 
 

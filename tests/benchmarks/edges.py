@@ -8,11 +8,11 @@ raw-tap recordings (tests/blind, which knows nothing of the package); rolled rec
 drawn from plates cast finely (tests/plates.py), as is all truth. Prints Markdown tables; docs/surfaces.md holds a copy.
 Asserts nothing.
 
-- wrong: parts (8 x 8) of a mixed pixel with the wrong surface, mean over all mixed pixels: a second surface with a share
-  of 0.05 and more, all of them 5 standard errors and 3 % of the range apart. Beside it simple methods on the same
+- wrong: parts (8 x 8) of a mixed pixel with the wrong surface, mean over all mixed pixels: a second surface with a
+  share of 0.05 and more, all of them 5 standard errors and 3 % of the range apart. Beside it simple methods on the same
   layers, which get the true links.
 - three: pixels with three surfaces. disks: 4 to 15 pixels radius. bars: 0.5 and 0.8 pixels wide.
-- half-planes: distance of the points of edges from the true edge, and their stated errors. 48 x 60 pixels, 8 angles.
+- half-planes: distance of the points of edges from the true edge, and their stated errors; 8 angles a seed.
 - links: purity and completeness of surfaces.
 - phasor: samples that are phasor sums, 50 frames.
 - speed: of one core, best of 3.
@@ -31,11 +31,13 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import plates
+from blind.geometry import View
 from edge_rivals import RIVALS, youngs_points
 from edges import (
     Links,
     Places,
     Wrong,
+    between,
     camera,
     counted,
     drawn,
@@ -52,7 +54,7 @@ from tofmix.layers import Layers
 from tofmix.surfaces.found import WindowSurfaces
 from tofmix.surfaces.reconstruct import reconstruct
 
-Maker = Callable[[np.random.Generator, plates.View], list[plates.Plate]]
+Maker = Callable[[np.random.Generator, View], list[plates.Plate]]
 
 TILTED: dict[str, Maker] = {"rolled rectangles": plates.tilted_rectangles}
 EDGES: tuple[str, ...] = ("boards", "random boards", "pickets", "rolled rectangles")
@@ -69,7 +71,7 @@ HALF_PLANES = 8
 """Angles for each seed."""
 
 
-def view(options: argparse.Namespace) -> plates.View:
+def view(options: argparse.Namespace) -> View:
     """The image."""
     return plates.SMALL if options.small else plates.FULL
 
@@ -137,26 +139,31 @@ def print_row(name: str, frames: int, wrong: dict[str, Wrong], most: str) -> Non
 
 
 def print_half_planes(options: argparse.Namespace, *, frame_counts: list[int] | None = None, q: float = 0.0) -> None:
-    """Distances from true edges."""
+    """Distances from true edges of the points between the two surfaces; edges of anything else are counted."""
     print("\n**Half-planes" + (", phasor sums" if q else "") + ": points of edges, distances in pixels**\n")
-    print("| frames | points | rms | at most | in stated errors, rms | 0.8 to 1.2 | above 0.25 off | mixed pixels with"
-          " a point | Youngs, rms |\n|---|---|---|---|---|---|---|---|---|")  # fmt: skip
+    print("| frames | points | rms | at most | in stated errors, rms | 0.8 to 1.2 | above 0.25 off | points of false"
+          " edges | mixed pixels with a point | Youngs, rms |\n|---|---|---|---|---|---|---|---|---|---|")  # fmt: skip
     for frames in frame_counts or options.frames:
         ours, theirs = Places(), Places()
         for seed in options.seeds:
             for turn in range(HALF_PLANES):
                 rng = np.random.default_rng([seed, turn, 78])
-                one = plates.scene(plates.half_plane(rng, plates.SMALL), plates.SMALL)
+                one = plates.scene(plates.half_plane(rng, view(options)), view(options))
                 if options.layers == "counts" and q == 0:
                     layers = counted(one, frames, seed * 100 + turn)
                 else:
                     layers = estimated(drawn(one, frames, seed * 100 + turn, q=q))
-                edges = reconstruct(layers, camera(one.view)).edges
-                ours += judge_places(one, frames, edges.row, edges.col, edges.stderr)
+                found = reconstruct(layers, camera(one.view))
+                edges = found.edges
+                own = between(one, layers, found.surface, edges.near, edges.far)
+                ours += judge_places(
+                    one, frames, edges.row[own], edges.col[own], edges.stderr[own], elsewhere=int((~own).sum())
+                )
                 theirs += judge_places(one, frames, *youngs_points(one, layers))
         print(
             f"| {frames} | {ours.points} | {ours.rms:.4f} | {'0.012' if frames == 100 else ''} | {ours.z_rms:.2f} |"
-            f" {'yes' if 0.8 <= ours.z_rms <= 1.2 else 'no'} | {ours.far_off} | {ours.covered:.3f} | {theirs.rms:.4f} |",
+            f" {'yes' if 0.8 <= ours.z_rms <= 1.2 else 'no'} | {ours.far_off} | {ours.elsewhere} |"
+            f" {ours.covered:.3f} | {theirs.rms:.4f} |",
             flush=True,
         )
 
@@ -180,7 +187,9 @@ def print_links(options: argparse.Namespace) -> None:
 
 def print_phasor(options: argparse.Namespace) -> None:
     """The same for phasor sums."""
-    print_wrong(options, "Phasor sums, 50 frames: wrong parts", (*EDGES, "disks", "bars of 0.8"), frame_counts=[50], q=1.0)
+    print_wrong(
+        options, "Phasor sums, 50 frames: wrong parts", (*EDGES, "disks", "bars of 0.8"), frame_counts=[50], q=1.0
+    )
     print_half_planes(options, frame_counts=[50], q=1.0)
 
 
@@ -203,7 +212,10 @@ def print_speed(options: argparse.Namespace) -> None:
         estimate_s = best(lambda: estimated(recording))  # noqa: B023  called at once
         surfaces_s = best(lambda: reconstruct(layers, sensor))  # noqa: B023  called at once
         several = int((layers.n_modes > 1).sum())
-        print(f"| {family} | {several} | {estimate_s:.2f} | {surfaces_s:.2f} | {surfaces_s / estimate_s:.2f} |", flush=True)
+        print(
+            f"| {family} | {several} | {estimate_s:.2f} | {surfaces_s:.2f} | {surfaces_s / estimate_s:.2f} |",
+            flush=True,
+        )
 
 
 def best(work: Callable[[], Layers | WindowSurfaces]) -> float:
