@@ -20,7 +20,7 @@ from tofmix.surfaces.half_plane import chord, covered
 LINE, ARC, BAR = 0, 1, 2
 """Kinds of edges: n . x = c; the same with a curvature; between two parallel lines."""
 
-REACH = 9
+REACH = 12
 """Pixels on each side that a run grows to at most."""
 
 _BESIDE = 1.5
@@ -30,13 +30,16 @@ _STEPS = 4
 """Steps of Gauss and Newton's method after a run has grown."""
 
 _AGREED = 3.0
-"""Standard deviations of chi-square up to which a run agrees."""
+"""Standard deviations up to which a run agrees: one in a thousand that belongs to it does not."""
 
 _CURVED = 9.0
 """Chi-square that a curvature must save: three standard errors."""
 
 _PRIOR = (4.0, 4.0, 4.0)
 """Weights of the first guess of angle (1/rad^2), offset (1/pixel^2) and the third number: they keep a fit regular."""
+
+_UNIFORM = 1.0 / 12.0
+"""Variance of a place that is anywhere in a pixel, pixels^2."""
 
 # Columns of a collected pixel.
 _X, _Y, _X_ROW, _Y_ROW, _X_COL, _Y_COL, _SHARE, _SAMPLES, _FLOOR = range(9)
@@ -83,19 +86,24 @@ def predict(
     `work` is (3,).
     """
     down, right = math.cos(angle), math.sin(angle)
+    across = down * pixel[_X] + right * pixel[_Y] - offset
     along = -right * pixel[_X] + down * pixel[_Y]
-    bend = third * along if kind == ARC else 0.0
-    a = down * pixel[_X_ROW] + right * pixel[_Y_ROW] - bend * (-right * pixel[_X_ROW] + down * pixel[_Y_ROW])
-    b = down * pixel[_X_COL] + right * pixel[_Y_COL] - bend * (-right * pixel[_X_COL] + down * pixel[_Y_COL])
-    c = down * pixel[_X] + right * pixel[_Y] - offset - 0.5 * bend * along
+    # A circle of curvature k through c n: y - k (y^2 + s^2) / 2 = 0, with y across and s along.
+    bend = third if kind == ARC else 0.0
+    by_row = (1.0 - bend * across) * down + bend * along * right
+    by_col = (1.0 - bend * across) * right - bend * along * down
+    a = by_row * pixel[_X_ROW] + by_col * pixel[_Y_ROW]
+    b = by_row * pixel[_X_COL] + by_col * pixel[_Y_COL]
+    # In the pixel, s^2 is 1/12 on average beyond that of its centre.
+    c = across - 0.5 * bend * (across * across + along * along + _UNIFORM)
     out[0] = covered(a, b, c)
     chord(a, b, c, work)
     x = pixel[_X] + pixel[_X_ROW] * work[1] + pixel[_X_COL] * work[2]
     y = pixel[_Y] + pixel[_Y_ROW] * work[1] + pixel[_Y_COL] * work[2]
     turned = -right * x + down * y
-    out[1] = work[0] * (turned + (bend * (down * x + right * y) if kind == ARC else 0.0))
-    out[2] = -work[0]
-    out[3] = -0.5 * turned * turned * work[0] if kind == ARC else 0.0
+    out[1] = work[0] * turned * (1.0 + bend * offset)
+    out[2] = -work[0] * (1.0 - bend * (down * x + right * y - offset))
+    out[3] = -0.5 * work[0] * ((down * x + right * y - offset) ** 2 + turned * turned) if kind == ARC else 0.0
     if kind == BAR:
         c = c + offset - third
         out[0] -= covered(a, b, c)
@@ -119,7 +127,9 @@ def _is_of_run(kind: int, fit: FloatArray, pixel: FloatArray, back: float, ahead
     along = -right * pixel[_X] + down * pixel[_Y]
     if along < -back - 0.5 or along > ahead + 0.5:
         return False
-    off = down * pixel[_X] + right * pixel[_Y] - (0.5 * fit[THIRD] * along * along if kind == ARC else 0.0)
+    off = down * pixel[_X] + right * pixel[_Y]
+    if kind == ARC:
+        off -= 0.5 * fit[THIRD] * (along * along + (off - fit[OFFSET]) ** 2)
     least = fit[OFFSET] - _BESIDE
     most = (fit[THIRD] if kind == BAR else fit[OFFSET]) + _BESIDE
     return bool(least <= off <= most)
@@ -172,7 +182,7 @@ def _disagreement(
     kind: int, pixels: FloatArray, count: int, fit: FloatArray, back: float, ahead: float, inner_back: float,
     inner_ahead: float, out: FloatArray, work: FloatArray,
 ) -> float:  # fmt: skip
-    """Chi-square of the pixels of a run that are not of the inner run, in standard deviations above its mean.
+    """Chi-square of the pixels of a run that are not of the inner run, in standard deviations of the normal law.
 
     Pixels that are pure, as they should be, count neither way.
     """
@@ -195,7 +205,9 @@ def _disagreement(
             told += 1
     if told == 0:
         return 0.0
-    return (total - told) / math.sqrt(2.0 * told)
+    # Wilson and Hilferty (1931): the cube root of chi-square is nearly normal.
+    spread = 2.0 / (9.0 * told)
+    return ((total / told) ** (1.0 / 3.0) - 1.0 + spread) / math.sqrt(spread)
 
 
 @borrowing
@@ -319,8 +331,6 @@ def _first_guess(pixels: FloatArray, count: int, start: FloatArray) -> bool:
             right += weight * (pixels[k, _SHARE] - share) * pixels[k, _Y]
     for i in range(FIT_COLUMNS):
         start[i] = 0.0
-    if down == 0.0 and right == 0.0:
-        return False
     start[ANGLE] = math.atan2(right, down)
     a, b = math.cos(start[ANGLE]), math.sin(start[ANGLE])
     low, high = -1.0, 1.0
@@ -331,7 +341,7 @@ def _first_guess(pixels: FloatArray, count: int, start: FloatArray) -> bool:
         else:
             high = middle
     start[OFFSET] = 0.5 * (low + high)
-    return True
+    return down != 0.0 or right != 0.0
 
 
 @borrowing
@@ -398,6 +408,7 @@ def fit_edges(
         )  # fmt: skip
         fit = result[cut]
         if not _first_guess(pixels, found, start):
+            fit[:] = start
             continue
         _grow(LINE, pixels, found, line, start, normal, right, out, work)
         for i in range(FIT_COLUMNS):

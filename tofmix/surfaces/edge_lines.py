@@ -23,7 +23,7 @@ _NOTHING = 1.0e-9
 """Length of a piece, pixels, below which it is none."""
 
 
-def trace(cuts: Cuts, regions: FloatArray) -> Edges:
+def trace(cuts: Cuts, regions: FloatArray, kept: int) -> Edges:
     """Trace the edges of a window.
 
     Parameters
@@ -32,8 +32,12 @@ def trace(cuts: Cuts, regions: FloatArray) -> Edges:
         Where surfaces end.
     regions : (cut, REGION_COLUMNS) float64
         What they cover.
+    kept : int
+        Surfaces whose edges are traced: those of a lower number.
     """
     pieces, owner = _pieces(cuts.row, cuts.col, cuts.first, cuts.following, cuts.margin, regions)
+    ours = cuts.near[owner] < kept
+    pieces, owner = pieces[ours], owner[ours]
     if not len(pieces):
         return no_edges()
     follower = _followers(pieces, cuts.near[owner])

@@ -15,7 +15,7 @@ from tofmix.surfaces.cuts import Cuts
 from tofmix.surfaces.edge_fit import AHEAD, BACK, BAR, KIND, WORTH
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.half_plane import covered
-from tofmix.surfaces.regions import FIRST, ONE, REGION_COLUMNS, SHAPE, local_edge, set_edge
+from tofmix.surfaces.regions import FIRST, ONE, REGION_COLUMNS, SHAPE, continue_edge, set_edge
 from tofmix.surfaces.shares import Shares
 
 _LEAST_AREA = 0.002
@@ -103,7 +103,9 @@ def _continue(
                         run = fits[cut, BACK] + fits[cut, AHEAD]
                         if fits[cut, WORTH] > 0.0 and run > longest:
                             for side in range(2 if fits[cut, KIND] == BAR else 1):
-                                local_edge(lines[cut, side], rays[row, col], here)
+                                continue_edge(
+                                    fits[cut], lines[cut, side], rays[row, col], row - r, col - c, here
+                                )
                                 area = covered(here[0], here[1], here[2])
                                 if area < _LEAST_AREA or area > 1.0 - _LEAST_AREA:
                                     continue

@@ -67,25 +67,20 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
             row, factor, painted.regions, painted.cuts.first, painted.cuts.following, painted.count, painted.label,
             painted.inverse, linked.planes, directions, _part_directions(optics, row, factor, (rows, cols)), range_fine[part], surface_fine[part],
         )  # fmt: skip
-    edges = trace(painted.cuts, painted.regions)
     kept = int((linked.sizes >= LEAST_PIXELS).sum())
+    edges = trace(painted.cuts, painted.regions, kept)
+    edges = replace(edges, far=np.where(edges.far < kept, edges.far, NO_SURFACE).astype(np.int32))
     surface_fine[surface_fine >= kept] = NO_SURFACE
     surface = np.where(nodes.index >= 0, np.append(linked.label, NO_SURFACE)[nodes.index], NO_SURFACE)
     return WindowSurfaces(
         surface=np.where(surface < kept, surface, NO_SURFACE).astype(np.int32),
-        planes=_planes(nodes, linked, kept), edges=_kept_edges(edges, kept), range_fine=range_fine, surface_fine=surface_fine,
+        planes=_planes(nodes, linked, kept), edges=edges, range_fine=range_fine, surface_fine=surface_fine,
     )  # fmt: skip
 
 
 def _silent(layers: Layers, shares: Shares) -> BoolArray:
     """Pixels (row, col) that have layers and do not tell shares, as their mixing is undecided."""
     return np.asarray((shares.count == 0) & (layers.n_modes > 0))
-
-
-def _kept_edges(edges: Edges, kept: int) -> Edges:
-    """Edges with the surfaces that are too small left out of their sides."""
-    near, far = (np.where(side < kept, side, NO_SURFACE).astype(np.int32) for side in (edges.near, edges.far))
-    return replace(edges, near=near, far=far)
 
 
 def pixel_rays(optics: Projection, shape: tuple[int, int]) -> FloatArray:

@@ -36,7 +36,7 @@ ONE, BOTH, EITHER = 0, 1, 2
 SHAPE, FIRST, SECOND = 0, 1, 6
 DOWN, RIGHT, AT, BEND, VARIANCE = range(5)
 REGION_COLUMNS = 11
-"""An edge is the place where DOWN u + RIGHT v - AT - BEND s^2 / 2 = 0 with (DOWN, RIGHT) of length 1 and s along it;
+"""An edge is the place where y - BEND (y^2 + s^2) / 2 = 0, with y = DOWN u + RIGHT v - AT across it, (DOWN, RIGHT) of length 1, and s along it;
 VARIANCE is that of AT."""
 
 _AROUND = 3
@@ -51,8 +51,8 @@ _MOST = 8
 _SAME_ANGLE, _SAME_PLACE = 0.15, 0.25
 """Two edges within this, rad and pixels, are one."""
 
-_TWO = 4.0
-"""Chi-square that a second edge must save."""
+_TWO = 9.0
+"""Chi-square that a corner must save: three standard errors, as for a curvature."""
 
 
 @jit
@@ -88,13 +88,24 @@ def ray_lines(
 
 
 @borrowing
-def local_edge(g: FloatArray, ray: FloatArray, out: FloatArray) -> None:
-    """Fill `out` (3,): slopes down and right and the value at the centre, of an edge in a pixel; slopes of length 1."""
+def continue_edge(
+    fit: FloatArray, g: FloatArray, ray: FloatArray, down: int, right: int, out: FloatArray
+) -> None:  # fmt: skip
+    """Fill `out` (3,): slopes down and right and the value at the centre, of a fit's edge in a pixel (down, right) away.
+
+    The slopes are of length 1. An arc turns on its way; in each pixel it is straight.
+    """
     for i in range(3):
         out[i] = g[0] * ray[(i + 1) % 3, 0] + g[1] * ray[(i + 1) % 3, 1] + g[2] * ray[(i + 1) % 3, 2]
     length = math.sqrt(out[0] * out[0] + out[1] * out[1])
     for i in range(3):
         out[i] /= length
+    if fit[KIND] == ARC:
+        ahead_down, ahead_right = -out[1], out[0]
+        turn = fit[THIRD] * (ahead_down * down + ahead_right * right)
+        out[2] -= 0.5 * turn * (ahead_down * down + ahead_right * right)
+        length = math.sqrt(1.0 + turn * turn)
+        out[0], out[1] = (out[0] - turn * ahead_down) / length, (out[1] - turn * ahead_right) / length
 
 
 @borrowing
@@ -110,7 +121,8 @@ def _area(shape: int, one: FloatArray, other: FloatArray, work: FloatArray) -> f
 @borrowing
 def set_edge(region: FloatArray, at: int, local: FloatArray, fit: FloatArray, down: int, right: int) -> None:
     """Set an edge of a region to that of a fit some pixels away: its error is that of its place and of its direction."""
-    region[at + DOWN], region[at + RIGHT], region[at + AT], region[at + BEND] = local[0], local[1], -local[2], 0.0
+    region[at + DOWN], region[at + RIGHT], region[at + AT] = local[0], local[1], -local[2]
+    region[at + BEND] = fit[THIRD] if fit[KIND] == ARC else 0.0
     region[at + VARIANCE] = fit[VAR_OFFSET] + (down * down + right * right) * fit[VAR_ANGLE]
 
 
@@ -155,7 +167,7 @@ def choose_regions(
     height, width = count.shape
     chosen, second = np.empty(_MOST, np.int64), np.empty(_MOST, np.int64)
     local = np.empty((_MOST, 9, 3))  # each line in each of the nine pixels
-    share, weightless, here = np.empty(9), np.empty(9), np.empty(3)
+    share, here, there = np.empty(9), np.empty(3), np.empty(3)
     work = np.empty((3, 8, 2))
     for cut in range(len(fits)):
         _own_region(fits[cut], out[cut])
@@ -171,7 +183,9 @@ def choose_regions(
                         fitting = fits[other, WORTH] > 0.0 and int(fits[other, BACK] + fits[other, AHEAD]) == longest
                         if cut_labels[other] == cut_labels[cut] and fitting:
                             for side in range(2 if fits[other, KIND] == BAR else 1):
-                                local_edge(lines[other, side], rays[row, col], here)
+                                continue_edge(
+                                    fits[other], lines[other, side], rays[row, col], row - r, col - c, here
+                                )
                                 new = used < _MOST and abs(here[2]) < _AROUND
                                 for k in range(used):
                                     turn = here[0] * local[k, 4, 1] - here[1] * local[k, 4, 0]
@@ -190,7 +204,10 @@ def choose_regions(
             if 0 <= r < height and 0 <= c < width:
                 share[place] = share_of(cut_labels[cut], r, c, count, labels, inverses, up_to, planes, directions)
                 for k in range(used):
-                    local_edge(lines[chosen[k], second[k]], rays[r, c], local[k, place])
+                    other = chosen[k]
+                    continue_edge(
+                        fits[other], lines[other, second[k]], rays[r, c], r - rows[other], c - cols[other], local[k, place]
+                    )
         own = np.inf
         best, best_shape, best_one, best_other = np.inf, -1, -1, -1
         for one in range(-1, used):
@@ -204,7 +221,7 @@ def choose_regions(
                             continue
                         r, c = row + place // 3 - 1, col + place % 3 - 1
                         if one < 0:
-                            area = _own_area(fits[cut], lines[cut], rays[r, c], here, weightless, work)
+                            area = _own_area(fits[cut], lines[cut], rays[r, c], r - row, c - col, here, there, work)
                         else:
                             area = _area(shape, local[one, place], local[other, place], work)
                         worth = samples[r, c]
@@ -229,13 +246,14 @@ def choose_regions(
 
 @borrowing
 def _own_area(
-    fit: FloatArray, lines: FloatArray, ray: FloatArray, here: FloatArray, there: FloatArray, work: FloatArray
+    fit: FloatArray, lines: FloatArray, ray: FloatArray, down: int, right: int, here: FloatArray, there: FloatArray,
+    work: FloatArray,
 ) -> float:  # fmt: skip
-    """Area that a pixel's own fit covers in a pixel around it; an arc is taken for its tangent."""
-    local_edge(lines[0], ray, here)
+    """Area that a pixel's own fit covers in a pixel around it, (down, right) away."""
+    continue_edge(fit, lines[0], ray, down, right, here)
     if fit[KIND] != BAR:
         return covered(here[0], here[1], here[2])
-    local_edge(lines[1], ray, there)
+    continue_edge(fit, lines[1], ray, down, right, there)
     return covered_by_both(here[0], here[1], here[2], there[0], there[1], there[2], work)
 
 
@@ -254,4 +272,5 @@ def edge_side(region: FloatArray, at: int, u: float, v: float) -> float:
     """How far a place is on the covered side of one edge of a region, pixels."""
     down, right = region[at + DOWN], region[at + RIGHT]
     along = -right * u + down * v
-    return float(down * u + right * v - region[at + AT] - 0.5 * region[at + BEND] * along * along)
+    across = down * u + right * v - region[at + AT]
+    return float(across - 0.5 * region[at + BEND] * (across * across + along * along))
