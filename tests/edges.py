@@ -15,6 +15,7 @@ from plates import FULL, PARTS, Plate, Scene, scene
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.estimation.sequence import estimate_layers
 from tofmix.estimation.settings import EstimateOptions
+from tofmix.flags import mixing_name
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
@@ -205,6 +206,20 @@ def judge_parts(one: Scene, range_fine: np.ndarray, frames: int, *, surfaces: in
     shares = wrong_parts(one, range_fine, frames, surfaces=surfaces)
     there = ~np.isnan(shares)
     return Wrong(pixels=int(there.sum()), share_sum=float(shares[there].sum()))
+
+
+def worst_pixels(one: Scene, layers: Layers, shares: FloatArray, count: int) -> list[str]:
+    """Say of the pixels with the most wrong parts (row, col) where they are, and what is true and what was estimated."""
+    ranked = np.argsort(np.nan_to_num(shares, nan=-1.0), axis=None, kind="stable")[::-1][:count]
+    out = []
+    for row, col in zip(*np.unravel_index(ranked, shares.shape), strict=True):
+        seen = np.flatnonzero(one.truth.share[:, row, col] > 0)
+        true = ", ".join(f"{one.truth.share[k, row, col]:.3f} at {one.truth.range_mm[k, row, col]:.0f}" for k in seen)
+        found = range(int(layers.n_modes[row, col]))
+        ours = ", ".join(f"{layers.weight[row, col, k]:.3f} at {layers.range[row, col, k]:.0f}" for k in found)
+        law = "" if layers.mixing is None else f"; {mixing_name(int(layers.mixing[row, col]))}"
+        out.append(f"pixel {row}, {col}: {shares[row, col]:.2f} wrong; true {true}; layers {ours}{law}")
+    return out
 
 
 def matched(one: Scene, layers: Layers, *, any_distance: bool = False) -> IntArray:

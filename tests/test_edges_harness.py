@@ -16,6 +16,7 @@ from edges import (
     judge_places,
     matched,
     mixed,
+    worst_pixels,
     wrong_parts,
 )
 from lock_in import two_boards
@@ -95,6 +96,16 @@ def test_truth_is_judged_without_a_fault_and_a_wall_alone_by_the_nearer_shares(h
     np.testing.assert_allclose(wrong_parts(half, far, 100)[there], expected, atol=0.08)
     assert judge_parts(half, far, 100).mean == pytest.approx(expected.mean(), abs=0.01)
     assert judge_parts(half, np.full_like(far, np.nan), 100).mean == 1.0
+
+
+def test_worst_pixels_are_named_with_truth_and_layers(half: Scene) -> None:
+    layers = counted(half, 100, 1)
+    image = half.truth.part_range_mm.copy()
+    row, col = (int(k[3]) for k in np.nonzero(mixed(half, 100)))
+    image[row * PARTS : (row + 1) * PARTS, col * PARTS : (col + 1) * PARTS] = np.nan
+    (line,) = worst_pixels(half, layers, wrong_parts(half, image, 100), 1)
+    assert line.startswith(f"pixel {row}, {col}: 1.00 wrong; true {half.truth.share[0, row, col]:.3f} at ")
+    assert f"layers {layers.weight[row, col, 0]:.3f} at " in line
 
 
 def test_rivals_are_better_the_more_they_use(half: Scene) -> None:

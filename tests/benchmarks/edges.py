@@ -1,7 +1,7 @@
 """Edges below a pixel: how many parts of mixed pixels get the wrong surface, and how far edges are from true ones.
 
     python tests/benchmarks/edges.py [wrong|three|disks|bars|half-planes|links|phasor|speed ...]
-        [--seeds 1 2] [--frames 40 100 400] [--layers estimate|counts] [--small]
+        [--seeds 1 2] [--frames 40 100 400] [--layers estimate|counts] [--worst 5] [--small]
 
 Scenes of 144 x 176 pixels, and the estimator's own layers with all defaults. Boards, random boards and pickets are
 raw-tap recordings (tests/blind, which knows nothing of the package); rolled rectangles, disks, bars and half-planes are
@@ -47,6 +47,8 @@ from edges import (
     judge_parts,
     judge_places,
     recorded,
+    worst_pixels,
+    wrong_parts,
 )
 from lock_in import FAMILIES
 
@@ -121,6 +123,10 @@ def print_wrong(
             for frames, one, layers in found_layers(options, family, seed, counts, q):
                 ways: dict[str, np.ndarray] = {name: way(one, layers) for name, way in RIVALS.items()}
                 ways["tofmix"] = reconstruct(layers, camera(one.view)).range_fine
+                if options.worst:
+                    worst = wrong_parts(one, ways["tofmix"], frames, surfaces=surfaces)
+                    for line in worst_pixels(one, layers, worst, options.worst):
+                        print(f"{family}, seed {seed}, {frames} frames, {line}", file=sys.stderr)
                 for name, image in ways.items():
                     wrong = judge_parts(one, image, frames, surfaces=surfaces)
                     sums[frames][name] += wrong
@@ -247,6 +253,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--frames", type=int, nargs="+", default=[40, 100, 400])
     parser.add_argument("--layers", choices=("estimate", "counts"), default="estimate")
+    parser.add_argument("--worst", type=int, default=0, help="say of so many pixels what is wrong, on stderr")
     parser.add_argument("--small", action="store_true", help="48 x 60 pixels")
     options = parser.parse_args()
     for name in options.tables or TABLES:
