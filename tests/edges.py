@@ -152,18 +152,24 @@ def counted(one: Scene, frames: int, seed: int, *, max_layers: int = 6) -> Layer
 
 @dataclass(slots=True, kw_only=True)
 class Wrong:
-    """Parts of mixed pixels, and how many of them got another surface than they see."""
+    """Parts of mixed pixels: how many got another surface than they see, and how many of these none at all."""
 
     pixels: int = 0
     share_sum: float = 0.0
+    none_sum: float = 0.0
 
     def __add__(self, other: "Wrong") -> "Wrong":
-        return Wrong(pixels=self.pixels + other.pixels, share_sum=self.share_sum + other.share_sum)
+        return Wrong(**{name: getattr(self, name) + getattr(other, name) for name in self.__slots__})
 
     @property
     def mean(self) -> float:
         """Share of the parts, mean over pixels; NaN without one."""
         return self.share_sum / self.pixels if self.pixels else float("nan")
+
+    @property
+    def none(self) -> float:
+        """Share of the parts that are wrong as they have no range; NaN without a pixel."""
+        return self.none_sum / self.pixels if self.pixels else float("nan")
 
 
 def mixed(one: Scene, frames: int, *, surfaces: int = 2) -> BoolArray:
@@ -205,11 +211,14 @@ def judge_parts(one: Scene, range_fine: np.ndarray, frames: int, *, surfaces: in
     """Mean of `wrong_parts` over all mixed pixels."""
     shares = wrong_parts(one, range_fine, frames, surfaces=surfaces)
     there = ~np.isnan(shares)
-    return Wrong(pixels=int(there.sum()), share_sum=float(shares[there].sum()))
+    none = np.isnan(by_parts(range_fine, there)) & (by_parts(one.truth.part_surface, there) != NOTHING)
+    return Wrong(
+        pixels=int(there.sum()), share_sum=float(shares[there].sum()), none_sum=float(none.sum()) / PARTS**2
+    )  # fmt: skip
 
 
 def worst_pixels(one: Scene, layers: Layers, shares: FloatArray, count: int) -> list[str]:
-    """Say of the pixels with the most wrong parts (row, col) where they are, and what is true and what was estimated."""
+    """Name the pixels (row, col) with the most wrong parts, and say what is true and what was estimated."""
     ranked = np.argsort(np.nan_to_num(shares, nan=-1.0), axis=None, kind="stable")[::-1][:count]
     out = []
     for row, col in zip(*np.unravel_index(ranked, shares.shape), strict=True):

@@ -95,7 +95,9 @@ def test_truth_is_judged_without_a_fault_and_a_wall_alone_by_the_nearer_shares(h
     expected = half.truth.share[0][there]
     np.testing.assert_allclose(wrong_parts(half, far, 100)[there], expected, atol=0.08)
     assert judge_parts(half, far, 100).mean == pytest.approx(expected.mean(), abs=0.01)
-    assert judge_parts(half, np.full_like(far, np.nan), 100).mean == 1.0
+    nothing = judge_parts(half, np.full_like(far, np.nan), 100)
+    assert (nothing.mean, nothing.none) == (1.0, 1.0)
+    assert judge_parts(half, far, 100).none == 0.0
 
 
 def test_worst_pixels_are_named_with_truth_and_layers(half: Scene) -> None:

@@ -5,12 +5,11 @@
 
 Scenes of 144 x 176 pixels, and the estimator's own layers with all defaults. Boards, random boards and pickets are
 raw-tap recordings (tests/blind, which knows nothing of the package); rolled rectangles, disks, bars and half-planes are
-drawn from plates cast finely (tests/plates.py), as is all truth. Prints Markdown tables; docs/surfaces.md holds a copy.
-Asserts nothing.
+drawn from plates cast finely (tests/plates.py), as is all truth. Prints Markdown tables. Asserts nothing.
 
 - wrong: parts (8 x 8) of a mixed pixel with the wrong surface, mean over all mixed pixels: a second surface with a
   share of 0.05 and more, all of them 5 standard errors and 3 % of the range apart. Beside it simple methods on the same
-  layers, which get the true links.
+  layers, which get the true links. `no range`: wrong parts of tofmix that have none.
 - three: pixels with three surfaces. disks: 4 to 15 pixels radius. bars: 0.5 and 0.8 pixels wide.
 - half-planes: distance of the points of edges from the true edge, and their stated errors; 8 angles a seed.
 - links: purity and completeness of surfaces.
@@ -113,8 +112,8 @@ def print_wrong(
     """A row for each family and number of frames."""
     print(f"\n**{title}**\n")
     names = [*RIVALS, "tofmix"]
-    print(f"| {'scene':17} | frames | pixels | {' | '.join(f'{name:>8}' for name in names)} | at most |")
-    print(f"|{'---|' * (len(names) + 4)}")
+    print(f"| {'scene':17} | frames | pixels | {' | '.join(f'{name:>8}' for name in names)} | no range | at most |")
+    print(f"|{'---|' * (len(names) + 5)}")
     counts = frame_counts or options.frames
     all_of: dict[int, dict[str, Wrong]] = {frames: {name: Wrong() for name in names} for frames in counts}
     for family in families:
@@ -141,7 +140,10 @@ def print_wrong(
 def print_row(name: str, frames: int, wrong: dict[str, Wrong], most: str) -> None:
     """One row of a table."""
     cells = " | ".join(f"{w.mean:{max(8, len(way))}.4f}" for way, w in wrong.items())
-    print(f"| {name:17} | {frames:6} | {wrong['tofmix'].pixels:6} | {cells} | {most:>7} |", flush=True)
+    print(
+        f"| {name:17} | {frames:6} | {wrong['tofmix'].pixels:6} | {cells} | {wrong['tofmix'].none:8.4f} | {most:>7} |",
+        flush=True,
+    )
 
 
 def print_half_planes(options: argparse.Namespace, *, frame_counts: list[int] | None = None, q: float = 0.0) -> None:
@@ -202,7 +204,7 @@ def print_phasor(options: argparse.Namespace) -> None:
 def print_speed(options: argparse.Namespace) -> None:
     """Time for a full image beside that of its estimate."""
     frames = 100
-    print(f"\n**Speed**, one core, best of 3, {frames} frames\n")
+    print(f"\n**Speed**, one core, best of 3, {frames} frames (at most 1 s on two cores)\n")
     print("| scene | mixed pixels | estimate, s | surfaces and edges, s | ratio |\n|---|---|---|---|---|")
     for family in (*EDGES, "lattice", "disks"):
         seed = options.seeds[0]
