@@ -88,14 +88,19 @@ def predict(
     down, right = math.cos(angle), math.sin(angle)
     across = down * pixel[_X] + right * pixel[_Y] - offset
     along = -right * pixel[_X] + down * pixel[_Y]
-    # A circle of curvature k through c n: y - k (y^2 + s^2) / 2 = 0, with y across and s along.
+    # A circle of curvature k through c n; y across and s along. Its centre is at y = 1 / k.
     bend = third if kind == ARC else 0.0
-    by_row = (1.0 - bend * across) * down + bend * along * right
-    by_col = (1.0 - bend * across) * right - bend * along * down
+    by_row, by_col, off = down, right, across
+    if bend != 0.0:
+        to_centre = 1.0 - bend * across
+        radius = math.sqrt(to_centre * to_centre + bend * bend * along * along)  # in units of 1 / k
+        by_row = (to_centre * down + bend * along * right) / radius
+        by_col = (to_centre * right - bend * along * down) / radius
+        # Signed distance from the circle; in a pixel, s^2 is 1/12 on average beyond that of its centre.
+        off = (2.0 * across - bend * (across * across + along * along)) / (1.0 + radius) - 0.5 * bend * _UNIFORM
     a = by_row * pixel[_X_ROW] + by_col * pixel[_Y_ROW]
     b = by_row * pixel[_X_COL] + by_col * pixel[_Y_COL]
-    # In the pixel, s^2 is 1/12 on average beyond that of its centre.
-    c = across - 0.5 * bend * (across * across + along * along + _UNIFORM)
+    c = off
     place = out[4:7]
     out[0] = _covered(a, b, c, pixel, work, place)
     x = pixel[_X] + pixel[_X_ROW] * place[1] + pixel[_X_COL] * place[2]
@@ -105,7 +110,7 @@ def predict(
     out[2] = -place[0] * (1.0 - bend * (down * x + right * y - offset))
     out[3] = -0.5 * place[0] * ((down * x + right * y - offset) ** 2 + turned * turned) if kind == ARC else 0.0
     if kind == BAR:
-        c = c + offset - third
+        c = off + offset - third
         out[0] -= covered(a, b, c)
         chord(a, b, c, place)
         x = pixel[_X] + pixel[_X_ROW] * place[1] + pixel[_X_COL] * place[2]
@@ -128,9 +133,10 @@ def _covered(
 
 
 @borrowing
-def _variance(share: float, pixel: FloatArray) -> float:
-    """Variance of a measured share where the true one is `share`."""
-    return float((share * (1.0 - share) + 0.25 / pixel[_SAMPLES]) / pixel[_SAMPLES] + pixel[_FLOOR])
+def _variance(share: float, pixel: FloatArray, bend: float) -> float:
+    """Variance of a measured share where the true one is `share`; an arc is straight in a pixel, but for its mean."""
+    own = (share * (1.0 - share) + 0.25 / pixel[_SAMPLES]) / pixel[_SAMPLES] + pixel[_FLOOR]
+    return float(own + (0.5 * _UNIFORM * bend) ** 2)
 
 
 @borrowing
@@ -142,7 +148,9 @@ def _is_of_run(kind: int, fit: FloatArray, pixel: FloatArray, back: float, ahead
         return False
     off = down * pixel[_X] + right * pixel[_Y]
     if kind == ARC:
-        off -= 0.5 * fit[THIRD] * (along * along + (off - fit[OFFSET]) ** 2)
+        across, bend = off - fit[OFFSET], fit[THIRD]
+        radius = math.sqrt((1.0 - bend * across) ** 2 + bend * bend * along * along)
+        off = fit[OFFSET] + (2.0 * across - bend * (across * across + along * along)) / (1.0 + radius)
     least = fit[OFFSET] - _BESIDE
     most = (fit[THIRD] if kind == BAR else fit[OFFSET]) + _BESIDE
     return bool(least <= off <= most)
@@ -166,7 +174,7 @@ def _equations(
         if not _is_of_run(kind, fit, pixels[k], back, ahead):
             continue
         predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
-        weight = 1.0 / _variance(out[0], pixels[k])
+        weight = 1.0 / _variance(out[0], pixels[k], fit[THIRD] if kind == ARC else 0.0)
         miss = pixels[k, _SHARE] - out[0]
         total += weight * miss * miss
         for i in range(numbers):
@@ -238,7 +246,7 @@ def _disagreement(
         if -inner_back - 0.5 <= along <= inner_ahead + 0.5:
             continue
         predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
-        variance = _variance(out[0], pixels[k])
+        variance = _variance(out[0], pixels[k], fit[THIRD] if kind == ARC else 0.0)
         variance += out[1] * out[1] * fit[VAR_ANGLE] + 2.0 * out[1] * out[2] * fit[COV_ANGLE]
         variance += out[2] * out[2] * fit[VAR_OFFSET] + out[3] * out[3] * fit[VAR_THIRD]
         miss = pixels[k, _SHARE] - out[0]
@@ -300,7 +308,7 @@ def _chi2(
         if _is_of_run(kind, fit, pixels[k], back, ahead):
             predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
             miss = pixels[k, _SHARE] - out[0]
-            total += miss * miss / _variance(out[0], pixels[k])
+            total += miss * miss / _variance(out[0], pixels[k], fit[THIRD] if kind == ARC else 0.0)
     return total
 
 
@@ -434,21 +442,26 @@ def _first_bar(pixels: FloatArray, count: int, start: FloatArray) -> None:
 
 @borrowing
 def _best_start(
-    pixels: FloatArray, count: int, start: FloatArray, trial: FloatArray, best: FloatArray, normal: FloatArray,
-    right: FloatArray, out: FloatArray, work: FloatArray,
+    kind: int, pixels: FloatArray, count: int, start: FloatArray, trial: FloatArray, best: FloatArray,
+    normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray,
 ) -> None:  # fmt: skip
-    """Move the first guess of a bar to the best of three fits of the nearest pixels: from it, and from both sides of it.
+    """Move a first guess to the best of a few fits of the nearest pixels.
 
-    A bar that lies within a row of pixels can be moved without a change of any share: no slope leads out of there.
+    Arcs begin with several curvatures. Bars begin from the guess and from both sides of it: one that lies within a row of
+    pixels can be moved without a change of any share, and no slope leads out of there.
     """
+    reach = 2.0 if kind == ARC else 1.0
     least = np.inf
-    for shift in range(-1, 2):
+    for shift in range(-2, 3):
         for i in range(FIT_COLUMNS):
             trial[i] = start[i]
-        trial[OFFSET] += 0.25 * shift
-        trial[THIRD] += 0.25 * shift
-        _adjust(BAR, pixels, count, trial, start, 1.0, 1.0, 3 * _STEPS, normal, right, out, work)
-        total = _chi2(BAR, pixels, count, trial, 1.0, 1.0, out, work)
+        if kind == ARC:
+            trial[THIRD] += 0.12 * shift
+        else:
+            trial[OFFSET] += 0.15 * shift
+            trial[THIRD] += 0.15 * shift
+        _adjust(kind, pixels, count, trial, start, reach, reach, 2 * _STEPS, normal, right, out, work)
+        total = _chi2(kind, pixels, count, trial, reach, reach, out, work)
         if total < least:
             least = total
             for i in range(FIT_COLUMNS):
@@ -489,7 +502,7 @@ def fit_edges(
     pixels = np.empty((size * size, _COLUMNS))
     frame, normal, right = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     out, work = np.empty(7), np.empty((3, 8, 2))
-    start, line, other = np.empty(FIT_COLUMNS), np.empty(FIT_COLUMNS), np.empty(FIT_COLUMNS)
+    start, line, other, best = np.empty((4, FIT_COLUMNS))
     for cut in which:
         found = _collect(
             cut_labels[cut], rows[cut], cols[cut], REACH, count, labels, inverses, up_to, samples, floor, planes,
@@ -504,6 +517,7 @@ def fit_edges(
             fit[i] = line[i]
         if line[BACK] + line[AHEAD] < 2 * REACH:
             start[ANGLE], start[OFFSET], start[THIRD] = line[ANGLE], line[OFFSET], 0.0
+            _best_start(ARC, pixels, found, start, other, best, normal, right, out, work)
             _grow(ARC, pixels, found, other, start, normal, right, out, work)
             if other[WORTH] > 0.0:
                 back, ahead = other[BACK], other[AHEAD]
@@ -514,7 +528,7 @@ def fit_edges(
                         fit[i] = other[i]
         if fit[WORTH] == 0.0:
             _first_bar(pixels, found, start)
-            _best_start(pixels, found, start, other, line, normal, right, out, work)
+            _best_start(BAR, pixels, found, start, other, best, normal, right, out, work)
             _grow(BAR, pixels, found, other, start, normal, right, out, work)
             if other[WORTH] > 0.0:
                 for i in range(FIT_COLUMNS):

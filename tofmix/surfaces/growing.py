@@ -16,6 +16,9 @@ PRIOR_SLOPE = 1.5
 MOST_SIGMA = 4.0
 """A node is on a plane that it misses by up to this many standard deviations."""
 
+NEW = 28.0
+"""What a surface costs, shared by its nodes, as a squared misfit: its three numbers, each known to one in a hundred."""
+
 _AFTER = 1.1
 """A plane is solved again when it has this many times the nodes: more often changes nothing that matters."""
 
@@ -258,12 +261,13 @@ def fit(
 def reassign(
     index: NDArray[np.int32], row: NDArray[np.int32], col: NDArray[np.int32], inverse: FloatArray,
     variance: FloatArray, shift: FloatArray, direction: FloatArray, down: FloatArray, across: FloatArray,
-    label: NDArray[np.int32], planes: FloatArray, covariances: FloatArray, apart: float,
+    label: NDArray[np.int32], planes: FloatArray, covariances: FloatArray, sizes: FloatArray, apart: float,
 ) -> int:  # fmt: skip
     """Give each node the surface of its neighbourhood that fits it best; return how many changed.
 
-    A surface's cost is the squared misfit, and `apart` for each of the eight neighbouring pixels without that surface.
-    Two layers of a pixel are never of one surface. `label` is changed in place.
+    A surface's cost is the squared misfit, `apart` for each of the eight neighbouring pixels without that surface, and a
+    part of what a surface costs at all: a few false layers beside a large surface are given back to it. `label` is changed
+    in place.
     """
     rows, cols, depth = index.shape
     changed = 0
@@ -277,32 +281,26 @@ def reassign(
                     other = index[r, c, k]
                     if other < 0 or label[other] < 0:
                         continue
-                    if r == row[node] and c == col[node] and other != node:
-                        continue
+                    beside = 0 if r == row[node] and c == col[node] else 1
                     known = False
                     for i in range(count):
                         if near[i] == label[other]:
-                            times[i] += 1 if other != node else 0
+                            times[i] += beside
                             known = True
                     if not known:
-                        near[count], times[count] = label[other], 1 if other != node else 0
+                        near[count], times[count] = label[other], beside
                         count += 1
                         alike = alike and label[other] == label[node]
         if alike:
             continue
         best, least = label[node], np.inf
         for i in range(count):
-            one, taken = near[i], False
-            for k in range(depth):
-                other = index[row[node], col[node], k]
-                taken = taken or (other >= 0 and other != node and label[other] == one)
-            if taken:
-                continue
+            one = near[i]
             spread = own_variance(variance[node], shift[node], down[node], across[node], planes[one])
             cost = misfit(inverse[node], spread, direction[node], planes[one], covariances[one])
             if one != label[node] and cost > MOST_SIGMA * MOST_SIGMA:
                 continue
-            cost += apart * (8 - times[i])
+            cost += apart * (8 - times[i]) + NEW / sizes[one]
             if cost < least:
                 best, least = one, cost
         if best != label[node]:

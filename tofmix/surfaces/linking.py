@@ -59,8 +59,8 @@ def link(nodes: Nodes) -> Linked:
     order = np.argsort(flatness(*places, *values), kind="stable")
     label = grow(*places, *values, order)
     for _ in range(_SWEEPS):
-        planes, covariances, _, _ = fit(label, int(label.max()) + 1, *values)
-        if not reassign(*places, *values, label, planes, covariances, _ALIKE):
+        planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values)
+        if not reassign(*places, *values, label, planes, covariances, sizes, _ALIKE):
             break
     label = _numbered(label)
     planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values)

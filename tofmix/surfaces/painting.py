@@ -62,3 +62,45 @@ def paint_row(
             if there <= 0.0 or abs(centre - own) > _MOST_OFF * own:
                 there = own
             range_fine[i, j], surface_fine[i, j] = 1.0 / there, label
+
+
+@jit
+def share_out(
+    factor: int, silent: NDArray[np.bool_], range_fine: NDArray[np.float32], surface_fine: NDArray[np.int32]
+) -> None:  # fmt: skip
+    """Share out pixels that see something and do not tell what among the pixels beside them that do.
+
+    Each part gets what the nearest part across the pixel's border shows, if that pixel tells. A pixel's surfaces are
+    those beside it; where between them it changes is not known.
+
+    Parameters
+    ----------
+    factor : int
+        Parts along each side of a pixel.
+    silent : (row, col) bool
+        The pixels; parts that are painted already stay.
+    range_fine, surface_fine : (row * factor, col * factor)
+        Changed.
+    """
+    rows, cols = silent.shape
+    for row in range(rows):
+        for col in range(cols):
+            if not silent[row, col]:
+                continue
+            top, left = row * factor, col * factor
+            for i in range(factor):
+                for j in range(factor):
+                    if surface_fine[top + i, left + j] != NO_SURFACE:
+                        continue
+                    nearest, r, c = factor + 1, -1, -1
+                    if row > 0 and not silent[row - 1, col] and i + 1 < nearest:
+                        nearest, r, c = i + 1, top - 1, left + j
+                    if row + 1 < rows and not silent[row + 1, col] and factor - i < nearest:
+                        nearest, r, c = factor - i, top + factor, left + j
+                    if col > 0 and not silent[row, col - 1] and j + 1 < nearest:
+                        nearest, r, c = j + 1, top + i, left - 1
+                    if col + 1 < cols and not silent[row, col + 1] and factor - j < nearest:
+                        nearest, r, c = factor - j, top + i, left + factor
+                    if r >= 0:
+                        range_fine[top + i, left + j] = range_fine[r, c]
+                        surface_fine[top + i, left + j] = surface_fine[r, c]

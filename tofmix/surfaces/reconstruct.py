@@ -13,11 +13,11 @@ from tofmix.sensor import Sensor
 from tofmix.surfaces.cuts import Cuts, make_cuts
 from tofmix.surfaces.edge_fit import FIT_COLUMNS, fit_edges
 from tofmix.surfaces.edge_lines import trace
-from tofmix.surfaces.found import NO_SURFACE, Edges, Planes, WindowSurfaces
+from tofmix.surfaces.found import NO_SURFACE, Planes, WindowSurfaces
 from tofmix.surfaces.grazing import continue_edges
 from tofmix.surfaces.linking import Linked, link
 from tofmix.surfaces.nodes import Nodes, make_nodes
-from tofmix.surfaces.painting import paint_row
+from tofmix.surfaces.painting import paint_row, share_out
 from tofmix.surfaces.regions import choose_regions, ray_lines
 from tofmix.surfaces.shares import Shares, make_shares
 
@@ -63,7 +63,8 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
     fits = _fit(cuts, *seen, *where)
     lines = ray_lines(fits, cuts.row, cuts.col, np.linalg.inv(np.moveaxis(rays[..., [1, 2, 0], :], -1, -2)))
     regions = choose_regions(fits, lines, cuts.row, cuts.col, cuts.near, cuts.first, cuts.following, *seen, *where)
-    painted = continue_edges(shares, cuts, fits, lines, regions, *where, _silent(layers, shares))
+    silent = _silent(layers, shares)
+    painted = continue_edges(shares, cuts, fits, lines, regions, *where, silent)
     range_fine = np.empty((rows * factor, cols * factor), np.float32)
     surface_fine = np.empty((rows * factor, cols * factor), np.int32)
     for row in range(rows):
@@ -72,6 +73,7 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
             row, factor, painted.regions, painted.cuts.first, painted.cuts.following, painted.count, painted.label,
             painted.inverse, linked.planes, directions, _part_directions(optics, row, factor, (rows, cols)), range_fine[part], surface_fine[part],
         )  # fmt: skip
+    share_out(factor, silent & (painted.count == 0), range_fine, surface_fine)
     kept = int((linked.sizes >= LEAST_PIXELS).sum())
     edges = trace(painted.cuts, painted.regions, kept)
     edges = replace(edges, far=np.where(edges.far < kept, edges.far, NO_SURFACE).astype(np.int32))
