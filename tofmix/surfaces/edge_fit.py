@@ -23,8 +23,14 @@ LINE, ARC, BAR = 0, 1, 2
 REACH = 12
 """Pixels on each side that a run grows to at most."""
 
+_LONG = 4.0
+"""Pixels on a side from which on a run grows by two at a time."""
+
 _BESIDE = 1.5
 """Distance from the line, pixels, up to which pixels are of its run."""
+
+_UNSURE = 0.15
+"""Change of direction, rad, that a run may have after its first pixels."""
 
 _STEPS = 4
 """Steps of Gauss and Newton's method after a run has grown."""
@@ -34,6 +40,9 @@ _AGREED = 3.0
 
 _CURVED = 9.0
 """Chi-square that a curvature must save: three standard errors."""
+
+_MOST_BEND = 0.3
+"""Largest curvature, 1/pixel: an arc of a smaller circle is hidden in a few pixels."""
 
 _PRIOR = (4.0, 4.0, 4.0)
 """Weights of the first guess of angle (1/rad^2), offset (1/pixel^2) and the third number: they keep a fit regular."""
@@ -140,9 +149,10 @@ def _variance(share: float, pixel: FloatArray, bend: float) -> float:
 
 
 @borrowing
-def _is_of_run(kind: int, fit: FloatArray, pixel: FloatArray, back: float, ahead: float) -> bool:
-    """Whether a collected pixel lies beside the edge, not farther along it than the run."""
-    down, right = math.cos(fit[ANGLE]), math.sin(fit[ANGLE])
+def _is_of_run(
+    kind: int, fit: FloatArray, down: float, right: float, pixel: FloatArray, back: float, ahead: float
+) -> bool:  # fmt: skip
+    """Whether a collected pixel lies beside the edge of normal (down, right), not farther along it than the run."""
     along = -right * pixel[_X] + down * pixel[_Y]
     if along < -back - 0.5 or along > ahead + 0.5:
         return False
@@ -163,6 +173,7 @@ def _equations(
 ) -> float:  # fmt: skip
     """Fill the normal equations of a run about the numbers of `fit`; return chi-square, the first guess's included."""
     numbers = 2 if kind == LINE else 3
+    down, across = math.cos(fit[ANGLE]), math.sin(fit[ANGLE])
     total = 0.0
     for i in range(3):
         off = start[ANGLE + i] - fit[ANGLE + i]
@@ -171,7 +182,7 @@ def _equations(
         for j in range(3):
             normal[i, j] = _PRIOR[i] if i == j else 0.0
     for k in range(count):
-        if not _is_of_run(kind, fit, pixels[k], back, ahead):
+        if not _is_of_run(kind, fit, down, across, pixels[k], back, ahead):
             continue
         predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
         weight = 1.0 / _variance(out[0], pixels[k], fit[THIRD] if kind == ARC else 0.0)
@@ -209,7 +220,7 @@ def _adjust(
         fit[ANGLE] += min(max(turn, -0.3), 0.3)
         fit[OFFSET] += min(max(move, -0.4), 0.4)
         if kind == ARC:
-            fit[THIRD] += min(max(bend, -0.1), 0.1)
+            fit[THIRD] = min(max(fit[THIRD] + min(max(bend, -0.1), 0.1), -_MOST_BEND), _MOST_BEND)
         elif kind == BAR:
             fit[THIRD] = max(fit[THIRD] + min(max(bend, -0.4), 0.4), fit[OFFSET] + 0.05)
         settled = abs(turn) < 1e-4 and abs(move) < 1e-4 and abs(bend) < 1e-4  # noqa: PLR2004  rad, pixels: far below errors
@@ -240,7 +251,7 @@ def _disagreement(
     total, told = 0.0, 0
     down, right = math.cos(fit[ANGLE]), math.sin(fit[ANGLE])
     for k in range(count):
-        if not _is_of_run(kind, fit, pixels[k], back, ahead):
+        if not _is_of_run(kind, fit, down, right, pixels[k], back, ahead):
             continue
         along = -right * pixels[k, _X] + down * pixels[k, _Y]
         if -inner_back - 0.5 <= along <= inner_ahead + 0.5:
@@ -272,29 +283,48 @@ def _grow(
         fit[i] = start[i]
     _adjust(kind, pixels, count, fit, start, back, ahead, 3 * _STEPS, normal, right, out, work)
     fit[WORTH] = 1.0 if _disagreement(kind, pixels, count, fit, back, ahead, -9.0, -9.0, out, work) < _AGREED else 0.0
-    go_back, go_ahead = True, True
-    while fit[WORTH] > 0.0 and (go_back or go_ahead):
-        if go_ahead:
-            go_ahead = (
-                ahead < REACH
-                and _disagreement(kind, pixels, count, fit, back, ahead + 1.0, back, ahead, out, work) < _AGREED
-            )
-            if go_ahead:
-                ahead += 1.0
-        if go_back:
-            go_back = (
-                back < REACH
-                and _disagreement(kind, pixels, count, fit, back + 1.0, ahead, back, ahead, out, work) < _AGREED
-            )
-            if go_back:
-                back += 1.0
-        _adjust(kind, pixels, count, fit, start, back, ahead, _STEPS, normal, right, out, work)
-        if _disagreement(kind, pixels, count, fit, back, ahead, -9.0, -9.0, out, work) > _AGREED:
-            # The new ones agreed one by one, and not together.
-            back, ahead = back - (1.0 if go_back else 0.0), ahead - (1.0 if go_ahead else 0.0)
+    go_back, go_ahead, pace = fit[WORTH] > 0.0, fit[WORTH] > 0.0, 1.0
+    while go_back or go_ahead:
+        more_back = (
+            go_back
+            and back + pace <= REACH
+            and _disagreement(kind, pixels, count, fit, back + pace, ahead, back, ahead, out, work) < _AGREED
+        )
+        more_ahead = (
+            go_ahead
+            and ahead + pace <= REACH
+            and _disagreement(kind, pixels, count, fit, back, ahead + pace, back, ahead, out, work) < _AGREED
+        )
+        if pace == 1.0:
+            go_back, go_ahead = more_back, more_ahead
+        if more_back or more_ahead:
+            old_back, old_ahead = back, ahead
+            back, ahead = back + (pace if more_back else 0.0), ahead + (pace if more_ahead else 0.0)
             _adjust(kind, pixels, count, fit, start, back, ahead, _STEPS, normal, right, out, work)
-            break
+            if _disagreement(kind, pixels, count, fit, back, ahead, -9.0, -9.0, out, work) > _AGREED:
+                # The new ones agreed one by one, and not together.
+                back, ahead = old_back, old_ahead
+                _adjust(kind, pixels, count, fit, start, back, ahead, _STEPS, normal, right, out, work)
+                go_back, go_ahead = go_back and pace > 1.0, go_ahead and pace > 1.0
+                more_back = more_ahead = False
+        # A long run grows by two at a time, until that fails.
+        pace = 2.0 if more_back and more_ahead and min(back, ahead) >= _LONG else 1.0
     fit[KIND], fit[BACK], fit[AHEAD] = kind, back, ahead
+
+
+@borrowing
+def _beside_first(pixels: FloatArray, count: int, start: FloatArray) -> int:
+    """Put pixels that may be of a straight run first, the own one before all, and return how many they are."""
+    down, right = math.cos(start[ANGLE]), math.sin(start[ANGLE])
+    kept = 0
+    for k in range(count):
+        off = abs(down * pixels[k, _X] + right * pixels[k, _Y] - start[OFFSET])
+        along = abs(-right * pixels[k, _X] + down * pixels[k, _Y])
+        if k == 0 or off < 2.0 * _BESIDE + _UNSURE * along:
+            for i in range(_COLUMNS):
+                pixels[kept, i], pixels[k, i] = pixels[k, i], pixels[kept, i]
+            kept += 1
+    return kept
 
 
 @borrowing
@@ -303,9 +333,10 @@ def _chi2(
     work: FloatArray,
 ) -> float:  # fmt: skip
     """Chi-square of a run."""
+    down, right = math.cos(fit[ANGLE]), math.sin(fit[ANGLE])
     total = 0.0
     for k in range(count):
-        if _is_of_run(kind, fit, pixels[k], back, ahead):
+        if _is_of_run(kind, fit, down, right, pixels[k], back, ahead):
             predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
             miss = pixels[k, _SHARE] - out[0]
             total += miss * miss / _variance(out[0], pixels[k], fit[THIRD] if kind == ARC else 0.0)
@@ -512,7 +543,9 @@ def fit_edges(
         if not _first_guess(pixels, found, start):
             fit[:] = start
             continue
-        _grow(LINE, pixels, found, line, start, normal, right, out, work)
+        _adjust(LINE, pixels, found, start, start, 1.0, 1.0, _STEPS, normal, right, out, work)
+        beside = _beside_first(pixels, found, start)
+        _grow(LINE, pixels, beside, line, start, normal, right, out, work)
         for i in range(FIT_COLUMNS):
             fit[i] = line[i]
         if line[BACK] + line[AHEAD] < 2 * REACH:
