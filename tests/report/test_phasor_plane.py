@@ -2,6 +2,7 @@
 
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -218,15 +219,15 @@ def drawn(plane: PhasorPlane) -> Figure:
     return figure
 
 
-def made_plane(mixing: Mixing, ends: list[tuple[float, complex | None]], *, spread: float = 1.0) -> PhasorPlane:
+def made_plane(mixing: Mixing, ends: Sequence[tuple[float, complex | None]], *, spread: float = 1.0) -> PhasorPlane:
     """A plane of ends with ranges (infinite: open space) and phasors; the mean is their middle."""
     rng = np.random.default_rng(3)
     known = [place for _, place in ends if place is not None]
     mean = complex(np.mean(known)) if known else 50.0 + 20.0j
     noise = spread * (rng.standard_normal(40) + 1j * rng.standard_normal(40))
-    beside = np.repeat(known, 6) + 0.5 * noise[: 6 * len(known)]
+    beside = np.asarray(np.repeat(known, 6) + 0.5 * noise[: 6 * len(known)], np.complex128)
     return PhasorPlane(
-        row=3, col=5, mixing=mixing, n_layers=len(ends), samples=mean + noise, mean=mean,
+        row=3, col=5, mixing=mixing, n_layers=len(ends), samples=np.asarray(mean + noise, np.complex128), mean=mean,
         mean_covariance=np.eye(2) * spread**2 / 40, neighbours=beside,
         neighbour_is_single=np.arange(len(beside)) % 3 > 0,
         ends=tuple(

@@ -77,7 +77,8 @@ def make_cuts(shares: Shares, planes: FloatArray, directions: FloatArray) -> Cut
         near=np.concatenate([shares.label[row, col, entry], shares.label[(*border, 0)]]),
         far=np.concatenate([shares.label[row, col, entry + 1], behind[border]]), first=first,
         following=np.concatenate([np.where(last, -1, inner + 1), np.full(len(border[0]), -1)]).astype(np.int32),
-        entry=np.concatenate([entry, np.zeros(len(border[0]))]).astype(np.int32), margin=np.where(number < len(row), 0.0, BORDER_MARGIN),
+        entry=np.concatenate([entry, np.zeros(len(border[0]))]).astype(np.int32),
+        margin=np.where(number < len(row), 0.0, BORDER_MARGIN),
     )  # fmt: skip
 
 

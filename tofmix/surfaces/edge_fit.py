@@ -1,11 +1,11 @@
 """Fitting of edges to the shares of the pixels along them. Compiled.
 
-The share of a surface in a pixel is the area that it covers there. An edge is fitted to the shares of a run of pixels on
-both sides of the pixel it is asked for: a straight line, an arc, or two parallel lines (a bar). The run grows pixel by
-pixel as long as the shares agree with it. No pixel's own share is held; all are weighed.
+The share of a surface in a pixel is the area that it covers there. An edge is fitted to the shares of a run of pixels
+on both sides of the pixel it is asked for: a straight line, an arc, or two parallel lines (a bar). The run grows pixel
+by pixel as long as the shares agree with it. No pixel's own share is held; all are weighed.
 
-Places are in a pixel's own plane: (x, y), down and to the right of its centre, in pixels of it, where the rays of others
-meet it. A straight edge in space is a straight line there, whatever the camera's projection.
+Places are in a pixel's own plane: (x, y), down and to the right of its centre, in pixels of it, where the rays of
+others meet it. A straight edge in space is a straight line there, whatever the camera's projection.
 """
 
 import math
@@ -71,7 +71,8 @@ def share_of(
 ) -> float:  # fmt: skip
     """Share (0 to 1) that a surface and all nearer ones have in a pixel; -1 if the pixel does not tell.
 
-    A pixel without the surface shows 0 where all that it sees is farther than the surface's plane; what is nearer hides it.
+    A pixel without the surface shows 0 where all that it sees is farther than the surface's plane; what is nearer
+    hides it.
     """
     entries = count[row, col]
     if entries == 0:
@@ -90,9 +91,10 @@ def share_of(
 def predict(
     kind: int, angle: float, offset: float, third: float, pixel: FloatArray, out: FloatArray, work: FloatArray
 ) -> None:  # fmt: skip
-    """Fill `out` (7,): the share of a collected pixel, its change with angle, offset and third number; the rest is scratch.
+    """Fill `out` (7,): the share of a collected pixel, and its change with angle, offset and third number.
 
-    Where a nearer surface hides a part of the pixel, the share is that of both. `work` is (3, 8, 2).
+    The rest of `out` is scratch. Where a nearer surface hides a part of the pixel, the share is that of both. `work` is
+    (3, 8, 2).
     """
     down, right = math.cos(angle), math.sin(angle)
     across = down * pixel[_X] + right * pixel[_Y] - offset
@@ -269,7 +271,7 @@ def _disagreement(
         return 0.0
     # Wilson and Hilferty (1931): the cube root of chi-square is nearly normal.
     spread = 2.0 / (9.0 * told)
-    return ((total / told) ** (1.0 / 3.0) - 1.0 + spread) / math.sqrt(spread)
+    return float(((total / told) ** (1.0 / 3.0) - 1.0 + spread) / math.sqrt(spread))
 
 
 @borrowing
@@ -478,8 +480,8 @@ def _best_start(
 ) -> None:  # fmt: skip
     """Move a first guess to the best of a few fits of the nearest pixels.
 
-    Arcs begin with several curvatures. Bars begin from the guess and from both sides of it: one that lies within a row of
-    pixels can be moved without a change of any share, and no slope leads out of there.
+    Arcs begin with several curvatures. Bars begin from the guess and from both sides of it: one that lies within a
+    row of pixels can be moved without a change of any share, and no slope leads out of there.
     """
     reach = 2.0 if kind == ARC else 1.0
     least = np.inf

@@ -8,7 +8,21 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.jit import borrowing, jit
 from tofmix.surfaces.cuts import Cuts
 from tofmix.surfaces.found import Edges, no_edges
-from tofmix.surfaces.regions import AT, BEND, BOTH, DOWN, FIRST, ONE, RIGHT, SECOND, SHAPE, VARIANCE, edge_side, inside
+from tofmix.surfaces.regions import (
+    ALL,
+    AT,
+    BEND,
+    DOWN,
+    EITHER,
+    FIRST,
+    ONE,
+    RIGHT,
+    SECOND,
+    SHAPE,
+    VARIANCE,
+    edge_side,
+    inside,
+)
 
 _REACH = 1.0
 """Distance, pixels, from the end of a piece to the beginning of the next one at most."""
@@ -53,14 +67,15 @@ def _pieces(
 
     The covered side is to the left, as rows run downward.
     """
-    out, owner = np.empty((2 * len(rows), 7)), np.empty(2 * len(rows), np.int64)
+    out, owner = np.empty((3 * len(rows), 7)), np.empty(3 * len(rows), np.int64)
     total = 0
     for cut in range(len(rows)):
         region = regions[cut]
-        for side in range(1 if region[SHAPE] == ONE else 2):
-            at, other = (FIRST, SECOND) if side == 0 else (SECOND, FIRST)
+        sides = 1 if region[SHAPE] == ONE else (3 if region[SHAPE] == ALL else 2)
+        for side in range(sides):
+            at = FIRST + side * (SECOND - FIRST)
             piece = out[total]
-            if not _piece(region, at, other, 0.5 + margin[cut], piece):
+            if not _piece(region, at, sides, 0.5 + margin[cut], piece):
                 continue
             hidden, nearer = False, first_cut[rows[cut], cols[cut]]
             while nearer >= 0 and nearer != cut:
@@ -78,8 +93,8 @@ def _pieces(
 
 
 @borrowing
-def _piece(region: FloatArray, at: int, other: int, half: float, out: FloatArray) -> bool:
-    """Fill begin, middle and end of an edge's piece up to `half` off the centre, on the right side of the other edge."""
+def _piece(region: FloatArray, at: int, sides: int, half: float, out: FloatArray) -> bool:
+    """Fill begin, middle and end of an edge's piece up to `half` off the centre, on the right side of the others."""
     down, right = region[at + DOWN], region[at + RIGHT]
     ahead_down, ahead_right = right, -down  # the covered side, (down, right), is to the left of it
     begin, end = -2.0, 2.0
@@ -92,9 +107,12 @@ def _piece(region: FloatArray, at: int, other: int, half: float, out: FloatArray
             continue
         one, two = (-half - place) / pace, (half - place) / pace
         begin, end = max(begin, min(one, two)), min(end, max(one, two))
-    if region[SHAPE] != ONE:
+    for side in range(sides):
+        other = FIRST + side * (SECOND - FIRST)
+        if other == at:
+            continue
         # Along the piece the other edge's side changes once: from `value` at its start by `slope`.
-        sign = 1.0 if region[SHAPE] == BOTH else -1.0
+        sign = -1.0 if region[SHAPE] == EITHER else 1.0
         value = sign * edge_side(region, other, down * region[at + AT], right * region[at + AT])
         slope = sign * (region[other + DOWN] * ahead_down + region[other + RIGHT] * ahead_right)
         if abs(slope) < _NOTHING:
@@ -115,13 +133,12 @@ def _piece(region: FloatArray, at: int, other: int, half: float, out: FloatArray
 
 
 def _followers(pieces: FloatArray, near: NDArray[np.int32]) -> IntArray:
-    """Piece that follows each, -1 for none: the beginning nearest to its end, of the same surface; the closest first."""
+    """Piece that follows each, -1 for none: of the same surface, beginning nearest to its end; the closest first."""
     count = len(pieces)
     wanted = min(_CANDIDATES, count)
-    distance, other = cKDTree(pieces[:, :2]).query(pieces[:, 4:6], k=wanted, distance_upper_bound=_REACH)
-    distance, other = distance.reshape(count, wanted), other.reshape(count, wanted)
+    found = cKDTree(pieces[:, :2]).query(pieces[:, 4:6], k=wanted, distance_upper_bound=_REACH)
+    distance, other = (np.asarray(values).ravel() for values in found)
     one = np.repeat(np.arange(count), wanted)
-    distance, other = distance.ravel(), other.ravel()
     there = np.isfinite(distance)
     one, other, distance = one[there], other[there], distance[there]
     way = pieces[:, 4:6] - pieces[:, :2]

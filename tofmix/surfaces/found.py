@@ -101,15 +101,15 @@ class WindowSurfaces:
     @property
     def factor(self) -> int:
         """Parts along each side of a pixel."""
-        return self.range_fine.shape[0] // self.surface.shape[0]
+        return int(self.range_fine.shape[0] // self.surface.shape[0])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfacesProvenance:
     """What surfaces were made from and with; nothing here depends on when, where or how many workers.
 
-    `source` is the base name of the layers file, `source_sha256` its checksum; `options` are those that affect values, by
-    their names on the command line, `factor` among them.
+    `source` is the base name of the layers file, `source_sha256` its checksum; `options` are those that affect
+    values, by their names on the command line, `factor` among them.
     """
 
     source: str

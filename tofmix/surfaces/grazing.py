@@ -1,7 +1,7 @@
-"""Edges that graze a pixel without being noticed there, and pixels that tell nothing: neighbours' edges continue. Compiled.
+"""Edges go on into pixels beside them that show one surface alone, or do not tell. Compiled.
 
-A surface with a small share is not found in its pixel, and a pixel whose mixing is undecided tells no shares at all. Both
-are told by the edges beside them.
+A surface with a small share is not found in its pixel, and a pixel whose mixing is undecided tells no shares at all.
+Both are told by the edges beside them.
 """
 
 from typing import NamedTuple
@@ -28,7 +28,7 @@ _MOST_SIGMA = 3.0
 class Painted(NamedTuple):
     """What is painted: entries of each pixel, near to far, and what each covers."""
 
-    count: NDArray[np.int32]
+    entries: NDArray[np.int32]
     label: NDArray[np.int32]
     inverse: FloatArray
     cuts: Cuts

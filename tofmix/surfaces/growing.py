@@ -265,9 +265,10 @@ def reassign(
 ) -> int:  # fmt: skip
     """Give each node the surface of its neighbourhood that fits it best; return how many changed.
 
-    A surface's cost is the squared misfit, `apart` for each of the eight neighbouring pixels without that surface, and a
-    part of what a surface costs at all: a few false layers beside a large surface are given back to it. `label` is changed
-    in place.
+    A surface's cost is the squared misfit, `apart` for each of the eight neighbouring pixels without that surface,
+    and a part of what a surface costs at all: a few false layers beside a large surface are given back to it. `label`
+    is
+    changed in place.
     """
     rows, cols, depth = index.shape
     changed = 0

@@ -41,7 +41,8 @@ class Nodes:
     variance : (node,) float64
         Of `inverse`; what neighbours on a plane differ by beyond their standard errors included.
     shift : (node,) float64
-        Standard deviation of where in the pixel a layer is seen, pixels, along rows and columns: 0 if it fills the pixel.
+        Standard deviation of where in the pixel a layer is seen, pixels, along rows and columns: 0 if it fills the
+        pixel.
     direction, down, across : (node, 3) float64
         Unit vector of the beam, and its change from row to row and from column to column.
     """

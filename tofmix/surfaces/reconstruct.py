@@ -61,7 +61,9 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
     seen = (shares.count, shares.label, shares.inverse, shares.up_to, shares.samples, shares.floor)
     where = (linked.planes, directions, rays)
     fits = _fit(cuts, *seen, *where)
-    lines = ray_lines(fits, cuts.row, cuts.col, np.linalg.inv(np.moveaxis(rays[..., [1, 2, 0], :], -1, -2)))
+    lines = ray_lines(
+        fits, cuts.row, cuts.col, np.asarray(np.linalg.inv(np.moveaxis(rays[..., [1, 2, 0], :], -1, -2)), np.float64)
+    )
     regions = choose_regions(fits, lines, cuts.row, cuts.col, cuts.near, cuts.first, cuts.following, *seen, *where)
     silent = _silent(layers, shares)
     painted = continue_edges(shares, cuts, fits, lines, regions, *where, silent)
@@ -70,10 +72,11 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
     for row in range(rows):
         part = slice(row * factor, (row + 1) * factor)
         paint_row(
-            row, factor, painted.regions, painted.cuts.first, painted.cuts.following, painted.count, painted.label,
-            painted.inverse, linked.planes, directions, _part_directions(optics, row, factor, (rows, cols)), range_fine[part], surface_fine[part],
+            row, factor, painted.regions, painted.cuts.first, painted.cuts.following, painted.entries, painted.label,
+            painted.inverse, linked.planes, directions, _part_directions(optics, row, factor, (rows, cols)),
+            range_fine[part], surface_fine[part],
         )  # fmt: skip
-    share_out(factor, silent & (painted.count == 0), range_fine, surface_fine)
+    share_out(factor, silent & (painted.entries == 0), range_fine, surface_fine)
     kept = int((linked.sizes >= LEAST_PIXELS).sum())
     edges = trace(painted.cuts, painted.regions, kept)
     edges = replace(edges, far=np.where(edges.far < kept, edges.far, NO_SURFACE).astype(np.int32))
@@ -106,7 +109,7 @@ def _silent(layers: Layers, shares: Shares) -> BoolArray:
 
 
 def pixel_rays(optics: Projection, shape: tuple[int, int]) -> FloatArray:
-    """Rays (row, col, 3, 3): through the centre of each pixel, and their change to the next row and to the next column."""
+    """Rays (row, col, 3, 3): through the centre of each pixel, and their change to the next row and column."""
     rows, cols = np.meshgrid(*(np.arange(n, dtype=np.float64) for n in shape), indexing="ij")
     centre = optics.rays(rows, cols, shape=shape)
     down = optics.rays(rows + 0.5, cols, shape=shape) - optics.rays(rows - 0.5, cols, shape=shape)

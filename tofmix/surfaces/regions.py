@@ -20,6 +20,7 @@ from tofmix.surfaces.edge_fit import (
     BAR,
     KIND,
     OFFSET,
+    REACH,
     THIRD,
     VAR_ANGLE,
     VAR_OFFSET,
@@ -27,17 +28,17 @@ from tofmix.surfaces.edge_fit import (
     WORTH,
     share_of,
 )
-from tofmix.surfaces.half_plane import covered, covered_by_both
+from tofmix.surfaces.half_plane import clip, covered, covered_by_both, polygon_area
 
-ONE, BOTH, EITHER = 0, 1, 2
-"""A region is one side of an edge; on that side of two edges; or of either."""
+ONE, BOTH, EITHER, ALL = 0, 1, 2, 3
+"""A region is one side of an edge; on that side of two edges; of either; or of three, as at the end of a bar."""
 
-# Columns of a region: which of these, then two edges of six numbers each.
-SHAPE, FIRST, SECOND = 0, 1, 6
+# Columns of a region: which of these, then three edges of five numbers each.
+SHAPE, FIRST, SECOND, THIRD_EDGE = 0, 1, 6, 11
 DOWN, RIGHT, AT, BEND, VARIANCE = range(5)
-REGION_COLUMNS = 11
-"""An edge is the place where y - BEND (y^2 + s^2) / 2 = 0, with y = DOWN u + RIGHT v - AT across it, (DOWN, RIGHT) of length 1, and s along it;
-VARIANCE is that of AT."""
+REGION_COLUMNS = 16
+"""An edge is the place where y - BEND (y^2 + s^2) / 2 = 0, with y = DOWN u + RIGHT v - AT
+across it, (DOWN, RIGHT) of length 1, and s along it; VARIANCE is that of AT."""
 
 _AROUND = 3
 """Pixels around, in which an edge's neighbours are continued."""
@@ -50,6 +51,12 @@ _MOST = 8
 
 _SAME_ANGLE, _SAME_PLACE = 0.15, 0.25
 """Two edges within this, rad and pixels, are one."""
+
+_SAME_LINE = 0.9
+"""Cosine between the two sides of a bar at least, one turned round."""
+
+_LEAST_WIDTH = 0.1
+"""Width of a bar, pixels, at least, for the error of its end."""
 
 _TWO = 9.0
 """Chi-square that a corner must save: three standard errors, as for a curvature."""
@@ -91,7 +98,7 @@ def ray_lines(
 def continue_edge(
     fit: FloatArray, g: FloatArray, ray: FloatArray, down: int, right: int, out: FloatArray
 ) -> None:  # fmt: skip
-    """Fill `out` (3,): slopes down and right and the value at the centre, of a fit's edge in a pixel (down, right) away.
+    """Fill `out` (3,): a fit's edge in a pixel (down, right) away: its slopes down and right, its value at the centre.
 
     The slopes are of length 1. An arc turns on its way; in each pixel it is straight.
     """
@@ -120,7 +127,7 @@ def _area(shape: int, one: FloatArray, other: FloatArray, work: FloatArray) -> f
 
 @borrowing
 def set_edge(region: FloatArray, at: int, local: FloatArray, fit: FloatArray, down: int, right: int) -> None:
-    """Set an edge of a region to that of a fit some pixels away: its error is that of its place and of its direction."""
+    """Set an edge of a region to that of a fit some pixels away; its error is that of place and direction."""
     region[at + DOWN], region[at + RIGHT], region[at + AT] = local[0], local[1], -local[2]
     region[at + BEND] = fit[THIRD] if fit[KIND] == ARC else 0.0
     region[at + VARIANCE] = fit[VAR_OFFSET] + (down * down + right * right) * fit[VAR_ANGLE]
@@ -164,87 +171,173 @@ def choose_regions(
         The regions.
     """
     out = np.zeros((len(fits), REGION_COLUMNS))
-    height, width = count.shape
-    chosen, second = np.empty(_MOST, np.int64), np.empty(_MOST, np.int64)
+    chosen, sides = np.empty(_MOST, np.int64), np.empty(_MOST, np.int64)
     local = np.empty((_MOST, 9, 3))  # each line in each of the nine pixels
-    share, here, there = np.empty(9), np.empty(3), np.empty(3)
-    work = np.empty((3, 8, 2))
+    told = np.empty((9, 3))  # share, samples, further variance; share -1: not told
+    here, there, work, best = np.empty(3), np.empty(3), np.empty((3, 8, 2)), np.empty(3, np.int64)
     for cut in range(len(fits)):
-        _own_region(fits[cut], out[cut])
+        region, row, col = out[cut], rows[cut], cols[cut]
+        _own_region(fits[cut], region)
         if fits[cut, WORTH] > 0.0 and min(fits[cut, BACK], fits[cut, AHEAD]) >= _SHORT:
             continue
-        row, col = rows[cut], cols[cut]
-        used = 0
-        for longest in range(18, 1, -1):  # the edges with the longest runs first
-            for r in range(max(row - _AROUND, 0), min(row + _AROUND + 1, height)):
-                for c in range(max(col - _AROUND, 0), min(col + _AROUND + 1, width)):
-                    other = first_cut[r, c]
-                    while other >= 0:
-                        fitting = fits[other, WORTH] > 0.0 and int(fits[other, BACK] + fits[other, AHEAD]) == longest
-                        if cut_labels[other] == cut_labels[cut] and fitting:
-                            for side in range(2 if fits[other, KIND] == BAR else 1):
-                                continue_edge(fits[other], lines[other, side], rays[row, col], row - r, col - c, here)
-                                new = used < _MOST and abs(here[2]) < _AROUND
-                                for k in range(used):
-                                    turn = here[0] * local[k, 4, 1] - here[1] * local[k, 4, 0]
-                                    facing = here[0] * local[k, 4, 0] + here[1] * local[k, 4, 1]
-                                    near = abs(here[2] - local[k, 4, 2]) < _SAME_PLACE
-                                    new = new and not (abs(turn) < _SAME_ANGLE and facing > 0.0 and near)
-                                if new:
-                                    chosen[used], second[used] = other, side
-                                    for i in range(3):
-                                        local[used, 4, i] = here[i]
-                                    used += 1
-                        other = next_cut[other]
+        used = _gather(
+            cut, fits, lines, rows, cols, cut_labels, first_cut, next_cut, rays, chosen, sides, local, here
+        )  # fmt: skip
+        _tell(cut_labels[cut], row, col, count, labels, inverses, up_to, samples, floor, planes, directions, told)
+        if fits[cut, WORTH] > 0.0 and told[4, 0] < 0.0:
+            continue
+        own = 0.0
         for place in range(9):
             r, c = row + place // 3 - 1, col + place % 3 - 1
-            share[place] = -1.0
-            if 0 <= r < height and 0 <= c < width:
-                share[place] = share_of(cut_labels[cut], r, c, count, labels, inverses, up_to, planes, directions)
-                for k in range(used):
-                    other = chosen[k]
-                    continue_edge(
-                        fits[other],
-                        lines[other, second[k]],
-                        rays[r, c],
-                        r - rows[other],
-                        c - cols[other],
-                        local[k, place],
-                    )
-        own = np.inf
-        best, best_shape, best_one, best_other = np.inf, -1, -1, -1
-        for one in range(-1, used):
-            for other in range(one, used):
-                for shape in range(ONE, EITHER + 1):
-                    if (shape == ONE) != (one == other) or (one < 0 and shape != ONE):
-                        continue
-                    total = _TWO if shape != ONE else 0.0
-                    for place in range(9):
-                        if share[place] < 0.0:
-                            continue
-                        r, c = row + place // 3 - 1, col + place % 3 - 1
-                        if one < 0:
-                            area = _own_area(fits[cut], lines[cut], rays[r, c], r - row, c - col, here, there, work)
-                        else:
-                            area = _area(shape, local[one, place], local[other, place], work)
-                        worth = samples[r, c]
-                        miss = share[place] - area
-                        total += miss * miss / ((area * (1.0 - area) + 0.25 / worth) / worth + floor[r, c])
-                    if one < 0:
-                        own = total
-                    if total < best:
-                        best, best_shape, best_one, best_other = total, shape, one, other
-        if best_one < 0 or best_shape < 0 or best >= own:
-            continue
-        if fits[cut, WORTH] > 0.0 and best_shape == ONE:
-            continue  # its own edge agrees; that of a neighbour is the same, seen from farther away
-        out[cut, SHAPE] = best_shape
-        one = chosen[best_one]
-        set_edge(out[cut], FIRST, local[best_one, 4], fits[one], row - rows[one], col - cols[one])
-        if best_shape != ONE:
-            one = chosen[best_other]
-            set_edge(out[cut], SECOND, local[best_other, 4], fits[one], row - rows[one], col - cols[one])
+            if told[place, 0] < 0.0:
+                continue
+            for k in range(used):
+                one = chosen[k]
+                continue_edge(
+                    fits[one], lines[one, sides[k]], rays[r, c], r - rows[one], c - cols[one], local[k, place]
+                )  # fmt: skip
+            area = _own_area(fits[cut], lines[cut], rays[r, c], r - row, c - col, here, there, work)
+            own += _misfit(area, told[place])
+        if _best(used, local, told, work, best) < own and not (fits[cut, WORTH] > 0.0 and best[0] == ONE):
+            # A neighbour's edge by itself is no better than an own one that agrees.
+            region[SHAPE] = best[0]
+            for k in range(1 if best[0] == ONE else 2):
+                one = chosen[best[1 + k]]
+                at = FIRST if k == 0 else SECOND
+                set_edge(region, at, local[best[1 + k], 4], fits[one], row - rows[one], col - cols[one])
+        if region[SHAPE] == BOTH and told[4, 0] >= 0.0:
+            _end_bar(region, told, work)
     return out
+
+
+@borrowing
+def _gather(
+    cut: int, fits: FloatArray, lines: FloatArray, rows: NDArray[np.int32], cols: NDArray[np.int32],
+    cut_labels: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32], rays: FloatArray,
+    chosen: NDArray[np.int64], sides: NDArray[np.int64], local: FloatArray, here: FloatArray,
+) -> int:  # fmt: skip
+    """Collect edges of the same surface around a cut, those with the longest runs first; return how many."""
+    height, width = first_cut.shape
+    row, col = rows[cut], cols[cut]
+    used = 0
+    for longest in range(2 * REACH, 1, -1):
+        for r in range(max(row - _AROUND, 0), min(row + _AROUND + 1, height)):
+            for c in range(max(col - _AROUND, 0), min(col + _AROUND + 1, width)):
+                other = first_cut[r, c]
+                while other >= 0:
+                    fitting = fits[other, WORTH] > 0.0 and int(fits[other, BACK] + fits[other, AHEAD]) == longest
+                    if cut_labels[other] == cut_labels[cut] and fitting:
+                        for side in range(2 if fits[other, KIND] == BAR else 1):
+                            continue_edge(fits[other], lines[other, side], rays[row, col], row - r, col - c, here)
+                            if used < _MOST and _is_new(here, local, used):
+                                chosen[used], sides[used] = other, side
+                                for i in range(3):
+                                    local[used, 4, i] = here[i]
+                                used += 1
+                    other = next_cut[other]
+    return used
+
+
+@borrowing
+def _is_new(here: FloatArray, local: FloatArray, used: int) -> bool:
+    """Whether an edge is near the pixel, and none of those that were collected before."""
+    if abs(here[2]) > _AROUND:
+        return False
+    for k in range(used):
+        turn = here[0] * local[k, 4, 1] - here[1] * local[k, 4, 0]
+        facing = here[0] * local[k, 4, 0] + here[1] * local[k, 4, 1]
+        if abs(turn) < _SAME_ANGLE and facing > 0.0 and abs(here[2] - local[k, 4, 2]) < _SAME_PLACE:
+            return False
+    return True
+
+
+@borrowing
+def _tell(
+    label: int, row: int, col: int, count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray,
+    up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: FloatArray, directions: FloatArray,
+    told: FloatArray,
+) -> None:  # fmt: skip
+    """Fill what the nine pixels around a cut tell of its surface; partly hidden ones tell nothing."""
+    for place in range(9):
+        r, c = row + place // 3 - 1, col + place % 3 - 1
+        told[place, 0] = -1.0
+        if 0 <= r < count.shape[0] and 0 <= c < count.shape[1]:
+            share = share_of(label, r, c, count, labels, inverses, up_to, planes, directions)
+            hidden = share > 0.0 and labels[r, c, 0] != label
+            told[place, 0], told[place, 1], told[place, 2] = -1.0 if hidden else share, samples[r, c], floor[r, c]
+
+
+@borrowing
+def _misfit(area: float, told: FloatArray) -> float:
+    """Squared difference of an area and a share in units of the share's variance."""
+    miss = told[0] - area
+    return float(miss * miss / ((area * (1.0 - area) + 0.25 / told[1]) / told[1] + told[2]))
+
+
+@borrowing
+def _best(used: int, local: FloatArray, told: FloatArray, work: FloatArray, best: NDArray[np.int64]) -> float:
+    """Fill `best` (3,): shape and edges of the region that fits the nine pixels best; return its chi-square."""
+    least = np.inf
+    for one in range(used):
+        for other in range(one, used):
+            for shape in range(ONE, EITHER + 1):
+                if (shape == ONE) != (one == other):
+                    continue
+                total = _TWO if shape != ONE else 0.0
+                for place in range(9):
+                    if told[place, 0] >= 0.0 and total < least:
+                        total += _misfit(_area(shape, local[one, place], local[other, place], work), told[place])
+                if total < least:
+                    least = total
+                    best[0], best[1], best[2] = shape, one, other
+    return float(least)
+
+
+@borrowing
+def _end_bar(region: FloatArray, told: FloatArray, work: FloatArray) -> None:
+    """End a bar across its pixel where its share there is too small for one that goes on."""
+    facing = region[FIRST + DOWN] * region[SECOND + DOWN] + region[FIRST + RIGHT] * region[SECOND + RIGHT]
+    if facing > -_SAME_LINE:
+        return
+    area = _area_of_three(region, work)
+    if told[4, 0] > area or _misfit(area, told[4]) < _TWO:
+        return
+    ahead_down, ahead_right = -region[FIRST + RIGHT], region[FIRST + DOWN]
+    rest = 0.0
+    for place in range(9):
+        if told[place, 0] > 0.0:
+            rest += told[place, 0] * ((place // 3 - 1) * ahead_down + (place % 3 - 1) * ahead_right)
+    sign = 1.0 if rest > 0.0 else -1.0
+    region[SHAPE] = ALL
+    region[THIRD_EDGE + DOWN], region[THIRD_EDGE + RIGHT] = sign * ahead_down, sign * ahead_right
+    region[THIRD_EDGE + BEND] = 0.0
+    low, high = -1.0, 1.0
+    for _ in range(20):
+        region[THIRD_EDGE + AT] = 0.5 * (low + high)
+        if _area_of_three(region, work) > told[4, 0]:
+            low = region[THIRD_EDGE + AT]
+        else:
+            high = region[THIRD_EDGE + AT]
+    # The share's error, over the length of the end.
+    wide = max(-region[SECOND + AT] - region[FIRST + AT], _LEAST_WIDTH)
+    share = told[4, 0]
+    region[THIRD_EDGE + VARIANCE] = (share * (1.0 - share) / told[4, 1] + told[4, 2]) / (wide * wide)
+
+
+@borrowing
+def _area_of_three(region: FloatArray, work: FloatArray) -> float:
+    """Area of a region of all of its edges, two or three, as straight lines; `work` is (3, 8, 2)."""
+    for i in range(4):
+        work[0, i, 0] = -0.5 if i < 2 else 0.5  # noqa: PLR2004  round the square
+        work[0, i, 1] = -0.5 if i in (0, 3) else 0.5
+    corners = 4
+    edges = 3 if region[SHAPE] == ALL else 2
+    for k in range(edges):
+        at = FIRST + k * (SECOND - FIRST)
+        corners = clip(
+            work[k], corners, region[at + DOWN], region[at + RIGHT], -region[at + AT], work[(k + 1) % 3]
+        )  # fmt: skip
+    return polygon_area(work[edges % 3], corners)
 
 
 @borrowing
@@ -267,7 +360,9 @@ def inside(region: FloatArray, u: float, v: float) -> bool:
     if region[SHAPE] == ONE:
         return first
     second = edge_side(region, SECOND, u, v) >= 0.0
-    return (first and second) if region[SHAPE] == BOTH else (first or second)
+    if region[SHAPE] == EITHER:
+        return first or second
+    return first and second and (region[SHAPE] == BOTH or edge_side(region, THIRD_EDGE, u, v) >= 0.0)
 
 
 @borrowing

@@ -68,13 +68,13 @@ def make_shares(layers: Layers, nodes: Nodes, linked: Linked) -> Shares:
     surface = np.where(used, np.append(linked.label, NO_SURFACE)[nodes.index], NO_SURFACE)
     # Layers of one surface in a pixel are one entry: the first that is seen stands for all.
     again = np.zeros_like(used)
-    for layer in range(1, depth):
-        again[..., layer] = used[..., layer] & (surface[..., :layer] == surface[..., layer : layer + 1]).any(axis=-1)
-    for layer in range(1, depth):
-        row, col = np.nonzero(again[..., layer])
-        first_seen = (surface[row, col] == surface[row, col, layer][:, np.newaxis]).argmax(axis=1)
-        np.add.at(share, (row, col, first_seen), share[row, col, layer])
-        share[row, col, layer] = 0.0
+    for k in range(1, depth):
+        again[..., k] = used[..., k] & (surface[..., :k] == surface[..., k : k + 1]).any(axis=-1)
+    for k in range(1, depth):
+        row, col = np.nonzero(again[..., k])
+        first_seen = (surface[row, col] == surface[row, col, k][:, np.newaxis]).argmax(axis=1)
+        np.add.at(share, (row, col, first_seen), share[row, col, k])
+        share[row, col, k] = 0.0
     used = used & ~again
     row, col, layer = np.nonzero(used & known[..., np.newaxis])
     place = (np.cumsum(used, axis=-1) - 1)[row, col, layer]
