@@ -1,7 +1,7 @@
 """Whether files are whole and keep their contract: every chunk read, every rule applied, block by block.
 
-`verify` takes a recording, a layers file, a surfaces file, a model, a sensor file or a reconciliation's folder. It never
-raises for what is wrong with them: it says so.
+`verify` takes a recording, a layers file, a surfaces file, a model, a sensor file or a reconciliation's folder. It
+never raises for what is wrong with them: it says so.
 """
 
 import itertools
