@@ -1,0 +1,180 @@
+"""Edge lines: the pieces of edges in neighbouring pixels, one after the other."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.jit import borrowing, jit
+from tofmix.surfaces.cuts import Cuts
+from tofmix.surfaces.found import Edges, no_edges
+from tofmix.surfaces.regions import AT, BEND, BOTH, DOWN, FIRST, ONE, RIGHT, SECOND, SHAPE, VARIANCE, edge_side, inside
+
+_REACH = 1.0
+"""Distance, pixels, from the end of a piece to the beginning of the next one at most."""
+
+_CANDIDATES = 6
+"""Beginnings that are looked at for each end."""
+
+_LEAST_TURN = -0.5
+"""Least cosine between the directions of two pieces: 120 degrees, as at the tip of a triangle."""
+
+_NOTHING = 1.0e-9
+"""Length of a piece, pixels, below which it is none."""
+
+
+def trace(cuts: Cuts, regions: FloatArray, kept: int) -> Edges:
+    """Trace the edges of a window.
+
+    Parameters
+    ----------
+    cuts : Cuts
+        Where surfaces end.
+    regions : (cut, REGION_COLUMNS) float64
+        What they cover.
+    kept : int
+        Surfaces whose edges are traced: those of a lower number.
+    """
+    pieces, owner = _pieces(cuts.row, cuts.col, cuts.first, cuts.following, cuts.margin, regions)
+    ours = cuts.near[owner] < kept
+    pieces, owner = pieces[ours], owner[ours]
+    if not len(pieces):
+        return no_edges()
+    follower = _followers(pieces, cuts.near[owner])
+    return _edges(pieces, owner, cuts, _chains(follower))
+
+
+@jit
+def _pieces(
+    rows: NDArray[np.int32], cols: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
+    margin: FloatArray, regions: FloatArray,
+) -> tuple[FloatArray, NDArray[np.int64]]:  # fmt: skip
+    """Visible pieces (piece, 7): begin, middle, end (row, col of each) and variance; and the cut of each.
+
+    The covered side is to the left, as rows run downward.
+    """
+    out, owner = np.empty((2 * len(rows), 7)), np.empty(2 * len(rows), np.int64)
+    total = 0
+    for cut in range(len(rows)):
+        region = regions[cut]
+        for side in range(1 if region[SHAPE] == ONE else 2):
+            at, other = (FIRST, SECOND) if side == 0 else (SECOND, FIRST)
+            piece = out[total]
+            if not _piece(region, at, other, 0.5 + margin[cut], piece):
+                continue
+            hidden, nearer = False, first_cut[rows[cut], cols[cut]]
+            while nearer >= 0 and nearer != cut:
+                hidden = hidden or inside(regions[nearer], piece[2], piece[3])
+                nearer = next_cut[nearer]
+            if hidden or nearer != cut:  # behind a nearer surface, or replaced by an edge that grazes the pixel
+                continue
+            for i in range(3):
+                piece[2 * i] += rows[cut]
+                piece[2 * i + 1] += cols[cut]
+            piece[6] = region[at + VARIANCE]
+            owner[total] = cut
+            total += 1
+    return out[:total].copy(), owner[:total].copy()
+
+
+@borrowing
+def _piece(region: FloatArray, at: int, other: int, half: float, out: FloatArray) -> bool:
+    """Fill begin, middle and end of an edge's piece up to `half` off the centre, on the right side of the other edge."""
+    down, right = region[at + DOWN], region[at + RIGHT]
+    ahead_down, ahead_right = right, -down  # the covered side, (down, right), is to the left of it
+    begin, end = -2.0, 2.0
+    for axis in range(2):
+        place = (down if axis == 0 else right) * region[at + AT]
+        pace = ahead_down if axis == 0 else ahead_right
+        if abs(pace) < _NOTHING:
+            if abs(place) > half:
+                return False
+            continue
+        one, two = (-half - place) / pace, (half - place) / pace
+        begin, end = max(begin, min(one, two)), min(end, max(one, two))
+    if region[SHAPE] != ONE:
+        # Along the piece the other edge's side changes once: from `value` at its start by `slope`.
+        sign = 1.0 if region[SHAPE] == BOTH else -1.0
+        value = sign * edge_side(region, other, down * region[at + AT], right * region[at + AT])
+        slope = sign * (region[other + DOWN] * ahead_down + region[other + RIGHT] * ahead_right)
+        if abs(slope) < _NOTHING:
+            if value < 0.0:
+                return False
+        elif slope > 0.0:
+            begin = max(begin, -value / slope)
+        else:
+            end = min(end, -value / slope)
+    if end - begin < _NOTHING:
+        return False
+    for i in range(3):
+        along = begin + 0.5 * i * (end - begin)
+        off = region[at + AT] + 0.5 * region[at + BEND] * along * along
+        out[2 * i] = down * off + ahead_down * along
+        out[2 * i + 1] = right * off + ahead_right * along
+    return True
+
+
+def _followers(pieces: FloatArray, near: NDArray[np.int32]) -> IntArray:
+    """Piece that follows each, -1 for none: the beginning nearest to its end, of the same surface; the closest first."""
+    count = len(pieces)
+    wanted = min(_CANDIDATES, count)
+    distance, other = cKDTree(pieces[:, :2]).query(pieces[:, 4:6], k=wanted, distance_upper_bound=_REACH)
+    distance, other = distance.reshape(count, wanted), other.reshape(count, wanted)
+    one = np.repeat(np.arange(count), wanted)
+    distance, other = distance.ravel(), other.ravel()
+    there = np.isfinite(distance)
+    one, other, distance = one[there], other[there], distance[there]
+    way = pieces[:, 4:6] - pieces[:, :2]
+    way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), _NOTHING)
+    alike: BoolArray = (near[one] == near[other]) & (one != other)
+    alike &= (way[one] * way[other]).sum(axis=1) > _LEAST_TURN
+    order = np.flatnonzero(alike)[np.argsort(distance[alike], kind="stable")]
+    follower, taken = np.full(count, -1), np.zeros(count, bool)
+    for k in order:
+        if follower[one[k]] < 0 and not taken[other[k]]:
+            follower[one[k]] = other[k]
+            taken[other[k]] = True
+    return follower
+
+
+def _chains(follower: IntArray) -> list[list[int]]:
+    """Pieces of each line in order: lines with a beginning first, then rings."""
+    has_one_before = np.zeros(len(follower), bool)
+    has_one_before[follower[follower >= 0]] = True
+    done = np.zeros(len(follower), bool)
+    chains = []
+    for start in (*np.flatnonzero(~has_one_before), *range(len(follower))):
+        if done[start]:
+            continue
+        chain, piece = [], int(start)
+        while piece >= 0 and not done[piece]:
+            done[piece] = True
+            chain.append(piece)
+            piece = int(follower[piece])
+        chains.append(chain if piece < 0 else [*chain, piece])
+    return chains
+
+
+def _edges(pieces: FloatArray, owner: IntArray, cuts: Cuts, chains: list[list[int]]) -> Edges:
+    """Points: the beginning of a line's first piece, the middle of each, its end at a corner, the end of the last."""
+    order, place, line = [], [], []
+    for number, chain in enumerate(chains):
+        ring = len(chain) > 1 and chain[0] == chain[-1]
+        if not ring:
+            order.append(chain[0])
+            place.append(0)
+            line.append(number)
+        for k, piece in enumerate(chain):
+            last = k == len(chain) - 1
+            corner = not last and owner[chain[k + 1]] == owner[piece]
+            for where in (1, 2) if corner or (last and not ring) else (1,):
+                order.append(piece)
+                place.append(where)
+                line.append(number)
+    order_, place_ = np.array(order), np.array(place)
+    cut = owner[order_]
+    return Edges(
+        row=pieces[order_, 2 * place_].astype(np.float32), col=pieces[order_, 2 * place_ + 1].astype(np.float32),
+        stderr=np.sqrt(pieces[order_, 6]).astype(np.float32), near=cuts.near[cut], far=cuts.far[cut],
+        line=np.array(line, dtype=np.int32),
+    )  # fmt: skip

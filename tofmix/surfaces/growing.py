@@ -1,0 +1,309 @@
+"""Growing of planar surfaces from node to node. Compiled.
+
+A surface begins at a node whose neighbours are flat, with a plane that faces the camera and whose slopes are hardly
+known. Every neighbour that lies on the plane within the errors of both joins it and makes the plane better known.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import FloatArray
+from tofmix.jit import borrowing, jit
+
+PRIOR_SLOPE = 1.5
+"""Standard deviation of a surface's slope, tangent of the angle off the beam, before its neighbours are seen."""
+
+MOST_SIGMA = 4.0
+"""A node is on a plane that it misses by up to this many standard deviations."""
+
+NEW = 28.0
+"""What a surface costs, shared by its nodes, as a squared misfit: its three numbers, each known to one in a hundred."""
+
+_AFTER = 1.1
+"""A plane is solved again when it has this many times the nodes: more often changes nothing that matters."""
+
+_FEW = 32
+"""With fewer nodes than this it is solved after each."""
+
+
+@borrowing
+def solve(information: FloatArray, right: FloatArray, plane: FloatArray, covariance: FloatArray) -> None:
+    """Fill the plane (3,) and its covariance (3, 3) from the normal equations, by cofactors."""
+    a, b, c = information[0, 0], information[0, 1], information[0, 2]
+    d, e, f = information[1, 1], information[1, 2], information[2, 2]
+    co_a, co_b, co_c = d * f - e * e, c * e - b * f, b * e - c * d
+    whole = a * co_a + b * co_b + c * co_c
+    covariance[0, 0], covariance[0, 1], covariance[0, 2] = co_a / whole, co_b / whole, co_c / whole
+    covariance[1, 1], covariance[1, 2] = (a * f - c * c) / whole, (b * c - a * e) / whole
+    covariance[2, 2] = (a * d - b * b) / whole
+    covariance[1, 0], covariance[2, 0], covariance[2, 1] = covariance[0, 1], covariance[0, 2], covariance[1, 2]
+    for i in range(3):
+        plane[i] = covariance[i, 0] * right[0] + covariance[i, 1] * right[1] + covariance[i, 2] * right[2]
+
+
+@borrowing
+def begin(inverse: float, direction: FloatArray, information: FloatArray, right: FloatArray) -> None:
+    """Set the normal equations to those of a plane that faces the beam, with slopes of `PRIOR_SLOPE`."""
+    weight = 1.0 / (PRIOR_SLOPE * inverse) ** 2
+    for i in range(3):
+        right[i] = 0.0
+        for j in range(3):
+            information[i, j] = weight * ((1.0 if i == j else 0.0) - direction[i] * direction[j])
+
+
+@borrowing
+def add(
+    inverse: float, variance: float, direction: FloatArray, information: FloatArray, right: FloatArray
+) -> None:  # fmt: skip
+    """Add a node to the normal equations."""
+    for i in range(3):
+        right[i] += direction[i] * inverse / variance
+        for j in range(3):
+            information[i, j] += direction[i] * direction[j] / variance
+
+
+@borrowing
+def dot(x: FloatArray, y: FloatArray) -> float:
+    """Scalar product of two vectors (3,)."""
+    return float(x[0] * y[0] + x[1] * y[1] + x[2] * y[2])
+
+
+@borrowing
+def own_variance(
+    variance: float, shift: float, down: FloatArray, across: FloatArray, plane: FloatArray
+) -> float:  # fmt: skip
+    """Variance of a node's inverse range about a plane: a part of a pixel may be seen off the pixel's centre."""
+    if shift == 0.0:
+        return variance
+    along_row, along_col = dot(plane, down), dot(plane, across)
+    return float(variance + shift * shift * (along_row * along_row + along_col * along_col))
+
+
+@borrowing
+def misfit(
+    inverse: float, variance: float, direction: FloatArray, plane: FloatArray, covariance: FloatArray
+) -> float:  # fmt: skip
+    """Squared distance of a node from a plane in units of the variance of both."""
+    spread = 0.0
+    for i in range(3):
+        spread += direction[i] * dot(covariance[i], direction)
+    miss = inverse - dot(plane, direction)
+    return float(miss * miss / (variance + max(spread, 0.0)))
+
+
+@jit
+def flatness(
+    index: NDArray[np.int32], row: NDArray[np.int32], col: NDArray[np.int32], inverse: FloatArray,
+    variance: FloatArray, shift: FloatArray, direction: FloatArray, down: FloatArray, across: FloatArray,
+) -> FloatArray:  # fmt: skip
+    """How flat the eight neighbours of each node are: the mean of their squared misfits, a missing one counted as bad.
+
+    Parameters are those of `Nodes`.
+
+    Returns
+    -------
+    (node,) float64
+        0 to `MOST_SIGMA` ** 2.
+    """
+    rows, cols, depth = index.shape
+    out = np.empty(len(row))
+    information, covariance = np.empty((3, 3)), np.empty((3, 3))
+    right, plane = np.empty(3), np.empty(3)
+    chosen = np.empty(8, np.int64)
+    worst = MOST_SIGMA * MOST_SIGMA
+    for node in range(len(row)):
+        begin(inverse[node], direction[node], information, right)
+        add(inverse[node], variance[node], direction[node], information, right)
+        count = 0
+        for r in range(max(row[node] - 1, 0), min(row[node] + 2, rows)):
+            for c in range(max(col[node] - 1, 0), min(col[node] + 2, cols)):
+                best = -1
+                for k in range(depth):
+                    other = index[r, c, k]
+                    if other >= 0 and other != node and (
+                        best < 0 or abs(inverse[other] - inverse[node]) < abs(inverse[best] - inverse[node])
+                    ):  # fmt: skip
+                        best = other
+                if best >= 0 and not (r == row[node] and c == col[node]):
+                    add(inverse[best], variance[best], direction[best], information, right)
+                    chosen[count] = best
+                    count += 1
+        solve(information, right, plane, covariance)
+        total = (8 - count) * worst
+        for k in range(count):
+            other = chosen[k]
+            spread = own_variance(variance[other], shift[other], down[other], across[other], plane)
+            miss = inverse[other] - dot(plane, direction[other])
+            total += min(worst, miss * miss / spread)
+        miss = inverse[node] - dot(plane, direction[node])
+        out[node] = (total + min(worst, miss * miss / variance[node])) / 9.0
+    return out
+
+
+@jit
+def grow(
+    index: NDArray[np.int32], row: NDArray[np.int32], col: NDArray[np.int32], inverse: FloatArray,
+    variance: FloatArray, shift: FloatArray, direction: FloatArray, down: FloatArray, across: FloatArray,
+    order: NDArray[np.int64],
+) -> NDArray[np.int32]:  # fmt: skip
+    """Grow surfaces, each from the first node in `order` that is of none yet.
+
+    Parameters
+    ----------
+    order : (node,) int64
+        Nodes, the flattest first. The others are those of `Nodes`.
+
+    Returns
+    -------
+    (node,) int32
+        Number of the surface of each node, in the order in which they began.
+    """
+    rows, cols, depth = index.shape
+    label = np.full(len(row), -1, np.int32)
+    queue = np.empty(len(row), np.int64)
+    information, covariance = np.empty((3, 3)), np.empty((3, 3))
+    right, plane = np.empty(3), np.empty(3)
+    worst = MOST_SIGMA * MOST_SIGMA
+    found = 0
+    for seed in order:
+        if label[seed] >= 0:
+            continue
+        begin(inverse[seed], direction[seed], information, right)
+        add(inverse[seed], variance[seed], direction[seed], information, right)
+        solve(information, right, plane, covariance)
+        label[seed] = found
+        queue[0] = seed
+        count, solved = 1, 1
+        for sweep in range(2):
+            # In the second sweep the whole plane is known: who was passed over too early gets another chance.
+            if sweep == 1:
+                solve(information, right, plane, covariance)
+            at = 0
+            while at < count:
+                node = queue[at]
+                at += 1
+                for r in range(max(row[node] - 1, 0), min(row[node] + 2, rows)):
+                    for c in range(max(col[node] - 1, 0), min(col[node] + 2, cols)):
+                        best, least, there = -1, worst, False
+                        for k in range(depth):
+                            other = index[r, c, k]
+                            if other < 0:
+                                continue
+                            if label[other] == found:
+                                there = True
+                            elif label[other] < 0:
+                                spread = own_variance(variance[other], shift[other], down[other], across[other], plane)
+                                far = misfit(inverse[other], spread, direction[other], plane, covariance)
+                                if far < least:
+                                    best, least = other, far
+                        if best < 0 or there:
+                            continue
+                        spread = own_variance(variance[best], shift[best], down[best], across[best], plane)
+                        add(inverse[best], spread, direction[best], information, right)
+                        label[best] = found
+                        queue[count] = best
+                        count += 1
+                        if count < _FEW or count > _AFTER * solved:
+                            solve(information, right, plane, covariance)
+                            solved = count
+        found += 1
+    return label
+
+
+@jit
+def fit(
+    label: NDArray[np.int32], count: int, inverse: FloatArray, variance: FloatArray, shift: FloatArray,
+    direction: FloatArray, down: FloatArray, across: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
+    """Fit the plane of each surface to its nodes.
+
+    Parameters
+    ----------
+    label : (node,) int32
+        Surface of each node; below 0: none.
+    count : int
+        Surfaces. The others are those of `Nodes`.
+
+    Returns
+    -------
+    planes, covariances, sizes, misfits
+        (surface, 3) m of 1/r = m . d; (surface, 3, 3); nodes of each; mean squared misfit of its nodes.
+    """
+    planes, covariances = np.zeros((count, 3)), np.zeros((count, 3, 3))
+    sizes, misfits = np.zeros(count), np.zeros(count)
+    information, right = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    for step in range(2):  # the second time with the slopes of the first
+        sizes[:] = 0.0
+        for node in range(len(label)):
+            one = label[node]
+            if one < 0:
+                continue
+            if sizes[one] == 0.0:
+                begin(inverse[node], direction[node], information[one], right[one])
+            sizes[one] += 1.0
+            spread = variance[node]
+            if step == 1:
+                spread = own_variance(spread, shift[node], down[node], across[node], planes[one])
+            add(inverse[node], spread, direction[node], information[one], right[one])
+        for one in range(count):
+            if sizes[one] > 0.0:
+                solve(information[one], right[one], planes[one], covariances[one])
+    for node in range(len(label)):
+        one = label[node]
+        if one >= 0:
+            spread = own_variance(variance[node], shift[node], down[node], across[node], planes[one])
+            miss = inverse[node] - dot(planes[one], direction[node])
+            misfits[one] += miss * miss / spread / sizes[one]
+    return planes, covariances, sizes, misfits
+
+
+@jit
+def reassign(
+    index: NDArray[np.int32], row: NDArray[np.int32], col: NDArray[np.int32], inverse: FloatArray,
+    variance: FloatArray, shift: FloatArray, direction: FloatArray, down: FloatArray, across: FloatArray,
+    label: NDArray[np.int32], planes: FloatArray, covariances: FloatArray, sizes: FloatArray, apart: float,
+) -> int:  # fmt: skip
+    """Give each node the surface of its neighbourhood that fits it best; return how many changed.
+
+    A surface's cost is the squared misfit, `apart` for each of the eight neighbouring pixels without that surface, and a
+    part of what a surface costs at all: a few false layers beside a large surface are given back to it. `label` is changed
+    in place.
+    """
+    rows, cols, depth = index.shape
+    changed = 0
+    near = np.empty(9 * depth, np.int64)
+    times = np.empty(9 * depth, np.int64)
+    for node in range(len(row)):
+        count, alike = 0, True
+        for r in range(max(row[node] - 1, 0), min(row[node] + 2, rows)):
+            for c in range(max(col[node] - 1, 0), min(col[node] + 2, cols)):
+                for k in range(depth):
+                    other = index[r, c, k]
+                    if other < 0 or label[other] < 0:
+                        continue
+                    beside = 0 if r == row[node] and c == col[node] else 1
+                    known = False
+                    for i in range(count):
+                        if near[i] == label[other]:
+                            times[i] += beside
+                            known = True
+                    if not known:
+                        near[count], times[count] = label[other], beside
+                        count += 1
+                        alike = alike and label[other] == label[node]
+        if alike:
+            continue
+        best, least = label[node], np.inf
+        for i in range(count):
+            one = near[i]
+            spread = own_variance(variance[node], shift[node], down[node], across[node], planes[one])
+            cost = misfit(inverse[node], spread, direction[node], planes[one], covariances[one])
+            if one != label[node] and cost > MOST_SIGMA * MOST_SIGMA:
+                continue
+            cost += apart * (8 - times[i]) + NEW / sizes[one]
+            if cost < least:
+                best, least = one, cost
+        if best != label[node]:
+            label[node] = best
+            changed += 1
+    return changed

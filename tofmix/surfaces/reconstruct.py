@@ -1,0 +1,136 @@
+"""From the layers of one window to its surfaces, their edges, and a finer range image."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray
+from tofmix.layers import Layers
+from tofmix.projection import Projection, beam_directions_of, unit
+from tofmix.sensor import Sensor
+from tofmix.surfaces.cuts import Cuts, make_cuts
+from tofmix.surfaces.edge_fit import FIT_COLUMNS, fit_edges
+from tofmix.surfaces.edge_lines import trace
+from tofmix.surfaces.found import NO_SURFACE, Planes, WindowSurfaces
+from tofmix.surfaces.grazing import continue_edges
+from tofmix.surfaces.linking import Linked, link
+from tofmix.surfaces.nodes import Nodes, make_nodes
+from tofmix.surfaces.painting import paint_row, share_out
+from tofmix.surfaces.regions import choose_regions, ray_lines
+from tofmix.surfaces.shares import Shares, make_shares
+
+DEFAULT_FACTOR = 8
+"""Parts of a pixel along each side."""
+
+_THREADS, _PARTS = 2, 16
+"""Fits do not depend on each other; parts of the work even out."""
+
+LEAST_PIXELS = 3
+"""Layers of a surface at least: a plane has three numbers."""
+
+
+def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR) -> WindowSurfaces:
+    """Find the surfaces of one window.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col).
+    sensor : Sensor
+        The camera; its optics place the pixels.
+    factor : int
+        Parts of a pixel along each side in the fine range image.
+
+    Raises
+    ------
+    ValueError
+        If it is not known where the pixels look. The message begins with a key.
+    """
+    optics = sensor.optics
+    if optics is None:
+        raise ValueError("sensor: no field of view, so surfaces cannot be placed")
+    rows, cols = layers.shape
+    directions = beam_directions_of(optics, (rows, cols))
+    nodes = make_nodes(layers, directions)
+    linked = link(nodes)
+    shares = make_shares(layers, nodes, linked)
+    cuts = make_cuts(shares, linked.planes, directions)
+    rays = pixel_rays(optics, (rows, cols))
+    seen = (shares.count, shares.label, shares.inverse, shares.up_to, shares.samples, shares.floor)
+    where = (linked.planes, directions, rays)
+    fits = _fit(cuts, *seen, *where)
+    lines = ray_lines(fits, cuts.row, cuts.col, np.linalg.inv(np.moveaxis(rays[..., [1, 2, 0], :], -1, -2)))
+    regions = choose_regions(fits, lines, cuts.row, cuts.col, cuts.near, cuts.first, cuts.following, *seen, *where)
+    silent = _silent(layers, shares)
+    painted = continue_edges(shares, cuts, fits, lines, regions, *where, silent)
+    range_fine = np.empty((rows * factor, cols * factor), np.float32)
+    surface_fine = np.empty((rows * factor, cols * factor), np.int32)
+    for row in range(rows):
+        part = slice(row * factor, (row + 1) * factor)
+        paint_row(
+            row, factor, painted.regions, painted.cuts.first, painted.cuts.following, painted.count, painted.label,
+            painted.inverse, linked.planes, directions, _part_directions(optics, row, factor, (rows, cols)), range_fine[part], surface_fine[part],
+        )  # fmt: skip
+    share_out(factor, silent & (painted.count == 0), range_fine, surface_fine)
+    kept = int((linked.sizes >= LEAST_PIXELS).sum())
+    edges = trace(painted.cuts, painted.regions, kept)
+    edges = replace(edges, far=np.where(edges.far < kept, edges.far, NO_SURFACE).astype(np.int32))
+    surface_fine[surface_fine >= kept] = NO_SURFACE
+    surface = np.where(nodes.index >= 0, np.append(linked.label, NO_SURFACE)[nodes.index], NO_SURFACE)
+    return WindowSurfaces(
+        surface=np.where(surface < kept, surface, NO_SURFACE).astype(np.int32),
+        planes=_planes(nodes, linked, kept), edges=edges, range_fine=range_fine, surface_fine=surface_fine,
+    )  # fmt: skip
+
+
+def _fit(cuts: Cuts, *arrays: Any) -> FloatArray:  # noqa: ANN401  those of `fit_edges`
+    """Fit all cuts, those of nearer surfaces first, in two threads."""
+    fits = np.zeros((len(cuts), FIT_COLUMNS))
+    with ThreadPoolExecutor(_THREADS) as pool:
+        for entry in range(int(cuts.entry.max(initial=-1)) + 1):
+            which = np.flatnonzero(cuts.entry == entry)
+            jobs = [
+                pool.submit(fit_edges, part, fits, cuts.first, cuts.following, cuts.row, cuts.col, cuts.near, *arrays)
+                for part in np.array_split(which, _PARTS)
+            ]
+            for job in jobs:
+                job.result()
+    return fits
+
+
+def _silent(layers: Layers, shares: Shares) -> BoolArray:
+    """Pixels (row, col) that have layers and do not tell shares, as their mixing is undecided."""
+    return np.asarray((shares.count == 0) & (layers.n_modes > 0))
+
+
+def pixel_rays(optics: Projection, shape: tuple[int, int]) -> FloatArray:
+    """Rays (row, col, 3, 3): through the centre of each pixel, and their change to the next row and to the next column."""
+    rows, cols = np.meshgrid(*(np.arange(n, dtype=np.float64) for n in shape), indexing="ij")
+    centre = optics.rays(rows, cols, shape=shape)
+    down = optics.rays(rows + 0.5, cols, shape=shape) - optics.rays(rows - 0.5, cols, shape=shape)
+    across = optics.rays(rows, cols + 0.5, shape=shape) - optics.rays(rows, cols - 0.5, shape=shape)
+    return np.ascontiguousarray(np.stack([centre, down, across], axis=-2))
+
+
+def _part_directions(optics: Projection, row: int, factor: int, shape: tuple[int, int]) -> FloatArray:
+    """Unit vectors (factor, cols * factor, 3) through the centres of the parts of a row's pixels."""
+    places = (np.arange(factor) + 0.5) / factor - 0.5
+    across = (np.arange(shape[1])[:, np.newaxis] + places).ravel()
+    return np.ascontiguousarray(unit(optics.rays((row + places)[:, np.newaxis], across, shape=shape)))
+
+
+def _planes(nodes: Nodes, linked: Linked, kept: int) -> Planes:
+    """Planes of the first `kept` surfaces; m . d = 1/r is (m / |m|) . x = 1 / |m|."""
+    length = np.linalg.norm(linked.planes[:kept], axis=1)
+    expected = (linked.planes[linked.label] * nodes.direction).sum(axis=1)
+    miss = np.zeros(kept)
+    ours = linked.label < kept
+    np.add.at(miss, linked.label[ours], (1.0 / nodes.inverse[ours] - 1.0 / expected[ours]) ** 2)
+    return Planes(
+        n_pixels=linked.sizes[:kept].astype(np.uint32),
+        normal=(linked.planes[:kept] / length[:, np.newaxis]).astype(np.float32),
+        offset_mm=(1.0 / length).astype(np.float32),
+        rms_mm=np.sqrt(miss / linked.sizes[:kept]).astype(np.float32),
+    )

@@ -1,0 +1,112 @@
+"""Shares of the surfaces in each pixel, near to far: what is known of the areas that they cover."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.arrays import BoolArray, FloatArray
+from tofmix.flags import Mixing, Status
+from tofmix.layers import Layers
+from tofmix.surfaces.found import NO_SURFACE
+from tofmix.surfaces.linking import Linked
+from tofmix.surfaces.nodes import Nodes
+
+_LEAST_SAMPLES = 3.0
+"""Samples without a return from which on a pixel sees open space: fewer may be lost by chance."""
+
+UNSEEN_SHARE = 0.03
+"""Half the share below which unmixing finds no second surface (docs/mixing.md): error of a pixel's being pure."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Shares:
+    """What each pixel sees, near to far; open space is the last entry.
+
+    Parameters
+    ----------
+    count : (row, col) int32
+        Entries of each pixel; 0: nothing is known.
+    label : (row, col, entry) int32
+        Surface of each entry; `NO_SURFACE`: open space.
+    inverse : (row, col, entry) float64
+        1 / r of each, 1/mm; 0 for open space.
+    up_to : (row, col, entry) float64
+        Share of the beam of an entry and of all nearer ones; 1 for the last.
+    samples : (row, col) float64
+        Samples that a share is worth: its variance is share (1 - share) / samples.
+    floor : (row, col) float64
+        Further variance of a share, of what a pixel may see without its being noticed.
+    """
+
+    count: NDArray[np.int32]
+    label: NDArray[np.int32]
+    inverse: FloatArray
+    up_to: FloatArray
+    samples: FloatArray
+    floor: FloatArray
+
+
+def make_shares(layers: Layers, nodes: Nodes, linked: Linked) -> Shares:
+    """Collect the shares of a window: layers (row, col), their nodes and the surfaces of these."""
+    rows, cols, depth = nodes.index.shape
+    used = nodes.index >= 0
+    weight = np.where(used, layers.weight, 0.0).astype(np.float64)
+    nothing = np.nan_to_num(layers.weight_no_return.astype(np.float64))
+    total_samples = np.maximum(layers.n_samples.astype(np.float64), 1.0)
+    nothing = np.where(nothing * total_samples >= _LEAST_SAMPLES, nothing, 0.0)
+    whole = weight.sum(axis=-1) + nothing
+    # A pixel whose layers are not all of a surface says nothing.
+    known: BoolArray = (whole > 0) & ~(np.isfinite(layers.range) & ~used).any(axis=-1)
+    known &= layers.status != int(Status.TOO_FEW_SAMPLES)
+    label = np.full((rows, cols, depth + 1), NO_SURFACE, np.int32)
+    inverse = np.zeros((rows, cols, depth + 1))
+    up_to = np.ones((rows, cols, depth + 1))
+    count = np.zeros((rows, cols), np.int32)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(known[..., np.newaxis], weight / whole[..., np.newaxis], 0.0)
+    surface = np.where(used, np.append(linked.label, NO_SURFACE)[nodes.index], NO_SURFACE)
+    # Layers of one surface in a pixel are one entry: the first that is seen stands for all.
+    again = np.zeros_like(used)
+    for layer in range(1, depth):
+        again[..., layer] = used[..., layer] & (surface[..., :layer] == surface[..., layer : layer + 1]).any(axis=-1)
+    for layer in range(1, depth):
+        row, col = np.nonzero(again[..., layer])
+        first_seen = (surface[row, col] == surface[row, col, layer][:, np.newaxis]).argmax(axis=1)
+        np.add.at(share, (row, col, first_seen), share[row, col, layer])
+        share[row, col, layer] = 0.0
+    used = used & ~again
+    row, col, layer = np.nonzero(used & known[..., np.newaxis])
+    place = (np.cumsum(used, axis=-1) - 1)[row, col, layer]
+    node = nodes.index[row, col, layer]
+    label[row, col, place] = linked.label[node]
+    inverse[row, col, place] = nodes.inverse[node]
+    up_to[row, col, place] = np.cumsum(share, axis=-1)[row, col, layer]
+    np.add.at(count, (row, col), 1)
+    last = count.copy()
+    is_open = known & (nothing > 0)
+    count += is_open
+    # The last entry fills the pixel, whatever the rounding.
+    closed = known & ~is_open
+    up_to[closed, last[closed] - 1] = 1.0
+    return Shares(
+        count=count, label=label, inverse=inverse, up_to=up_to, **_errors(layers, share, count, total_samples)
+    )  # fmt: skip
+
+
+def _errors(
+    layers: Layers, share: FloatArray, count: NDArray[np.int32], total_samples: FloatArray
+) -> dict[str, FloatArray]:  # fmt: skip
+    """Samples that the shares of each pixel are worth, and what may go unnoticed."""
+    error = layers.weight_stderr.astype(np.float64)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        worth = share * (1.0 - share) / error**2
+    told = np.isfinite(worth) & (worth > 0) & (share > 0) & (share < 1)
+    worth = np.where(told, worth, 0.0).sum(axis=-1) / np.maximum(told.sum(axis=-1), 1)
+    mixed = (count > 1) & (worth > 0)
+    floor = np.zeros(count.shape)
+    if layers.mixing is None or not (layers.mixing == int(Mixing.PHASOR)).any():
+        return {"samples": np.where(mixed, worth, total_samples), "floor": floor}
+    usual = float(np.median(worth[mixed])) if mixed.any() else 1.0
+    floor[~mixed] = UNSEEN_SHARE**2
+    return {"samples": np.where(mixed, worth, usual), "floor": floor}
