@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from tofmix.points import PointFilter
     from tofmix.projection import Projection
 
-_POINTS_ONLY = {"min_weight": "--min-weight", "min_probability": "--min-probability", "fov": "--fov"}
-_IMAGES_ONLY = {"layer": "--layer", "scale": "--scale"}
-_LAYERS_ONLY = _POINTS_ONLY | {"undecided": "--undecided", "layer": "--layer"}
+_POINTS_ONLY = ("min_weight", "min_probability", "fov")
+_IMAGES_ONLY = ("layer", "scale")
+_LAYERS_ONLY = (*_POINTS_ONLY, "undecided", "layer")
 _WHAT = ("edges", "points", "image", "planes")
 
 
@@ -34,7 +34,7 @@ tofmix export foreign.layers.h5 -o foreign.csv --fov 47x39
 tofmix export boards.layers.h5 -o second.png --layer 2 --scale 0.25
 tofmix export boards.surfaces.h5 -o edges.geojson
 tofmix export boards.surfaces.h5 -o fine.ply --what points
-tofmix export boards.surfaces.h5 -o fine.png --scale 0.1
+tofmix export boards.surfaces.h5 -o fine.png --scale 0.25
 tofmix export boards.surfaces.h5 -o boards.obj --what planes
 """
 )
@@ -130,14 +130,14 @@ def _check_options(given: set[str], what: str, output: Path, *, of_surfaces: boo
     from tofmix.io.exporters import IMAGE
 
     if of_surfaces:
-        wrong, place = _LAYERS_ONLY, "a surfaces file"
+        wrong = dict.fromkeys(_LAYERS_ONLY, "a surfaces file")
         if what != IMAGE:
-            wrong, place = wrong | {"scale": "--scale"}, f"{what} of a surfaces file"
+            wrong["scale"] = f"{what} of a surfaces file"
     else:
-        wrong, place = _POINTS_ONLY if what == IMAGE else _IMAGES_ONLY, output.suffix
-    for name, option in wrong.items():
+        wrong = dict.fromkeys(_POINTS_ONLY if what == IMAGE else _IMAGES_ONLY, output.suffix)
+    for name, place in wrong.items():
         if name in given:
-            raise UsageError(f"{option} does not belong to {place}")
+            raise UsageError(f"--{name.replace('_', '-')} does not belong to {place}")
 
 
 def _check_window(file: "LayersFile | SurfacesFile", window: int | None, *, as_image: bool) -> None:
@@ -233,7 +233,9 @@ def _export_surfaces(
 
         lines = edge_lines(file, windows)
         exporters.export_edges(output, lines, title=title, overwrite=overwrite, inputs=(file.path,))
-        made = {"lines": len({line.line for line in lines}), "points": sum(len(line.row) for line in lines)}
+        count = len({line.line for line in lines})
+        shared = len(lines) - count  # pieces of a line have one point in common
+        made = {"lines": count, "points": sum(len(line.row) for line in lines) - shared}
         text = f"{counted(made['lines'], 'edge line', ',')} of {counted(made['points'], 'point', ',')}"
     else:
         from tofmix.io.exporters.outlines import outlines

@@ -307,6 +307,11 @@ class SurfacesFile:
         """Points of the edges of all windows."""
         return len(self._datasets["edge_row"])
 
+    @property
+    def edge_lines(self) -> int:
+        """Lines of the edges of all windows."""
+        return int(self.read_dataset("edge_line", slice(-1, None))[-1]) + 1 if self.edge_points else 0
+
     def read_dataset(self, name: str, part: slice = slice(None)) -> NDArray[Any]:
         """Read one dataset, or a part along its first dimension, without a look at its values.
 

@@ -90,8 +90,11 @@ def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]])
     suffix = path.suffix.lower()
     fitting = [one for one, suffixes in known.items() if suffix in suffixes]
     if not fitting:
-        suffixes = dict.fromkeys(suffix for of_one in known.values() for suffix in of_one)
-        raise UsageError(f"{path}: the name must end in one of {', '.join(suffixes)}")
+        ends = dict.fromkeys(end for of_one in known.values() for end in of_one)
+        more = ""
+        if known is OF_LAYERS and any(suffix in of_one for of_one in OF_SURFACES.values()):
+            more = f"; {suffix} is for edges and planes, which tofmix surfaces finds"
+        raise UsageError(f"{path}: the name must end in one of {', '.join(ends)}{more}")
     if what is not None and what not in known:
         raise UsageError(f"--what {what} is of surfaces files, which tofmix surfaces writes; this is a layers file")
     if what is not None and what not in fitting:
