@@ -20,8 +20,8 @@ from tofmix.surfaces.found import NO_SURFACE
 TOLERANCE = 1.0
 """Parts of a pixel: points whose triangle with their neighbours is smaller than a square of this side are left out.
 
-The steps of a border that runs across the parts are artefacts of the image; half of such a step is a triangle of half
-a part.
+A border that runs across the parts has steps that are artefacts of the image; the triangle at a step of one part by one
+is half a part. Longer steps, of nearly level borders, stay: triangles as large may be corners of a thin surface.
 """
 
 
