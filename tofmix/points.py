@@ -48,10 +48,33 @@ POINT_FIELDS: tuple[PointField, ...] = (
 )
 """What a point carries. What comes from the layers file has its name and its unit there."""
 
-POINT_DTYPE = np.dtype([(spec.name, spec.dtype) for spec in POINT_FIELDS])
+PointArray = NDArray[np.void]
+
+
+def packed(fields: Sequence[PointField]) -> np.dtype[np.void]:
+    """A packed record of fields."""
+    return np.dtype([(spec.name, spec.dtype) for spec in fields])
+
+
+POINT_DTYPE = packed(POINT_FIELDS)
 """A packed record of `POINT_FIELDS`."""
 
-PointArray = NDArray[np.void]
+
+class PointSource(Protocol):
+    """Points that come block by block, such as `LayerPoints`."""
+
+    @property
+    def fields(self) -> tuple[PointField, ...]:
+        """What a point carries."""
+
+    def __iter__(self) -> Iterator[PointArray]:
+        """Blocks (point,) of packed records of `fields`."""
+
+    def __len__(self) -> int:
+        """Blocks."""
+
+    def count(self) -> int:
+        """Points of all blocks, for a header that precedes them."""
 
 
 class WindowSource(Protocol):
@@ -122,6 +145,11 @@ class LayerPoints:
         self._windows = range(count) if windows is None else windows
         self._chosen = chosen or PointFilter()
         self._directions = beam_directions_of(optics, (rows, cols))
+
+    @property
+    def fields(self) -> tuple[PointField, ...]:
+        """What a point carries."""
+        return POINT_FIELDS
 
     def __iter__(self) -> Iterator[PointArray]:
         """Points of one window after the other, (point,) of `POINT_DTYPE`; by row, column and layer within each."""

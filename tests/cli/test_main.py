@@ -26,6 +26,7 @@ COMMANDS = (
     "import",
     "export",
     "map",
+    "surfaces",
     "merge",
     "warmup",
 )

@@ -1,4 +1,4 @@
-"""``tofmix export``: layers in the formats of other programs."""
+"""``tofmix export``: layers and surfaces in the formats of other programs."""
 
 import json
 from pathlib import Path
@@ -12,12 +12,18 @@ from tofmix.errors import BadInputError, UsageError
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from tofmix.io.exporters.image import RangeImage
     from tofmix.io.layers_file import LayersFile
+    from tofmix.io.surfaces_file import SurfacesFile
     from tofmix.points import PointFilter
     from tofmix.projection import Projection
 
-_POINTS_ONLY = {"min_weight": "--min-weight", "min_probability": "--min-probability", "fov": "--fov"}
-_IMAGES_ONLY = {"layer": "--layer", "scale": "--scale"}
+_POINTS_ONLY = ("min_weight", "min_probability", "fov")
+_IMAGES_ONLY = ("layer", "scale")
+_LAYERS_ONLY = (*_POINTS_ONLY, "undecided", "layer")
+_WHAT = ("edges", "points", "image", "planes")
 
 
 @examples(
@@ -26,17 +32,24 @@ tofmix export boards.layers.h5 -o boards.las
 tofmix export boards.layers.h5 -o boards.ply --min-weight 0.1 --min-probability 0.99
 tofmix export foreign.layers.h5 -o foreign.csv --fov 47x39
 tofmix export boards.layers.h5 -o second.png --layer 2 --scale 0.25
+tofmix export boards.surfaces.h5 -o edges.geojson
+tofmix export boards.surfaces.h5 -o fine.ply --what points
+tofmix export boards.surfaces.h5 -o fine.png --scale 0.25
+tofmix export boards.surfaces.h5 -o boards.obj --what planes
 """
 )
-@click.command(short_help="Write layers as a point cloud or as range images.")
-@click.argument("layers", type=PATH)
+@click.command(short_help="Write layers and surfaces for other programs: points, images, edges, planes.")
+@click.argument("file", type=PATH)
 @click.option(
     "-o", "--output", type=PATH, required=True,
-    help="File to write; its end names the format: .las, .laz, .ply, .pcd, .csv; .png, .tif.",
+    help="File to write; its end names the format: .las, .laz, .ply, .pcd, .csv; .png, .tif; .geojson, .json, .obj.",
 )  # fmt: skip
 @click.option(
-    "--window", type=click.IntRange(0), help="One window.  [default: all as points; the only one as an image]"
-)
+    "--what", type=click.Choice(_WHAT),
+    help="What to write; edges and planes are of a surfaces file.  [default: the first that the name's end fits, as the"
+    " text above has them]",
+)  # fmt: skip
+@click.option("--window", type=click.IntRange(0), help="One window.  [default: all, but the only one as an image]")
 @click.option("--min-weight", type=click.FloatRange(0, 1), help="Points: leave out layers of a lesser share.")
 @click.option("--min-probability", type=click.FloatRange(0, 1), help="Points: leave out layers that less surely exist.")
 @click.option("--undecided", is_flag=True, help="Write pixels as well in which mixed surfaces cannot be told.")
@@ -53,8 +66,9 @@ tofmix export boards.layers.h5 -o second.png --layer 2 --scale 0.25
 def export(
     context: click.Context,
     /,
-    layers: Path,
+    file: Path,
     output: Path,
+    what: str | None,
     window: int | None,
     min_weight: float | None,
     min_probability: float | None,
@@ -65,34 +79,73 @@ def export(
     as_json: bool,
     overwrite: bool,
 ) -> None:
-    """Write LAYERS, a layers file, for other programs.
+    """Write FILE, a layers file or a surfaces file, for other programs.
 
-    As points: one for each layer, in the sensor's frame in metres (x right, y down, z
-    forward), with the layer's number, the pixel's number of layers, share, sigma,
-    standard errors, probability, row, column and window. As images: the ranges of one
-    layer in 16 bits, 0 where there is none. LAS, LAZ, PNG and TIFF need the extra
-    tofmix[export].
+    Of a layers file, points (.las, .laz, .ply, .pcd, .csv): one for each layer, in the
+    sensor's frame in metres (x right, y down, z forward), with the layer's number, the
+    pixel's number of layers, share, sigma, standard errors, probability, row, column and
+    window; or an image (.png, .tif): the ranges of one layer in 16 bits, 0 where there
+    is none.
+
+    Of a surfaces file, edges (.geojson, .json: lines in the image; .obj, .ply: lines in
+    space), planes (.json: planes and outlines; .obj: triangles), an image (.png, .tif)
+    or points (.pcd, .csv, .ply) of the fine range image.
+
+    LAS, LAZ, PNG, TIFF and planes need the extra tofmix[export].
     """
-    from tofmix.io.exporters import IMAGE_WRITERS, check_suffix
+    from tofmix.io import surfaces_file
+    from tofmix.io.exporters import IMAGE, OF_LAYERS, OF_SURFACES, choose_what
+    from tofmix.io.file_kind import format_of
     from tofmix.io.layers_file import open_layers
     from tofmix.io.storage import claimed
 
-    check_suffix(output)
-    as_image = output.suffix.lower() in IMAGE_WRITERS
-    for name, option in (_POINTS_ONLY if as_image else _IMAGES_ONLY).items():
-        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
-            raise UsageError(f"{option} does not belong to {output.suffix}")
-    with open_layers(layers) as file, claimed(output, overwrite=overwrite, inputs=(layers,)):
-        if window is not None and window >= file.shape[0]:
-            raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
-        if as_image:
-            line, made = _export_image(file, output, window, layer, scale, overwrite, undecided=undecided)
+    given = {
+        name for name in context.params if context.get_parameter_source(name) is not ParameterSource.DEFAULT
+    }  # fmt: skip
+    of_surfaces = format_of(file) == surfaces_file.FORMAT
+    what = choose_what(output, what, OF_SURFACES if of_surfaces else OF_LAYERS)
+    _check_options(given, what, output, of_surfaces=of_surfaces)
+    with claimed(output, overwrite=overwrite, inputs=(file,)):
+        if of_surfaces:
+            with surfaces_file.open_surfaces(file) as surfaces:
+                _check_window(surfaces, window, as_image=what == IMAGE)
+                line, made = _export_surfaces(surfaces, output, what, window, scale, overwrite)
         else:
-            from tofmix.points import PointFilter
+            with open_layers(file) as layers:
+                _check_window(layers, window, as_image=what == IMAGE)
+                if what == IMAGE:
+                    line, made = _export_image(
+                        layers, output, window or 0, layer, scale, overwrite, undecided=undecided
+                    )
+                else:
+                    from tofmix.points import PointFilter
 
-            chosen = PointFilter(min_weight=min_weight, min_probability=min_probability, undecided=undecided)
-            line, made = _export_points(file, output, window, fov, chosen, overwrite)
+                    chosen = PointFilter(min_weight=min_weight, min_probability=min_probability, undecided=undecided)
+                    line, made = _export_points(layers, output, window, fov, chosen, overwrite)
     click.echo(json.dumps({"output": str(output), **made}) if as_json else line)
+
+
+def _check_options(given: set[str], what: str, output: Path, *, of_surfaces: bool) -> None:
+    """Refuse options that would do nothing."""
+    from tofmix.io.exporters import IMAGE
+
+    if of_surfaces:
+        wrong = dict.fromkeys(_LAYERS_ONLY, "a surfaces file")
+        if what != IMAGE:
+            wrong["scale"] = f"{what} of a surfaces file"
+    else:
+        wrong = dict.fromkeys(_POINTS_ONLY if what == IMAGE else _IMAGES_ONLY, output.suffix)
+    for name, place in wrong.items():
+        if name in given:
+            raise UsageError(f"--{name.replace('_', '-')} does not belong to {place}")
+
+
+def _check_window(file: "LayersFile | SurfacesFile", window: int | None, *, as_image: bool) -> None:
+    count = file.shape[0]
+    if window is not None and window >= count:
+        raise UsageError(f"--window {window}: {file.path} has windows 0 to {count - 1}")
+    if as_image and window is None and count > 1:
+        raise UsageError(f"{file.path} has {count} windows; choose the image's with --window")
 
 
 def _export_points(
@@ -134,28 +187,93 @@ def _optics(file: "LayersFile", fov: str | None) -> "Projection":
 
 
 def _export_image(
-    file: "LayersFile", output: Path, window: int | None, layer: int, scale: float, overwrite: bool, *, undecided: bool
+    file: "LayersFile", output: Path, window: int, layer: int, scale: float, overwrite: bool, *, undecided: bool
 ) -> tuple[str, dict[str, Any]]:
     import numpy as np
 
     from tofmix.flags import Mixing
-    from tofmix.io.exporters import export_image
     from tofmix.io.exporters.image import RangeImage
 
-    if window is None and file.shape[0] > 1:
-        raise UsageError(f"{file.path} has {file.shape[0]} windows; choose the image's with --window")
     if layer > file.max_layers:
         raise UsageError(f"--layer {layer}: {file.path} has layers 1 to {file.max_layers}")
-    chosen = window or 0
-    range_mm = file.read_field("range", chosen)[..., layer - 1]
+    range_mm = file.read_field("range", window)[..., layer - 1]
     if "mixing" in file.names and not undecided:
-        range_mm = np.where(file.read_field("mixing", chosen) == int(Mixing.UNDECIDED), np.float32(np.nan), range_mm)
-    title = f"layer {layer} of {file.provenance.source}, window {chosen}"
+        range_mm = np.where(file.read_field("mixing", window) == int(Mixing.UNDECIDED), np.float32(np.nan), range_mm)
+    title = f"layer {layer} of {file.provenance.source}, window {window}"
     image = RangeImage(range_mm=range_mm, scale_mm=scale, title=title)
+    filled = _write_image(file, output, image, overwrite)
+    line = f"{output}: {counted(filled, 'pixel', ',')} with a layer {layer}, {scale:g} mm a count, 0 = none"
+    return line, {"pixels": filled, "window": window, "layer": layer, "scale_mm": scale}
+
+
+def _write_image(file: "LayersFile | SurfacesFile", output: Path, image: "RangeImage", overwrite: bool) -> int:
+    """Write an image; return how many places of it have a range."""
+    from tofmix.io.exporters import export_image
+
     try:
         export_image(output, image, overwrite=overwrite, inputs=(file.path,))
     except BadInputError as error:
         raise BadInputError(f"{file.path}: {error}") from error
-    filled = int((image.counts() > 0).sum())
-    line = f"{output}: {counted(filled, 'pixel', ',')} with a layer {layer}, {scale:g} mm a count, 0 = none"
-    return line, {"pixels": filled, "window": chosen, "layer": layer, "scale_mm": scale}
+    return int((image.counts() > 0).sum())
+
+
+def _export_surfaces(
+    file: "SurfacesFile", output: Path, what: str, window: int | None, scale: float, overwrite: bool
+) -> tuple[str, dict[str, Any]]:
+    from tofmix.io import exporters
+
+    windows = range(file.shape[0]) if window is None else [window]
+    if what == exporters.IMAGE:
+        return _export_fine_image(file, output, windows[0], scale, overwrite)
+    if what == exporters.POINTS:
+        return _export_fine_points(file, output, windows, overwrite)
+    title = f"{what} of {file.provenance.source}"
+    if what == exporters.EDGES:
+        from tofmix.io.exporters.edge_lines import edge_lines
+
+        lines = edge_lines(file, windows)
+        exporters.export_edges(output, lines, title=title, overwrite=overwrite, inputs=(file.path,))
+        count = len({line.line for line in lines})
+        shared = len(lines) - count  # pieces of a line have one point in common
+        made = {"lines": count, "points": sum(len(line.row) for line in lines) - shared}
+        text = f"{counted(made['lines'], 'edge line', ',')} of {counted(made['points'], 'point', ',')}"
+    else:
+        from tofmix.io.exporters.outlines import outlines
+
+        found = outlines(file, windows)
+        exporters.export_planes(output, file, found, title=title, overwrite=overwrite)
+        made = {"surfaces": len(found), "polygons": sum(len(outline.polygons) for outline in found)}
+        text = f"{counted(made['surfaces'], 'surface', ',')} with {counted(made['polygons'], 'polygon', ',')}"
+    if not any(made.values()):
+        click.echo(f"tofmix: {output}: {file.path} has no surface there, so there is nothing in it", err=True)
+    return f"{output}: {text}", {"what": what, **made, "windows": len(windows)}
+
+
+def _export_fine_image(
+    file: "SurfacesFile", output: Path, window: int, scale: float, overwrite: bool
+) -> tuple[str, dict[str, Any]]:
+    from tofmix.io.exporters.image import RangeImage
+
+    range_mm = file.read_image("range_fine", window)
+    title = f"fine range image of {file.provenance.source}, window {window}, {file.factor} x {file.factor} a pixel"
+    image = RangeImage(range_mm=range_mm, scale_mm=scale, title=title, none="no return")
+    filled = _write_image(file, output, image, overwrite)
+    rows, cols = range_mm.shape
+    line = f"{output}: range image {rows} x {cols}, {filled:,} with a range, {scale:g} mm a count, 0 = none"
+    return line, {"what": "image", "rows": rows, "cols": cols, "filled": filled, "window": window, "scale_mm": scale}
+
+
+def _export_fine_points(
+    file: "SurfacesFile", output: Path, windows: "Sequence[int]", overwrite: bool
+) -> tuple[str, dict[str, Any]]:
+    from tofmix.io.exporters import export_points
+    from tofmix.io.exporters.fine_points import FinePoints
+
+    points = FinePoints(file, windows)
+    title = f"fine range image of {file.provenance.source}"
+    with progress_bar(len(points), "export", "block") as bar:
+        count = export_points(
+            output, points, title=title, progress=bar.update, overwrite=overwrite, inputs=(file.path,)
+        )
+    line = f"{output}: {counted(count, 'point', ',')} of {counted(len(windows), 'window')}"
+    return line, {"what": "points", "points": count, "windows": len(windows)}

@@ -18,6 +18,7 @@ _TOML = ".toml"
     """
 tofmix info sample_data/three_boards.h5
 tofmix info boards.layers.h5 --json
+tofmix info boards.surfaces.h5
 tofmix info my_scene.toml
 tofmix info corridor
 tofmix info vl53l5cx
@@ -29,7 +30,7 @@ tofmix info gap
 @click.argument("file", type=PATH)
 @json_option
 def info(file: Path, as_json: bool) -> None:
-    """Say what FILE is: a recording, a layers file, or a TOML file of a model or a sensor.
+    """Say what FILE is: a recording, a layers or surfaces file, or a TOML file of a model or a sensor.
 
     Prints its sizes, units, options, camera and what to be wary of. FILE may also be
     the name of a built-in model or sensor, a folder that tofmix reconcile wrote, or
@@ -101,17 +102,20 @@ def _of_text(name: str) -> "Description":
 
 
 def _of_hdf5(path: Path) -> "Description":
-    from tofmix.io import layers_file
+    from tofmix.io import layers_file, surfaces_file
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers_file import open_layers
     from tofmix.io.range_check import look, unit_doubt, zeros_doubt
     from tofmix.io.recording_file import open_recording
-    from tofmix.report.descriptions import describe_layers, describe_recording
+    from tofmix.report.descriptions import describe_layers, describe_recording, describe_surfaces
 
     kind, size = format_of(path), path.stat().st_size
     if kind == layers_file.FORMAT:
         with open_layers(path) as layers:
             return describe_layers(layers, name=str(path), file_bytes=size)
+    if kind == surfaces_file.FORMAT:
+        with surfaces_file.open_surfaces(path) as surfaces:
+            return describe_surfaces(surfaces, name=str(path), file_bytes=size)
     with open_recording(path, check_units=False) as recording:
         found = look(recording)
         doubts = {"range_units": unit_doubt(recording, found), "range_zeros": zeros_doubt(recording, found)}

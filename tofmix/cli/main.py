@@ -22,6 +22,7 @@ from tofmix.cli.reconcile import reconcile
 from tofmix.cli.report import report
 from tofmix.cli.sensors import sensors
 from tofmix.cli.simulate import simulate
+from tofmix.cli.surfaces import surfaces
 from tofmix.cli.verify import verify
 from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
@@ -80,11 +81,11 @@ def main(context: click.Context, /) -> None:
 
 
 for _command in (
-    simulate, estimate, report, reconcile, inspect, info, verify, compare, import_, export, map_, sensors, merge,
-    warmup,
+    simulate, estimate, report, reconcile, inspect, info, verify, compare, import_, export, map_, surfaces, sensors,
+    merge, warmup,
 ):  # fmt: skip
     main.add_command(_command)
-for _command in (simulate, estimate, reconcile, import_, export, map_, warmup):  # those that take their time
+for _command in (simulate, estimate, reconcile, import_, export, map_, surfaces, warmup):  # those that take their time
     quiet_option(_command)
 
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @examples(
     """
-tofmix verify boards.h5 boards.layers.h5
+tofmix verify boards.h5 boards.layers.h5 boards.surfaces.h5
 tofmix verify layers/*.layers.h5 --json
 tofmix verify gap
 """
@@ -25,12 +25,13 @@ tofmix verify gap
 @click.argument("files", type=PATH, nargs=-1, required=True)
 @json_option
 def verify(files: tuple[Path, ...], as_json: bool) -> ExitCode:
-    """Check FILES: recordings, layers files, models, or folders that tofmix reconcile wrote.
+    """Check FILES: recordings, layers, surfaces, models, or folders that tofmix reconcile wrote.
 
     Reads every value, so that every checksum is compared; checks dimensions, types and
     units, and what holds in any result: shares sum to 1, ranges ascend, NaN stands
-    exactly past n_modes, statuses fit. Prints one line a fault. Exit code 0: nothing is
-    wrong; 3: something is; 5: something is with some of several files.
+    exactly past n_modes, statuses fit, surfaces have as many layers as they say. Prints
+    one line a fault. Exit code 0: nothing is wrong; 3: something is; 5: something is with
+    some of several files.
     """
     from tofmix.io.verify import verify as verify_file
 

@@ -44,7 +44,12 @@ _LIBVER = (h5py.h5f.LIBVER_V18, h5py.h5f.LIBVER_V110)
 _MOST_POINTS = 100_000
 _MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
 
-_COMMANDS = {"tofmix-recording": ("recording", "estimate"), "tofmix-layers": ("layers file", "report")}
+_LAYERS, _SURFACES = "tofmix-layers", "tofmix-surfaces"
+_COMMANDS = {
+    "tofmix-recording": ("recording", "estimate"),
+    _LAYERS: ("layers file", "report"),
+    _SURFACES: ("surfaces file", "export"),
+}
 """What a file of each format is, and the command that takes it."""
 
 _SENSOR_NUMBERS = (
@@ -132,11 +137,18 @@ def add_group(parent: h5py.Group, name: str) -> h5py.Group:
 
 
 def add_scale(group: h5py.Group, name: str, length: int) -> None:
-    """Add a dimension scale `name` that counts from 0."""
-    scale = group.create_dataset(name, data=np.arange(length, dtype=np.uint32), chunks=(length,), fletcher32=True)
+    """Add a dimension scale `name` that counts from 0; its length may be 0."""
+    scale = group.create_dataset(
+        name, data=np.arange(length, dtype=np.uint32), chunks=(max(1, length),), fletcher32=True, **_room((length,))
+    )
     scale.attrs["units"] = "1"
     scale.attrs["long_name"] = f"{name} index"
     scale.make_scale(name)
+
+
+def _room(shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
+    """Setting of a dataset without a value: h5py refuses a chunk that is longer than the dataset could ever be."""
+    return {"maxshape": tuple(max(1, n) for n in shape)} if 0 in shape else {}
 
 
 def add_variable(
@@ -161,6 +173,7 @@ def add_variable(
         data=data,
         chunks=chunks or tuple(max(1, n) for n in shape),
         fillvalue=fill,
+        **_room(shape),
         **options,
     )
     dataset.attrs["units"] = units
@@ -440,7 +453,8 @@ def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> N
         return
     if found != kind and found in _COMMANDS:
         what, command = _COMMANDS[found]
-        raise BadInputError(f"{path} is a {what}, not a {_COMMANDS[kind][0]}: {next_command(command, path)}")
+        remedy = next_command("surfaces" if (found, kind) == (_LAYERS, _SURFACES) else command, path)
+        raise BadInputError(f"{path} is a {what}, not a {_COMMANDS[kind][0]}: {remedy}")
     if found is None and "range" in root and "n_modes" not in root:
         raise BadInputError(f"{path}: no layers file; if it is a recording: {next_command('estimate', path)}")
     if found != kind:

@@ -16,7 +16,9 @@ def import_command(path: Path, *options: str) -> str:
 
 
 def next_command(name: str, path: Path, *options: str) -> str:
-    """Another command on a file."""
+    """Another command on a file; `export` writes to a new one beside it."""
+    if name == "export" and not options:
+        options = ("-o", str(path.with_name(f"{path.name.removesuffix('.h5')}.ply")))
     return shlex.join(["tofmix", name, str(path), *options])
 
 

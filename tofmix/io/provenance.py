@@ -1,8 +1,9 @@
-"""What layers were made from and with, as a layers file and a journal keep it: root attributes of an HDF5 file."""
+"""What layers and surfaces were made from and with, as their files and a journal keep it: root attributes of HDF5."""
 
 import json
 import zlib
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -12,6 +13,7 @@ from tofmix.grid import Grid
 from tofmix.io import guard, hdf5
 from tofmix.layers import Provenance
 from tofmix.recording import MOST_TARGETS
+from tofmix.surfaces.found import SurfacesProvenance
 from tofmix.windows import Windows
 
 _CHECKSUM = "provenance_crc32"
@@ -46,14 +48,24 @@ def read_header_image(image: bytes, path: Path) -> tuple[Provenance, Grid]:
 
 def write_provenance(root: h5py.File, provenance: Provenance) -> None:
     """Write it as root attributes, with a checksum; the sensor is written elsewhere."""
-    root.attrs["source"] = provenance.source
-    root.attrs["source_sha256"] = provenance.source_sha256
-    root.attrs["tofmix_version"] = provenance.version
-    root.attrs["options"] = json.dumps(provenance.options, sort_keys=True)
+    _write_texts(root, provenance)
     root.attrs["frames_left_out"] = provenance.frames_left_out
     if provenance.targets:
         root.attrs["targets"] = provenance.targets
     root.attrs[_CHECKSUM] = np.uint32(_checksum(root))
+
+
+def write_surfaces_provenance(root: h5py.File, provenance: SurfacesProvenance) -> None:
+    """Write what surfaces were made from, likewise."""
+    _write_texts(root, provenance)
+    root.attrs[_CHECKSUM] = np.uint32(_checksum(root))
+
+
+def _write_texts(root: h5py.File, provenance: Provenance | SurfacesProvenance) -> None:
+    root.attrs["source"] = provenance.source
+    root.attrs["source_sha256"] = provenance.source_sha256
+    root.attrs["tofmix_version"] = provenance.version
+    root.attrs["options"] = json.dumps(provenance.options, sort_keys=True)
 
 
 def _checksum(root: h5py.File) -> int:
@@ -70,6 +82,27 @@ def read_provenance(root: h5py.File, path: Path) -> Provenance:
     BadInputError
         If it is damaged.
     """
+    return Provenance(
+        **_texts(root, path),
+        sensor=hdf5.read_sensor(root, path),
+        frames_left_out=int(root.attrs.get("frames_left_out", 0)),
+        targets=_targets(root, path),
+    )
+
+
+def read_surfaces_provenance(root: h5py.File, path: Path) -> SurfacesProvenance:
+    """Read what surfaces were made from.
+
+    Raises
+    ------
+    BadInputError
+        If it is damaged.
+    """
+    return SurfacesProvenance(**_texts(root, path), sensor=hdf5.read_sensor(root, path))
+
+
+def _texts(root: h5py.File, path: Path) -> dict[str, Any]:
+    """Source, its checksum, version and options, held against their checksum."""
     if _CHECKSUM in root.attrs and int(root.attrs[_CHECKSUM]) != _checksum(root):
         raise BadInputError(f"{path}: attribute options, or source beside it, is damaged: its checksum is another")
     try:
@@ -78,15 +111,12 @@ def read_provenance(root: h5py.File, path: Path) -> Provenance:
         raise BadInputError(f"{path}: attribute options: not JSON ({error})") from error
     if not isinstance(options, dict):
         raise BadInputError(f"{path}: attribute options: expected an object")
-    return Provenance(
-        source=hdf5.text_attribute(root, "source") or "unknown",
-        source_sha256=hdf5.text_attribute(root, "source_sha256") or "unknown",
-        version=hdf5.text_attribute(root, "tofmix_version") or "unknown",
-        sensor=hdf5.read_sensor(root, path),
-        options=options,
-        frames_left_out=int(root.attrs.get("frames_left_out", 0)),
-        targets=_targets(root, path),
-    )
+    return {
+        "source": hdf5.text_attribute(root, "source") or "unknown",
+        "source_sha256": hdf5.text_attribute(root, "source_sha256") or "unknown",
+        "version": hdf5.text_attribute(root, "tofmix_version") or "unknown",
+        "options": options,
+    }
 
 
 def _targets(root: h5py.File, path: Path) -> int:

@@ -1,7 +1,7 @@
 """Whether files are whole and keep their contract: every chunk read, every rule applied, block by block.
 
-`verify` takes a recording, a layers file, a model, a sensor file or a reconciliation's folder. It never raises for
-what is wrong with them: it says so.
+`verify` takes a recording, a layers file, a surfaces file, a model, a sensor file or a reconciliation's folder. It
+never raises for what is wrong with them: it says so.
 """
 
 import itertools
@@ -16,15 +16,17 @@ import numpy as np
 
 from tofmix.errors import BadInputError
 from tofmix.invariants import layer_rules
-from tofmix.io import guard, hdf5, layers_file
+from tofmix.io import guard, hdf5, layers_file, surfaces_file
 from tofmix.io.findings import Findings
 from tofmix.io.layers_file import LayersFile
 from tofmix.io.model_file import load_model
 from tofmix.io.reconciliation import FILES, model_names
 from tofmix.io.recording_file import RecordingFile
 from tofmix.io.storage import read_text
+from tofmix.io.surfaces_file import SurfacesFile
 from tofmix.io.verify_recording import verify_recording
 from tofmix.io.verify_storage import check_storage
+from tofmix.io.verify_surfaces import verify_surfaces
 from tofmix.layers import LAYER_FIELDS, OPTIONAL_FIELDS
 from tofmix.wording import counted
 
@@ -66,6 +68,12 @@ def _verify_hdf5(path: Path, findings: Findings) -> None:
         if kind == layers_file.FORMAT:
             findings.kind = "layers"
             _verify_layers(root, path, findings)
+        elif kind == surfaces_file.FORMAT:
+            findings.kind = "surfaces"
+            with guard.reading(path, "header"):
+                hdf5.check_format(root, path, kind=surfaces_file.FORMAT, required=True)
+                surfaces = SurfacesFile(root, path)
+            verify_surfaces(root, surfaces, findings)
         else:
             findings.kind = "recording"
             with guard.reading(path, "header"):

@@ -1,7 +1,7 @@
 """What a file is, before anything is done with it: sizes, units, options, camera, and what to be wary of.
 
-Use `describe_recording`, `describe_layers` or `describe_model`. Headers are read, not samples; of layers also the
-counts and the status. What an estimate found is told by `tofmix.report.summary`.
+Use `describe_recording`, `describe_layers`, `describe_surfaces` or `describe_model`. Headers are read, not samples; of
+layers also the counts and the status. What an estimate found is told by `tofmix.report.summary`.
 """
 
 import textwrap
@@ -26,6 +26,7 @@ from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sheet import CameraSheet
 from tofmix.simulation.model import Model
+from tofmix.surfaces.found import SurfacesProvenance
 from tofmix.wording import counted, number
 
 GAP = 1.5
@@ -64,7 +65,7 @@ class Description:
     Parameters
     ----------
     kind : str
-        ``recording``, ``layers``, ``model``, ``sensor``, ``source`` or ``reconciliation``.
+        ``recording``, ``layers``, ``surfaces``, ``model``, ``sensor``, ``source`` or ``reconciliation``.
     name : str
         The file as it was named.
     sections : dict of str to dict
@@ -132,6 +133,30 @@ class LayersHeader(LayersSource, Protocol):
 
     def read_field(self, name: str, window: int) -> NDArray[Any]:
         """One dataset of one window."""
+
+
+class SurfacesHeader(Protocol):
+    """What is asked of a surfaces file; `tofmix.io.surfaces_file.SurfacesFile` has it."""
+
+    max_layers: int
+    factor: int
+    provenance: SurfacesProvenance
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Windows, rows, columns."""
+
+    @property
+    def surfaces(self) -> int:
+        """Surfaces."""
+
+    @property
+    def edge_points(self) -> int:
+        """Points of edges."""
+
+    @property
+    def edge_lines(self) -> int:
+        """Lines of edges."""
 
 
 def describe_recording(
@@ -204,6 +229,29 @@ def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Descri
         sections=sections,
         warnings=(*warnings, *target_findings(provenance.targets), *_view_findings(provenance.sensor, (rows, cols))),
     )
+
+
+def describe_surfaces(file: SurfacesHeader, *, name: str, file_bytes: int) -> Description:
+    """Describe a surfaces file from its header."""
+    windows, rows, cols = file.shape
+    provenance = file.provenance
+    sections: dict[str, Section] = {
+        "sizes": {
+            "windows": windows, "rows": rows, "cols": cols, "max_layers": file.max_layers, "file_bytes": file_bytes,
+            "factor": file.factor, "rows_fine": rows * file.factor, "cols_fine": cols * file.factor,
+        },
+        "found": {"surfaces": file.surfaces, "edge_lines": file.edge_lines, "edge_points": file.edge_points},
+        "units": {"range_fine": "mm", "edge_row": "pixel", "edge_stderr": "pixel", "plane_offset_mm": "mm"},
+        "made_from": {
+            "source": provenance.source, "source_sha256": provenance.source_sha256, "tofmix_version": provenance.version
+        },
+        "options": dict(sorted(provenance.options.items())),
+        "sensor": _sensor_section(provenance.sensor),
+    }  # fmt: skip
+    noise = _noise_section(provenance.sensor)
+    sections |= {"noise": noise} if noise else {}
+    found = tuple(_view_findings(provenance.sensor, (rows, cols)))
+    return Description(kind="surfaces", name=name, sections=sections, warnings=found)
 
 
 def describe_model(model: Model, *, name: str) -> Description:

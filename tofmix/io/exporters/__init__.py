@@ -1,23 +1,42 @@
-"""Layers in the formats of other programs: one file a format, one line each here.
+"""Layers and surfaces in the formats of other programs: one file a format, one line each here.
 
-Point formats write every field of `tofmix.points.POINT_FIELDS`; image formats write
-the ranges of one layer. All go through `tofmix.io.storage.AtomicFile`.
+Point formats write every field of their points; image formats write ranges in 16 bits. Edges and planes are of surfaces
+files. All go through `tofmix.io.storage.AtomicFile`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from tofmix.errors import UsageError
-from tofmix.io.exporters import csv_points, las, pcd, ply, png, tiff
+from tofmix.io.exporters import (
+    csv_points,
+    edges_geojson,
+    edges_obj,
+    edges_ply,
+    las,
+    pcd,
+    planes_json,
+    planes_obj,
+    ply,
+    png,
+    tiff,
+)
+from tofmix.io.exporters.edge_lines import EdgeLine
 from tofmix.io.exporters.image import RangeImage
+from tofmix.io.exporters.outlines import Outline
 from tofmix.io.storage import AtomicFile
-from tofmix.points import LayerPoints
+from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.points import PointSource
 
-PointWriter = Callable[[AtomicFile, LayerPoints, str, Callable[[], None]], int]
-"""Writes points and a title, calls back after each window, and returns how many points."""
+PointWriter = Callable[[AtomicFile, PointSource, str, Callable[[], None]], int]
+"""Writes points and a title, calls back after each block, and returns how many points."""
 
 ImageWriter = Callable[[AtomicFile, RangeImage], None]
+
+EdgeWriter = Callable[[AtomicFile, Sequence[EdgeLine], str], None]
+
+PlaneWriter = Callable[[AtomicFile, SurfacesFile, Sequence[Outline], str], None]
 
 POINT_WRITERS: dict[str, PointWriter] = {
     ".las": las.write_las,
@@ -29,22 +48,63 @@ POINT_WRITERS: dict[str, PointWriter] = {
 IMAGE_WRITERS: dict[str, ImageWriter] = {".png": png.write, ".tif": tiff.write, ".tiff": tiff.write}
 
 
-def check_suffix(path: Path) -> None:
-    """Refuse an output whose name says no known format.
+EDGE_WRITERS: dict[str, EdgeWriter] = {
+    ".geojson": edges_geojson.write,
+    ".json": edges_geojson.write,
+    ".obj": edges_obj.write,
+    ".ply": edges_ply.write,
+}
+PLANE_WRITERS: dict[str, PlaneWriter] = {".json": planes_json.write, ".obj": planes_obj.write}
+
+POINTS, IMAGE, EDGES, PLANES = "points", "image", "edges", "planes"
+
+OF_LAYERS: dict[str, tuple[str, ...]] = {POINTS: tuple(POINT_WRITERS), IMAGE: tuple(IMAGE_WRITERS)}
+"""What of a layers file is written, and the ends of names of its formats."""
+
+OF_SURFACES: dict[str, tuple[str, ...]] = {
+    EDGES: tuple(EDGE_WRITERS),
+    PLANES: tuple(PLANE_WRITERS),
+    IMAGE: tuple(IMAGE_WRITERS),
+    POINTS: (".ply", ".pcd", ".csv"),
+}
+"""What of a surfaces file is written, and the ends of names of its formats; the first with an end is its default."""
+
+
+def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]]) -> str:
+    """Return what is to be written to a file: what is asked for, or what its name's end stands for.
+
+    Parameters
+    ----------
+    path : Path
+        The new file.
+    what : str or None
+        A key of `OF_LAYERS` or `OF_SURFACES`; None: by the name.
+    known : dict
+        `OF_LAYERS` or `OF_SURFACES`.
 
     Raises
     ------
     UsageError
-        With the names that are known.
+        With the ends that are known, or with what the end goes with.
     """
-    known = (*POINT_WRITERS, *IMAGE_WRITERS)
-    if path.suffix.lower() not in known:
-        raise UsageError(f"{path}: the name must end in one of {', '.join(known)}")
+    suffix = path.suffix.lower()
+    fitting = [one for one, suffixes in known.items() if suffix in suffixes]
+    if not fitting:
+        ends = dict.fromkeys(end for of_one in known.values() for end in of_one)
+        more = ""
+        if known is OF_LAYERS and any(suffix in of_one for of_one in OF_SURFACES.values()):
+            more = f"; {suffix} is for edges and planes, which tofmix surfaces finds"
+        raise UsageError(f"{path}: the name must end in one of {', '.join(ends)}{more}")
+    if what is not None and what not in known:
+        raise UsageError(f"--what {what} is of surfaces files, which tofmix surfaces writes; this is a layers file")
+    if what is not None and what not in fitting:
+        raise UsageError(f"--what {what} does not go with {suffix}; its formats: {', '.join(known[what])}")
+    return what or fitting[0]
 
 
 def export_points(
     path: Path,
-    points: LayerPoints,
+    points: PointSource,
     *,
     title: str,
     progress: Callable[[int], object] | None = None,
@@ -62,7 +122,7 @@ def export_points(
     title : str
         Where they are from; what is not ASCII becomes a question mark.
     progress : callable, optional
-        Called with 1 after each window.
+        Called with 1 after each block.
     overwrite, inputs
         As for `AtomicFile`.
 
@@ -88,7 +148,7 @@ def export_points(
 
 
 def export_image(path: Path, image: RangeImage, *, overwrite: bool = False, inputs: tuple[Path, ...] = ()) -> None:
-    """Write one layer's ranges as a 16-bit image in the format that the name's end says.
+    """Write ranges as a 16-bit image in the format that the name's end says.
 
     Raises
     ------
@@ -97,6 +157,36 @@ def export_image(path: Path, image: RangeImage, *, overwrite: bool = False, inpu
     """
     with AtomicFile(path, overwrite=overwrite, inputs=inputs) as file:
         IMAGE_WRITERS[path.suffix.lower()](file, replace(image, title=_one_line(image.title)))
+        file.commit()
+
+
+def export_edges(
+    path: Path, lines: Sequence[EdgeLine], *, title: str, overwrite: bool = False, inputs: tuple[Path, ...] = ()
+) -> None:
+    """Write edges in the format that the name's end says, a key of `EDGE_WRITERS`.
+
+    Raises
+    ------
+    UsageError, StorageError
+        As for `export_points`.
+    """
+    with AtomicFile(path, overwrite=overwrite, inputs=inputs) as file:
+        EDGE_WRITERS[path.suffix.lower()](file, lines, _one_line(title))
+        file.commit()
+
+
+def export_planes(
+    path: Path, source: SurfacesFile, outlines: Sequence[Outline], *, title: str, overwrite: bool = False
+) -> None:
+    """Write surfaces as planes with outlines in the format that the name's end says, a key of `PLANE_WRITERS`.
+
+    Raises
+    ------
+    UsageError, StorageError, BadInputError
+        As for `export_points`.
+    """
+    with AtomicFile(path, overwrite=overwrite, inputs=(source.path,)) as file:
+        PLANE_WRITERS[path.suffix.lower()](file, source, outlines, _one_line(title))
         file.commit()
 
 

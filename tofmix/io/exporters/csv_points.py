@@ -3,18 +3,17 @@
 from collections.abc import Callable
 
 from tofmix.io.storage import AtomicFile
-from tofmix.points import POINT_FIELDS, LayerPoints
-
-# Nine digits give every float32 back.
-_LINE = ",".join("%.9g" if spec.dtype == "<f4" else "%d" for spec in POINT_FIELDS) + "\n"
+from tofmix.points import PointSource
 
 
-def write(file: AtomicFile, points: LayerPoints, _: str, written: Callable[[], None]) -> int:
-    """Write the points window by window; a value that is not known is ``nan``."""
-    file.sink.write((",".join(spec.name for spec in POINT_FIELDS) + "\n").encode())
+def write(file: AtomicFile, points: PointSource, _: str, written: Callable[[], None]) -> int:
+    """Write the points block by block; a value that is not known is ``nan``."""
+    file.sink.write((",".join(spec.name for spec in points.fields) + "\n").encode())
+    # Nine digits give every float32 back.
+    line = ",".join("%.9g" if spec.dtype == "<f4" else "%d" for spec in points.fields) + "\n"
     count = 0
     for block in points:
-        file.sink.write("".join(_LINE % row for row in block.tolist()).encode())
+        file.sink.write("".join(line % row for row in block.tolist()).encode())
         written()
         count += len(block)
     return count

@@ -1,4 +1,4 @@
-"""Ranges of one layer as whole numbers of 16 bits, for image formats."""
+"""Ranges as whole numbers of 16 bits, for image formats."""
 
 from dataclasses import dataclass
 
@@ -13,24 +13,27 @@ _LARGEST = 65535
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RangeImage:
-    """One layer's ranges.
+    """Ranges of one layer, or those of a finer image.
 
     Parameters
     ----------
     range_mm : (row, col) float32
-        Ranges, mm; NaN where there is no such layer.
+        Ranges, mm; NaN where there is none.
     scale_mm : float
         mm of one count, above 0.
     title : str
         Where they are from; one line of ASCII.
+    none : str
+        What a count of 0 stands for.
     """
 
     range_mm: Float32Array
     scale_mm: float
     title: str
+    none: str = "no layer"
 
     def counts(self) -> NDArray[np.uint16]:
-        """Nearest whole counts (row, col) uint16; 0 where there is no layer.
+        """Nearest whole counts (row, col) uint16; 0 where there is none.
 
         Raises
         ------
@@ -50,4 +53,4 @@ class RangeImage:
 
     def description(self) -> str:
         """What a count is, in one line for the file's own header."""
-        return f"{self.title}; radial range, 1 count = {self.scale_mm:.9g} mm, 0 = no layer"
+        return f"{self.title}; radial range, 1 count = {self.scale_mm:.9g} mm, 0 = {self.none}"

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from tofmix import __version__
-from tofmix.errors import BadInputError, StorageError
+from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.extras import need
 from tofmix.io.storage import AtomicFile
-from tofmix.points import POINT_FIELDS, LayerPoints, PointArray
+from tofmix.points import POINT_FIELDS, PointArray, PointSource
 
 SCALE_M = 1e-6
 """A count of a coordinate, m."""
@@ -29,19 +29,21 @@ _INTENSITY_OF_ONE = 65535
 _NO_DATE = date(1970, 1, 1)  # the format asks for one; the same points give the same bytes
 
 
-def write_las(file: AtomicFile, points: LayerPoints, title: str, written: Callable[[], None]) -> int:
+def write_las(file: AtomicFile, points: PointSource, title: str, written: Callable[[], None]) -> int:
     """Write the points as LAS."""
     return _write(file, points, title, written, compress=False)
 
 
-def write_laz(file: AtomicFile, points: LayerPoints, title: str, written: Callable[[], None]) -> int:
+def write_laz(file: AtomicFile, points: PointSource, title: str, written: Callable[[], None]) -> int:
     """Write the points as LAZ, LAS compressed."""
     need("lazrs", extra="export", what="LAZ")
     return _write(file, points, title, written, compress=True)
 
 
-def _write(file: AtomicFile, points: LayerPoints, title: str, written: Callable[[], None], *, compress: bool) -> int:
+def _write(file: AtomicFile, points: PointSource, title: str, written: Callable[[], None], *, compress: bool) -> int:
     laspy = need("laspy", extra="export", what="LAZ" if compress else "LAS")
+    if points.fields != POINT_FIELDS:
+        raise UsageError(f"{file.path}: LAS takes points of layers; choose .ply, .pcd or .csv")
     count = 0
     try:
         header = _header(laspy, title)

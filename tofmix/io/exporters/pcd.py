@@ -2,20 +2,22 @@
 
 from collections.abc import Callable
 
+import numpy as np
+
 from tofmix import __version__
 from tofmix.io.storage import AtomicFile
-from tofmix.points import POINT_DTYPE, POINT_FIELDS, LayerPoints
+from tofmix.points import PointSource
 
 
-def write(file: AtomicFile, points: LayerPoints, title: str, written: Callable[[], None]) -> int:
+def write(file: AtomicFile, points: PointSource, title: str, written: Callable[[], None]) -> int:
     """Write the points as an unorganised cloud; comments name the units."""
     count = points.count()
-    kinds = [POINT_DTYPE[spec.name] for spec in POINT_FIELDS]
+    kinds = [np.dtype(spec.dtype) for spec in points.fields]
     lines = ["# .PCD v0.7 - Point Cloud Data file format", f"# {title}", f"# written by tofmix {__version__}"]
-    lines += [f"# {spec.name}: {spec.long_name} ({spec.units})" for spec in POINT_FIELDS]
+    lines += [f"# {spec.name}: {spec.long_name} ({spec.units})" for spec in points.fields]
     lines += [
         "VERSION 0.7",
-        f"FIELDS {' '.join(spec.name for spec in POINT_FIELDS)}",
+        f"FIELDS {' '.join(spec.name for spec in points.fields)}",
         f"SIZE {' '.join(str(kind.itemsize) for kind in kinds)}",
         f"TYPE {' '.join(kind.kind.upper() for kind in kinds)}",
         f"COUNT {' '.join('1' for _ in kinds)}",

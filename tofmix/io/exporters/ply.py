@@ -4,18 +4,19 @@ from collections.abc import Callable
 
 from tofmix import __version__
 from tofmix.io.storage import AtomicFile
-from tofmix.points import POINT_FIELDS, LayerPoints
+from tofmix.points import PointSource
 
-_TYPES = {"<f4": "float", "|u1": "uchar", "<u4": "uint"}
+TYPES = {"<f4": "float", "|u1": "uchar", "<u4": "uint", "<i4": "int"}
+"""Names of types in the format."""
 
 
-def write(file: AtomicFile, points: LayerPoints, title: str, written: Callable[[], None]) -> int:
+def write(file: AtomicFile, points: PointSource, title: str, written: Callable[[], None]) -> int:
     """Write the points as ``element vertex``, little-endian; comments name the units."""
     count = points.count()
     lines = ["ply", "format binary_little_endian 1.0", f"comment {title}", f"comment written by tofmix {__version__}"]
-    lines += [f"comment {spec.name}: {spec.long_name} ({spec.units})" for spec in POINT_FIELDS]
+    lines += [f"comment {spec.name}: {spec.long_name} ({spec.units})" for spec in points.fields]
     lines.append(f"element vertex {count}")
-    lines += [f"property {_TYPES[spec.dtype]} {spec.name}" for spec in POINT_FIELDS]
+    lines += [f"property {TYPES[spec.dtype]} {spec.name}" for spec in points.fields]
     file.sink.write("\n".join([*lines, "end_header", ""]).encode("ascii"))
     for block in points:
         file.sink.write(block.tobytes())

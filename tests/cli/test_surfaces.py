@@ -1,0 +1,276 @@
+"""`tofmix surfaces`: from layers to a file, and what the other commands make of that file."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import naive_png
+import numpy as np
+import plyfile
+import pytest
+from commandline import Tofmix
+from files import boards, write_recording
+from planes_found import board_and_wall, nothing_found, write_surfaces
+
+from tofmix.cli.main import main
+from tofmix.errors import ExitCode
+from tofmix.io.exporters import OF_SURFACES
+from tofmix.io.verify import verify
+
+FOV = {"fov_horizontal_deg": 14.0, "fov_vertical_deg": 12.0}
+CONTRACT = Path(__file__).parents[3] / "shared" / "check_contract.py"
+
+
+@pytest.fixture
+def layers(tofmix: Tofmix, tmp_path: Path) -> Path:
+    """Layers of two windows of two boards side by side, mixed in the middle columns."""
+    recording = write_recording(tmp_path / "a.h5", boards(80, 12, 14), attributes=FOV)
+    assert tofmix("estimate", recording, "--window", 40).code == 0
+    return tmp_path / "a.layers.h5"
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """Made-up surfaces of one window."""
+    return write_surfaces(tmp_path / "made.surfaces.h5", board_and_wall())
+
+
+@pytest.fixture
+def three(tmp_path: Path) -> Path:
+    """Made-up surfaces of three windows."""
+    return write_surfaces(tmp_path / "three.surfaces.h5", board_and_wall(), nothing_found(), board_and_wall())
+
+
+def test_a_surfaces_file_is_written_beside_the_layers(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+    shown = tofmix("surfaces", layers)
+    out = tmp_path / "a.surfaces.h5"
+    assert shown.code == 0, shown.err
+    line = rf"{re.escape(str(out))}: (\d+) surfaces, (\d+) edge lines? of (\d+) points?"
+    line += r" \(median error 0\.\d{3} pixels\), range image 96 x 112 of each of 2 windows\n"
+    found = re.fullmatch(line, shown.out)
+    assert found, shown.out
+    with h5py.File(out) as root:
+        counts = len(root["n_pixels"]), len(np.unique(root["edge_line"])), len(root["edge_row"])
+        assert tuple(int(n) for n in found.groups()) == counts
+        assert root.attrs["source"] == "a.layers.h5"
+        assert json.loads(root.attrs["options"]) == {"factor": 8}
+        depths = sorted(set(np.round(root["plane_offset_mm"][...], -2).tolist()))
+    assert {1200.0, 3000.0} <= set(depths)
+    assert verify(out).lines() == []
+    if CONTRACT.exists():
+        subprocess.run([sys.executable, CONTRACT, out], check=True)
+
+
+def test_the_edge_between_two_boards_is_found_where_it_is(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+    assert tofmix("surfaces", layers, "--factor", 4).code == 0
+    with h5py.File(tmp_path / "a.surfaces.h5") as root:
+        fine = root["range_fine"][0]
+        assert fine.shape == (48, 56)
+        assert root["range_fine"].attrs["factor"] == 4
+    # Of columns 0 to 13, 6 has no light of the far board, 7 half of it, 8 nothing else.
+    assert np.nanmax(fine[:, : 6 * 4]) < 1500
+    assert np.nanmin(fine[:, 9 * 4 :]) > 2500
+
+
+def test_as_json_and_the_same_bytes_again(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        shown = tofmix("surfaces", layers, "-o", tmp_path / name, "--factor", 3, "--json", "--quiet")
+        assert shown.code == 0, shown.err
+        said = json.loads(shown.out)
+        assert said["output"] == str(tmp_path / name)
+        assert (said["rows_fine"], said["cols_fine"], said["factor"], said["windows"]) == (36, 42, 3, 2)
+        assert said["surfaces"] >= 4
+        assert said["edge_points"] >= said["edge_lines"] > 0
+        assert 0 < said["edge_stderr_median"] < 1
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_a_file_that_exists_is_replaced_only_if_asked(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+    out = tmp_path / "a.surfaces.h5"
+    out.write_text("mine")
+    refused = tofmix("surfaces", layers)
+    assert refused.code == ExitCode.USAGE
+    assert "--overwrite" in refused.err
+    assert out.read_text() == "mine"
+    assert tofmix("surfaces", layers, "-o", layers, "--overwrite").code == ExitCode.USAGE
+    assert tofmix("surfaces", layers, "--overwrite").code == 0
+    assert verify(out).ok
+
+
+def test_layers_that_do_not_say_where_pixels_look_are_refused(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = write_recording(tmp_path / "blind.h5", boards(20))
+    assert tofmix("estimate", recording).code == 0
+    refused = tofmix("surfaces", tmp_path / "blind.layers.h5")
+    assert refused.code == ExitCode.BAD_INPUT
+    assert refused.err.count("\n") == 1
+    for text in ("blind.layers.h5: sensor: no field of view", "import", "--fov HxV", "tofmix estimate"):
+        assert text in refused.err
+    assert not (tmp_path / "blind.surfaces.h5").exists()
+
+
+def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+    before = sorted(tmp_path.iterdir())
+    out = ("-o", tmp_path / "x.surfaces.h5")
+    for arguments, code, text in (
+        ((layers, "--factor", 1), ExitCode.USAGE, "2<=x<=32"),
+        ((layers, "--factor", 33), ExitCode.USAGE, "2<=x<=32"),
+        ((tmp_path / "none.layers.h5", *out), ExitCode.BAD_INPUT, "none.layers.h5"),
+        ((tmp_path / "a.h5", *out), ExitCode.BAD_INPUT, "tofmix estimate"),
+        ((layers, "-o", tmp_path / "none" / "x.h5"), ExitCode.STORAGE, "no such folder"),
+    ):
+        refused = tofmix("surfaces", *arguments)
+        assert refused.code == code, refused.err
+        assert text in refused.err
+        assert refused.err.count("\n") == 1
+        assert refused.out == ""
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_what_the_search_cannot_take_is_bad_input_and_leaves_nothing(
+    tofmix: Tofmix, layers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise ValueError("fx: no beam passes")
+
+    monkeypatch.setattr("tofmix.surfaces.reconstruct.reconstruct", refuse)
+    refused = tofmix("surfaces", layers)
+    assert refused.code == ExitCode.BAD_INPUT
+    assert refused.err == f"tofmix: {layers}: window 0: fx: no beam passes\n"
+    assert not (tmp_path / "a.surfaces.h5").exists()
+
+
+def test_the_default_name_is_that_of_the_layers(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+    for name, expected in (("b.layers.h5", "b.surfaces.h5"), ("c.d.h5", "c.d.surfaces.h5"), ("e", "e.surfaces.h5")):
+        os.link(layers, tmp_path / name)
+        assert tofmix("surfaces", tmp_path / name, "--factor", 2).code == 0
+        assert (tmp_path / expected).exists()
+
+
+@pytest.mark.parametrize("command", ["report", "map", "surfaces", "inspect", "compare", "estimate"])
+def test_commands_that_take_other_files_name_one_that_takes_this(tofmix: Tofmix, path: Path, command: str) -> None:
+    more = {
+        "map": ("-o", path.with_name("a.yaml")), "surfaces": ("-o", path.with_name("b.h5")), "compare": (path,),
+        "inspect": ("--pixel", "1,1"), "estimate": ("-o", path.with_name("b.h5")),
+    }.get(command, ())  # fmt: skip
+    refused = tofmix(command, path, *more)
+    assert refused.code == ExitCode.BAD_INPUT
+    assert f"is a surfaces file, not a {'recording' if command == 'estimate' else 'layers file'}" in refused.err
+    remedy = refused.err.rpartition(": tofmix ")[2].split()
+    assert tofmix(*remedy).code == 0
+
+
+def test_info_says_what_is_in_the_file(tofmix: Tofmix, three: Path) -> None:
+    described = json.loads(tofmix("info", three, "--json").out)
+    assert described["kind"] == "surfaces"
+    assert described["sizes"] == {
+        "windows": 3, "rows": 6, "cols": 8, "max_layers": 3, "file_bytes": three.stat().st_size,
+        "factor": 4, "rows_fine": 24, "cols_fine": 32,
+    }  # fmt: skip
+    assert described["found"] == {"surfaces": 4, "edge_lines": 4, "edge_points": 14}
+    assert described["made_from"]["source"] == "a.layers.h5"
+    assert described["options"] == {"factor": 4}
+    assert described["warnings"] == []
+    assert "edge_lines" in tofmix("info", three).out
+
+
+def test_verify_says_whether_it_is_whole(tofmix: Tofmix, path: Path) -> None:
+    shown = tofmix("verify", path)
+    assert shown.code == 0
+    assert shown.out == f"{path}: surfaces, 13 datasets read; nothing is wrong\n"
+    with h5py.File(path, "r+") as root:
+        root["n_pixels"][0] += 1
+    shown = tofmix("verify", path)
+    assert shown.code == ExitCode.BAD_INPUT
+    assert "n_pixels: broken: the layers that are of the surface (surface_index 0)" in shown.out
+
+
+@pytest.mark.parametrize(
+    ("name", "what", "line"),
+    [
+        ("a.geojson", None, "2 edge lines of 7 points"),
+        ("a.json", None, "2 edge lines of 7 points"),
+        ("a.json", "planes", "2 surfaces with 2 polygons"),
+        ("a.obj", None, "2 edge lines of 7 points"),
+        ("a.obj", "planes", "2 surfaces with 2 polygons"),
+        ("a.ply", None, "2 edge lines of 7 points"),
+        ("a.ply", "points", "672 points of 1 window"),
+        ("a.pcd", None, "672 points of 1 window"),
+        ("a.csv", None, "672 points of 1 window"),
+        ("a.png", None, "range image 24 x 32, 672 with a range, 1 mm a count, 0 = none"),
+        ("a.tif", "image", "range image 24 x 32, 672 with a range, 1 mm a count, 0 = none"),
+    ],
+)
+def test_every_export(tofmix: Tofmix, path: Path, tmp_path: Path, name: str, what: str | None, line: str) -> None:
+    arguments = ("export", path, "-o", tmp_path / name, *(("--what", what) if what else ()))
+    shown = tofmix(*arguments)
+    assert shown.code == 0, shown.err
+    assert shown.out == f"{tmp_path / name}: {line}\n"
+    assert tofmix(*arguments).code == ExitCode.USAGE
+    said = json.loads(tofmix(*arguments, "--overwrite", "--json").out)
+    assert said["output"] == str(tmp_path / name)
+    assert said["what"] in OF_SURFACES
+    assert (said["what"] == what) or what is None
+
+
+def test_an_export_of_one_window(tofmix: Tofmix, three: Path, tmp_path: Path) -> None:
+    assert tofmix("export", three, "-o", tmp_path / "all.ply").code == 0
+    assert tofmix("export", three, "-o", tmp_path / "one.ply", "--window", 2).code == 0
+    every, one = (plyfile.PlyData.read(tmp_path / f"{name}.ply")["vertex"].data for name in ("all", "one"))
+    assert len(every) == 14
+    assert set(one["window"]) == {2}
+    assert set(one["line"]) == {2, 3}
+    shown = tofmix("export", three, "-o", tmp_path / "a.png", "--window", 2, "--scale", 0.5)
+    assert shown.code == 0
+    counts, _ = naive_png.decode((tmp_path / "a.png").read_bytes())
+    with h5py.File(three) as root:
+        range_mm = root["range_fine"][2]
+    np.testing.assert_array_equal(counts, np.where(np.isfinite(range_mm), np.rint(range_mm / 0.5), 0))
+    none = tofmix("export", three, "-o", tmp_path / "none.geojson", "--window", 1)
+    assert none.code == 0
+    assert "nothing in it" in none.err
+
+
+def test_exports_that_do_not_fit_are_refused(tofmix: Tofmix, three: Path, layers: Path, tmp_path: Path) -> None:
+    def out(name: str) -> tuple[str, Path]:
+        return "-o", tmp_path / name
+
+    before = sorted(tmp_path.iterdir())
+    for arguments, code, text in (
+        ((three, *out("a.las")), ExitCode.USAGE, "must end in one of .geojson"),
+        ((three, *out("a.png"), "--what", "edges"), ExitCode.USAGE, "--what edges does not go with .png"),
+        ((three, *out("a.png")), ExitCode.USAGE, "--window"),
+        ((three, *out("a.ply"), "--window", 3), ExitCode.USAGE, "windows 0 to 2"),
+        ((three, *out("a.ply"), "--layer", 1), ExitCode.USAGE, "--layer does not belong to a surfaces file"),
+        ((three, *out("a.ply"), "--fov", "40x30"), ExitCode.USAGE, "--fov does not belong to a surfaces file"),
+        ((three, *out("a.ply"), "--scale", 2), ExitCode.USAGE, "--scale does not belong to edges of a surfaces file"),
+        ((three, *out("a.tif"), "--window", 0, "--scale", 0.01), ExitCode.BAD_INPUT, "another --scale"),
+        ((layers, *out("a.geojson")), ExitCode.USAGE, ".geojson is for edges and planes, which tofmix surfaces finds"),
+        ((layers, *out("a.ply"), "--what", "edges"), ExitCode.USAGE, "tofmix surfaces"),
+        ((layers, *out("a.ply"), "--what", "image"), ExitCode.USAGE, "--what image does not go with .ply"),
+    ):
+        refused = tofmix("export", *arguments)
+        assert refused.code == code, (arguments, refused.err)
+        assert text in refused.err
+        assert refused.err.count("\n") == 1
+        assert refused.out == ""
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_planes_need_the_extra(tofmix: Tofmix, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "shapely", None)
+    refused = tofmix("export", path, "-o", tmp_path / "a.obj", "--what", "planes")
+    assert refused.code == ExitCode.USAGE
+    assert refused.err == "tofmix: the outline of a surface needs shapely: pip install 'tofmix[export]'\n"
+    assert not (tmp_path / "a.obj").exists()
+    assert tofmix("export", path, "-o", tmp_path / "a.obj").code == 0  # edges do not
+
+
+def test_the_help_has_examples_and_stands_after_map(tofmix: Tofmix) -> None:
+    shown = tofmix("surfaces", "--help")
+    assert "Examples:\n    tofmix surfaces boards.layers.h5" in shown.out
+    names = list(main.commands)
+    assert names.index("surfaces") == names.index("map") + 1

@@ -1,0 +1,137 @@
+"""``tofmix surfaces``: layers in; surfaces, their edges and a finer range image out."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar
+from tofmix.errors import BadInputError
+from tofmix.wording import counted
+
+if TYPE_CHECKING:
+    from tofmix.io.layers_file import LayersFile
+    from tofmix.surfaces.found import WindowSurfaces
+
+_ENDING, _FROM = ".surfaces.h5", ".layers.h5"
+_REMEDY = (
+    "import the recording with --fov HxV or --intrinsics, and estimate anew: tofmix estimate keeps the recording's"
+)
+
+
+@examples(
+    """
+tofmix surfaces boards.layers.h5
+tofmix surfaces boards.layers.h5 -o fine.surfaces.h5 --factor 16
+tofmix export boards.surfaces.h5 -o edges.geojson
+tofmix export boards.surfaces.h5 -o boards.obj --what planes
+"""
+)
+@click.command(short_help="Find surfaces, their edges below a pixel, and a finer range image.")
+@click.argument("layers", type=PATH)
+@click.option("-o", "--output", type=PATH, help="Surfaces file to write.  [default: LAYERS with .surfaces.h5]")
+@click.option(
+    "--factor", type=click.IntRange(2, 32), default=8, show_default=True,
+    help="Parts along each side of a pixel in the fine range image.",
+)  # fmt: skip
+@json_option
+@overwrite_option
+def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, overwrite: bool) -> None:
+    """Find the surfaces in LAYERS, a file that tofmix estimate wrote.
+
+    Layers of neighbouring pixels that go on smoothly are one surface; planes are fitted
+    to them. Their shares tell where each surface ends within a pixel: lines with their
+    standard errors, and a range image with FACTOR x FACTOR parts a pixel. Each window is
+    taken by itself. The layers file must say where its pixels look. docs/surfaces.md
+    describes the file; tofmix export passes it on to other programs.
+    """
+    from tofmix import __version__
+    from tofmix.io.layers_file import open_layers
+    from tofmix.io.recording_file import file_sha256
+    from tofmix.io.storage import claimed
+    from tofmix.io.surfaces_file import SurfacesWriter
+    from tofmix.surfaces.found import SurfacesProvenance
+
+    output = output or layers.with_name(f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}")
+    with claimed(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:
+        _check_optics(file)
+        provenance = SurfacesProvenance(
+            source=layers.name, source_sha256=file_sha256(layers), version=__version__,
+            sensor=file.provenance.sensor, options={"factor": factor},
+        )  # fmt: skip
+        tally = _Tally()
+        with (
+            progress_bar(file.shape[0], "surfaces", "window") as bar,
+            SurfacesWriter(
+                output, shape=file.shape, max_layers=file.max_layers, factor=factor, provenance=provenance,
+                overwrite=overwrite, inputs=(layers,),
+            ) as writer,
+        ):  # fmt: skip
+            for window in range(file.shape[0]):
+                found = _reconstruct(file, window, factor)
+                writer.write(found)
+                tally.add(found)
+                bar.update()
+    values = tally.values() | {
+        "rows_fine": file.shape[1] * factor, "cols_fine": file.shape[2] * factor, "factor": factor,
+        "windows": file.shape[0],
+    }  # fmt: skip
+    click.echo(json.dumps({"output": str(output), **values}) if as_json else f"{output}: {_line(values)}")
+
+
+def _check_optics(file: "LayersFile") -> None:
+    """Refuse a file that does not say where its pixels look."""
+    try:
+        optics = file.provenance.sensor.optics
+        if optics is not None:
+            optics.check(file.shape[1:])
+    except ValueError as error:
+        raise BadInputError(f"{file.path}: sensor: {error}; {_REMEDY}") from error
+    if optics is None:
+        raise BadInputError(f"{file.path}: sensor: no field of view, so surfaces cannot be placed in space; {_REMEDY}")
+
+
+def _reconstruct(file: "LayersFile", window: int, factor: int) -> "WindowSurfaces":
+    from tofmix.surfaces.reconstruct import reconstruct
+
+    layers = file.read_window(window)
+    try:
+        return reconstruct(layers, file.provenance.sensor, factor=factor)
+    except ValueError as error:
+        raise BadInputError(f"{file.path}: window {window}: {error}") from error
+
+
+class _Tally:
+    """What was found in all windows."""
+
+    def __init__(self) -> None:
+        self._surfaces = self._lines = 0
+        self._stderr: list[Any] = []
+
+    def add(self, found: "WindowSurfaces") -> None:
+        self._surfaces += len(found.planes)
+        self._lines += len(found.edges.lines())
+        self._stderr.append(found.edges.stderr)
+
+    def values(self) -> dict[str, Any]:
+        import numpy as np
+
+        stderr = np.concatenate(self._stderr)
+        known = stderr[np.isfinite(stderr)]
+        median = float(np.median(known)) if len(known) else None
+        return {
+            "surfaces": self._surfaces, "edge_lines": self._lines, "edge_points": len(stderr),
+            "edge_stderr_median": median,
+        }  # fmt: skip
+
+
+def _line(values: dict[str, Any]) -> str:
+    median = values["edge_stderr_median"]
+    error = "" if median is None else f" (median error {median:.3f} pixels)"
+    windows = f" of each of {values['windows']:,} windows" if values["windows"] > 1 else ""
+    return (
+        f"{counted(values['surfaces'], 'surface', ',')},"
+        f" {counted(values['edge_lines'], 'edge line', ',')} of {counted(values['edge_points'], 'point', ',')}{error},"
+        f" range image {values['rows_fine']} x {values['cols_fine']}{windows}"
+    )
