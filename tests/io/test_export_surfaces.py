@@ -163,6 +163,23 @@ def test_a_point_whose_beam_misses_the_plane_parts_the_line_in_space_alone(tmp_p
     assert len(feature["geometry"]["coordinates"]) == 5
 
 
+def test_planes_that_are_not_finite_leave_no_vertex_and_no_nan(tmp_path: Path) -> None:
+    found = board_and_wall()
+    found.planes.normal[0] = np.nan
+    found.planes.offset_mm[1] = np.inf
+    with open_surfaces(write_surfaces(tmp_path / "a.surfaces.h5", found)) as file:
+        for suffix in EDGE_WRITERS:
+            export_edges(tmp_path / f"edges{suffix}", edge_lines(file, [0]), title="a test")
+        for suffix in PLANE_WRITERS:
+            export_planes(tmp_path / f"planes{suffix}", file, outlines(file, [0]), title="a test")
+    for name in ("edges.obj", "planes.obj"):
+        assert not [line for line in (tmp_path / name).read_text().splitlines() if line.startswith(("v", "f", "l "))]
+    board, wall = json.loads((tmp_path / "planes.json").read_text())["surfaces"]
+    assert (board["normal"], wall["offset_mm"]) == ([None] * 3, None)
+    assert board["polygons"][0]["outline"] == []
+    assert len(plyfile.PlyData.read(tmp_path / "edges.ply")["vertex"].data) == 0
+
+
 def test_lines_of_several_windows_are_numbered_as_in_the_file(three: SurfacesFile, tmp_path: Path) -> None:
     export_edges(tmp_path / "a.json", edge_lines(three, range(3)), title="a test")
     properties = [feature["properties"] for feature in json.loads((tmp_path / "a.json").read_text())["features"]]

@@ -219,6 +219,14 @@ def test_a_number_of_no_surface_is_refused_when_read(path: Path, name: str) -> N
         file.read_window(0)
 
 
+@pytest.mark.parametrize("name", ["edge_row", "edge_col"])
+def test_a_point_of_an_edge_without_a_place_is_refused_when_read(path: Path, name: str) -> None:
+    with h5py.File(path, "r+") as root:
+        root[name][3] = np.nan
+    with open_surfaces(path) as file, pytest.raises(BadInputError, match=f"{name}: a point without a place"):
+        file.read_window(0)
+
+
 @pytest.mark.parametrize(("name", "value"), [("edge_window", 9), ("edge_window", 1), ("surface_window", 3)])
 def test_windows_that_cannot_be_are_refused_when_read(three: Path, name: str, value: int) -> None:
     with h5py.File(three, "r+") as root:

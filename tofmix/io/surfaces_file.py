@@ -362,12 +362,15 @@ class SurfacesFile:
         Raises
         ------
         BadInputError
-            If they cannot be read, or are of surfaces that are not in the file.
+            If they cannot be read, have no place, or are of surfaces that are not in the file.
         """
         part = slice(int(self._edge_starts[window]), int(self._edge_starts[window + 1]))
         arrays: dict[str, Any] = {key: self.read_dataset(f"edge_{key}", part) for key in _EDGE_KEYS}
         for key in ("near", "far"):
             self._check_numbers(f"edge_{key}", arrays[key])
+        for key in ("row", "col"):
+            if not np.isfinite(arrays[key]).all():
+                raise BadInputError(f"{self.path}: edge_{key}: a point without a place; tofmix verify tells more")
         return Edges(**arrays)
 
     def read_image(self, name: str, window: int) -> NDArray[Any]:
