@@ -254,7 +254,7 @@ def _seen(label: IntArray, count: int, rows: int, cols: int) -> BoolArray:
     at = np.nonzero(np.ones((rows, cols), dtype=bool))
     seen[first[:, :, 0, 0].ravel(), *at] = True  # -1 is the last
     row, col = np.nonzero(uneven)
-    values = blocks[row, col].reshape(len(row), -1)
+    values = blocks[row, col].reshape(len(row), blocks.shape[2] * blocks.shape[3])
     for k in range(-1, count):
         met = (values == k).any(axis=1)
         seen[k, row[met], col[met]] = True

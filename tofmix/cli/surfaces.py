@@ -93,11 +93,13 @@ def _check_optics(file: "LayersFile") -> None:
 
 
 def _reconstruct(file: "LayersFile", window: int, factor: int) -> "WindowSurfaces":
+    from tofmix.cli.estimate_files import announced
     from tofmix.surfaces.reconstruct import reconstruct
 
     layers = file.read_window(window)
     try:
-        return reconstruct(layers, file.provenance.sensor, factor=factor)
+        with announced():
+            return reconstruct(layers, file.provenance.sensor, factor=factor)
     except ValueError as error:
         raise BadInputError(f"{file.path}: window {window}: {error}") from error
 

@@ -19,6 +19,7 @@ from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.simulation.cast import cast_scene
+from tofmix.surfaces.reconstruct import reconstruct
 
 _RANGE_MM = 1000.0
 
@@ -42,6 +43,7 @@ def compile_options() -> None:
     layers = layer_pixels(range_mm, by_amplitude, amplitude=amplitude)
     beams = beams_from_layers(layers, by_amplitude)
     count_light(beams, Pose(), grid_of_map(beams, Pose(), cell_mm=200.0))
+    reconstruct(layers.reshaped(range_mm.shape[1:]), by_amplitude, factor=2)
     cast_scene(load_model("three-boards"))
 
 

@@ -350,7 +350,7 @@ def _collect(
     label: int, row: int, col: int, reach: int, count: NDArray[np.int32], labels: NDArray[np.int32],
     inverses: FloatArray, up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: FloatArray,
     directions: FloatArray, rays: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
-    fits: FloatArray, frame: FloatArray, pixels: FloatArray,
+    nearer: FloatArray, frame: FloatArray, pixels: FloatArray,
 ) -> int:  # fmt: skip
     """Fill `pixels` with those around (row, col) that tell the share of a surface; return how many.
 
@@ -383,7 +383,9 @@ def _collect(
         one[_SHARE], one[_SAMPLES], one[_FLOOR] = share, samples[r, c], floor[r, c]
         one[_HIDES] = 0.0
         if labels[r, c, 0] != label and share > 0.0:
-            _hide(label, r, c, labels, first_cut, next_cut, fits, one)
+            known = _hide(label, r, c, labels, first_cut, next_cut, nearer, one)
+            if not known and step > 0:
+                continue
         found += 1
     return found
 
@@ -392,16 +394,18 @@ def _collect(
 def _hide(
     label: int, row: int, col: int, labels: NDArray[np.int32], first_cut: NDArray[np.int32],
     next_cut: NDArray[np.int32], fits: FloatArray, pixel: FloatArray,
-) -> None:  # fmt: skip
-    """Set the edge of the surface before a label's in its pixel."""
+) -> bool:  # fmt: skip
+    """Set the edge of the surface before a label's in its pixel; return whether it is known."""
     cut, entry = first_cut[row, col], 1
     while cut >= 0 and labels[row, col, entry] != label:
         cut = next_cut[cut]
         entry += 1
-    if cut >= 0:
-        pixel[_HIDES] = 1.0
-        pixel[_HIDES_ROW], pixel[_HIDES_COL] = math.cos(fits[cut, ANGLE]), math.sin(fits[cut, ANGLE])
-        pixel[_HIDES_AT] = -fits[cut, OFFSET]
+    if cut < 0 or fits[cut, BACK] == 0.0:
+        return False
+    pixel[_HIDES] = 1.0
+    pixel[_HIDES_ROW], pixel[_HIDES_COL] = math.cos(fits[cut, ANGLE]), math.sin(fits[cut, ANGLE])
+    pixel[_HIDES_AT] = -fits[cut, OFFSET]
+    return True
 
 
 @borrowing
@@ -505,7 +509,7 @@ def _best_start(
 
 @jit
 def fit_edges(
-    which: NDArray[np.int64], fits: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
+    which: NDArray[np.int64], fits: FloatArray, nearer: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
     rows: NDArray[np.int32], cols: NDArray[np.int32], cut_labels: NDArray[np.int32], count: NDArray[np.int32],
     labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray, samples: FloatArray, floor: FloatArray,
     planes: FloatArray, directions: FloatArray, rays: FloatArray,
@@ -515,9 +519,11 @@ def fit_edges(
     Parameters
     ----------
     which : (chosen,) int64
-        Cuts that are fitted. The nearer ones of their pixels must be fitted already.
+        Cuts that are fitted.
     fits : (cut, FIT_COLUMNS) float64
         The fits, filled; `WORTH` is 0 where none agrees with the shares.
+    nearer : (cut, FIT_COLUMNS) float64
+        Fits of the cuts that are nearer in their pixels than these, made before; 0 where there is none.
     first_cut, next_cut
         The first cut of each pixel (row, col), and the next one of each cut's pixel; -1: none.
     rows, cols, cut_labels : (cut,) int32
@@ -539,7 +545,7 @@ def fit_edges(
     for cut in which:
         found = _collect(
             cut_labels[cut], rows[cut], cols[cut], REACH, count, labels, inverses, up_to, samples, floor, planes,
-            directions, rays, first_cut, next_cut, fits, frame, pixels,
+            directions, rays, first_cut, next_cut, nearer, frame, pixels,
         )  # fmt: skip
         fit = fits[cut]
         if not _first_guess(pixels, found, start):

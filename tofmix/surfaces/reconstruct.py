@@ -93,9 +93,11 @@ def _fit(cuts: Cuts, *arrays: Any) -> FloatArray:  # noqa: ANN401  those of `fit
     fits = np.zeros((len(cuts), FIT_COLUMNS))
     with ThreadPoolExecutor(_THREADS) as pool:
         for entry in range(int(cuts.entry.max(initial=-1)) + 1):
-            which = np.flatnonzero(cuts.entry == entry)
+            which, nearer = np.flatnonzero(cuts.entry == entry), fits.copy()
             jobs = [
-                pool.submit(fit_edges, part, fits, cuts.first, cuts.following, cuts.row, cuts.col, cuts.near, *arrays)
+                pool.submit(
+                    fit_edges, part, fits, nearer, cuts.first, cuts.following, cuts.row, cuts.col, cuts.near, *arrays
+                )
                 for part in np.array_split(which, _PARTS)
             ]
             for job in jobs:

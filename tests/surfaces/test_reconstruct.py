@@ -1,0 +1,129 @@
+"""Edges below a pixel and the fine range image, against truth by fine casting."""
+
+import numpy as np
+import pytest
+from edges import between, camera, counted, judge_parts, judge_places
+from plates import SMALL, Plate, Scene, bars, disks, facing, half_plane, lattice, scene, tilted_rectangles, wall
+
+from tofmix.flags import Mixing
+from tofmix.layers import Layers
+from tofmix.sensor import Sensor
+from tofmix.surfaces.found import NO_SURFACE, WindowSurfaces, plane_ranges
+from tofmix.surfaces.reconstruct import reconstruct
+
+
+def _found(one: Scene, frames: int = 100, seed: int = 1) -> tuple[Layers, WindowSurfaces]:
+    layers = counted(one, frames, seed)
+    return layers, reconstruct(layers, camera(SMALL))
+
+
+def test_points_of_a_half_planes_edge_are_right_within_their_errors() -> None:
+    total = None
+    for seed in range(1, 7):
+        one = scene(half_plane(np.random.default_rng(seed), SMALL), SMALL)
+        layers, found = _found(one, seed=seed)
+        edges = found.edges
+        ours = between(one, layers, found.surface, edges.near, edges.far)
+        places = judge_places(one, 100, edges.row[ours], edges.col[ours], edges.stderr[ours])
+        total = places if total is None else total + places
+    assert total is not None
+    assert total.points > 300
+    assert total.covered > 0.99
+    assert total.rms < 0.025  # pixels; one pixel by itself tells 0.041
+    assert 0.6 < total.z_rms < 1.5  # points of an edge are not independent
+
+
+@pytest.mark.parametrize(
+    ("plates", "surfaces", "most"),
+    [(tilted_rectangles, 2, 0.025), (disks, 2, 0.03), (bars(0.8), 2, 0.03), (lattice, 3, 0.06)],
+)
+def test_parts_of_mixed_pixels_have_the_right_surface(plates: object, surfaces: int, most: float) -> None:
+    one = scene(plates(np.random.default_rng(2), SMALL), SMALL)  # type: ignore[operator]
+    _, found = _found(one)
+    wrong = judge_parts(one, found.range_fine, 100, surfaces=surfaces)
+    assert wrong.pixels > 20
+    assert wrong.mean < most
+
+
+def test_line_of_a_board_follows_its_outline_with_its_corners() -> None:
+    board = facing(SMALL, 23.0, 29.0, 1800.0, size_pixels=(24.0, 18.0), roll_deg=25.0)
+    _, found = _found(scene([board, wall(3000.0)], SMALL), frames=400)
+    lines = [line for line in found.edges.lines() if line.stop - line.start > 8]
+    assert len(lines) == 1
+    line = lines[0]
+    row, col = found.edges.row[line], found.edges.col[line]
+    # A ring: twice the enclosed area by the shoelace formula, the board to the left as rows run downward.
+    area = 0.5 * float(np.sum(col * np.roll(row, -1) - np.roll(col, -1) * row))
+    assert -area == pytest.approx(24.0 * 18.0, rel=0.02)
+    assert (found.edges.near[line] == 1).all()
+    assert (found.edges.far[line] == 0).all()
+
+
+def test_board_before_nothing_ends_at_no_return() -> None:
+    board = facing(SMALL, 23.0, 29.0, 1800.0, size_pixels=(24.0, 18.0), roll_deg=10.0)
+    _, found = _found(scene([board], SMALL))
+    assert len(found.edges) > 60
+    assert (found.edges.far == NO_SURFACE).all()
+    shown = np.isfinite(found.range_fine).mean() * 48 * 60
+    assert shown == pytest.approx(24.0 * 18.0, rel=0.02)
+
+
+def test_board_in_the_middle_of_the_grid_has_an_edge_at_the_borders_of_pixels() -> None:
+    one = scene([facing(SMALL, 23.5, 29.5, 1800.0, size_pixels=(20.0, 16.0)), wall(3000.0)], SMALL)
+    _, found = _found(one)
+    down, across = np.abs(found.edges.row - 23.5), np.abs(found.edges.col - 29.5)
+    assert len(found.edges) > 50
+    assert np.maximum(down - 8.0, across - 10.0) == pytest.approx(0.0, abs=0.2)
+
+
+def test_fine_ranges_lie_on_the_planes_of_their_surfaces() -> None:
+    one = scene(tilted_rectangles(np.random.default_rng(3), SMALL), SMALL)
+    _, found = _found(one)
+    shown = found.surface_fine >= 0
+    assert np.isfinite(found.range_fine[shown]).all()
+    row, col = ((np.arange(n * 8) + 0.5) / 8 - 0.5 for n in (48, 60))
+    optics = camera(SMALL).optics
+    assert optics is not None
+    rays = optics.rays(row[:, np.newaxis], col, shape=(48, 60))
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    expected = plane_ranges(found.planes, found.surface_fine, rays)
+    near = np.abs(found.range_fine - expected)[shown] < 0.1 * expected[shown]
+    assert near.all()
+
+
+def test_undecided_pixels_are_shared_out_among_those_beside_them() -> None:
+    one = scene([facing(SMALL, 23.0, 20.0, 1800.0, size_pixels=(20.3, 200.0)), wall(3000.0)], SMALL)
+    layers = counted(one, 100, 5)
+    mixed = layers.n_modes > 1
+    mixing = np.where(mixed, int(Mixing.UNDECIDED), int(Mixing.ONE_SURFACE)).astype(np.uint8)
+    undecided = Layers(**{s.name: getattr(layers, s.name) for s in layers.fields}, mixing=mixing)
+    found = reconstruct(undecided, camera(SMALL))
+    parts = np.kron(mixed, np.ones((8, 8), bool)).astype(bool)
+    assert np.isfinite(found.range_fine[parts]).all()
+    assert set(np.unique(found.surface_fine[parts])) == {0, 1}
+
+
+def test_same_layers_give_the_same_bytes() -> None:
+    layers = counted(scene(lattice(np.random.default_rng(4), SMALL), SMALL), 100, 1)
+    first, second = (reconstruct(layers, camera(SMALL)) for _ in range(2))
+    assert (layers.n_modes > 2).sum() > 10
+    assert first.range_fine.tobytes() == second.range_fine.tobytes()
+    assert first.edges.row.tobytes() == second.edges.row.tobytes()
+    assert first.planes.normal.tobytes() == second.planes.normal.tobytes()
+
+
+def test_points_of_a_straight_edge_lie_on_one_plane_through_the_camera() -> None:
+    plate = Plate(center_mm=(50.0, 0.0, 1800.0), outline="half-plane", roll_deg=30.0)
+    layers = counted(scene([plate, wall(3000.0)], SMALL), 400, 1)
+    found = reconstruct(layers, camera(SMALL))
+    optics = camera(SMALL).optics
+    assert optics is not None
+    long = max(found.edges.lines(), key=lambda line: line.stop - line.start)
+    rays = optics.rays(found.edges.row[long].astype(float), found.edges.col[long].astype(float), shape=(48, 60))
+    spread = np.linalg.svd(rays, compute_uv=False)
+    assert spread[2] / np.sqrt(len(rays)) < 0.02 * np.deg2rad(SMALL.fov_horizontal_deg / 60)
+
+
+def test_layers_without_optics_are_refused() -> None:
+    with pytest.raises(ValueError, match="sensor: no field of view"):
+        reconstruct(Layers.empty((4, 4), 2), Sensor(name="blind"))
