@@ -509,7 +509,8 @@ def _best_start(
 
 @jit
 def fit_edges(
-    which: NDArray[np.int64], fits: FloatArray, nearer: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
+    which: NDArray[np.int64], fits: FloatArray, nearer: FloatArray, first_cut: NDArray[np.int32],
+    next_cut: NDArray[np.int32],
     rows: NDArray[np.int32], cols: NDArray[np.int32], cut_labels: NDArray[np.int32], count: NDArray[np.int32],
     labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray, samples: FloatArray, floor: FloatArray,
     planes: FloatArray, directions: FloatArray, rays: FloatArray,
