@@ -58,10 +58,10 @@ def draw(averaged: FloatArray, layers: Layers, found: WindowSurfaces) -> Figure:
     options = {"cmap": "viridis", "vmin": near / 1000, "vmax": far / 1000, "interpolation": "nearest"}
     rows, cols = layers.shape
     whole = (-0.5, cols - 0.5, rows - 0.5, -0.5)
-    panels = (
+    panels: tuple[tuple[str, FloatArray], ...] = (
         ("averaged by the camera", averaged),
-        ("nearest layer of each pixel", layers.range[..., 0]),
-        ("tofmix surfaces", found.range_fine),
+        ("nearest layer of each pixel", layers.range[..., 0].astype(np.float64)),
+        ("tofmix surfaces", found.range_fine.astype(np.float64)),
     )
     for axes, (title, image) in zip(figure.subplots(1, 3, sharex=True, sharey=True), panels, strict=True):
         drawn = axes.imshow(image / 1000.0, extent=whole, **options)
