@@ -274,3 +274,22 @@ def test_the_help_has_examples_and_stands_after_map(tofmix: Tofmix) -> None:
     assert "Examples:\n    tofmix surfaces boards.layers.h5" in shown.out
     names = list(main.commands)
     assert names.index("surfaces") == names.index("map") + 1
+
+
+def test_report_shows_surfaces_of_the_same_layers_alone(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+    surfaces, page = tmp_path / "a.surfaces.h5", tmp_path / "a.html"
+    assert tofmix("surfaces", layers).code == 0
+    assert tofmix("report", layers, "--surfaces", surfaces, "--window", 1, "--html", page).code == 0
+    text = page.read_text()
+    assert "Edges over the nearest layers" in text
+    assert "Range below a pixel" in text
+
+    shown = tofmix("report", layers, "--surfaces", surfaces)
+    assert shown.code == ExitCode.USAGE
+    assert "--surfaces goes with --html" in shown.err
+
+    assert tofmix("estimate", tmp_path / "a.h5", "--window", 20, "-o", tmp_path / "b.layers.h5").code == 0
+    shown = tofmix("report", tmp_path / "b.layers.h5", "--surfaces", surfaces, "--html", tmp_path / "b.html")
+    assert shown.code == ExitCode.BAD_INPUT
+    assert "made from another layers file" in shown.err
+    assert not (tmp_path / "b.html").exists()

@@ -4,43 +4,56 @@ import json
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from tofmix.cli.options import PATH, examples, json_option, overwrite_option
 from tofmix.cli.recording_check import check_recording, findings_of_samples, opened_recording
 
+if TYPE_CHECKING:
+    from tofmix.io.layers_file import LayersFile
+    from tofmix.recording import SampleSource
+    from tofmix.report.single_pixels import SinglePixels
+
 
 @examples(
     """
 tofmix report boards.layers.h5
 tofmix report boards.layers.h5 --recording boards.h5 --html boards.html
+tofmix report boards.layers.h5 --surfaces boards.surfaces.h5 --html boards.html
 tofmix report boards.layers.h5 --json | python -m json.tool
 """
 )
 @click.command(short_help="Show what an estimate found.")
 @click.argument("layers", type=PATH)
 @click.option("--recording", type=PATH, help="The recording of these layers; the page then shows its samples too.")
+@click.option(
+    "--surfaces", type=PATH, help="Their surfaces file; the page then shows surfaces, edges, and finer ranges."
+)
 @click.option("--html", type=PATH, help="Write a self-contained page with pictures.")
 @click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window that the page shows.")
 @json_option
 @overwrite_option
 def report(
-    layers: Path, recording: Path | None, html: Path | None, window: int, as_json: bool, overwrite: bool
-) -> None:
+    layers: Path, recording: Path | None, surfaces: Path | None, html: Path | None, window: int, as_json: bool,
+    overwrite: bool,
+) -> None:  # fmt: skip
     """Show what an estimate found: LAYERS is a file that tofmix estimate wrote.
 
     Prints pixels by number of surfaces, the layers' ranges, shares and sigmas, and
     pixels by status. A page (--html) shows the same in pictures, and lets you choose
     a pixel to look into; without --recording it has no samples.
     """
-    from tofmix.errors import BadInputError, UsageError
+    from tofmix.errors import UsageError
     from tofmix.io.layers_file import open_layers
     from tofmix.io.storage import claimed, write_text
     from tofmix.report.summary import find, remedy_for, summarise
     from tofmix.report.tables import format_table
 
-    inputs = tuple(path for path in (layers, recording) if path is not None)
+    if surfaces is not None and html is None:
+        raise UsageError("--surfaces goes with --html: surfaces are shown in pictures")
+    inputs = tuple(path for path in (layers, recording, surfaces) if path is not None)
     with ExitStack() as stack:
         file = stack.enter_context(open_layers(layers))
         source = None if recording is None else stack.enter_context(opened_recording(recording))
@@ -58,18 +71,13 @@ def report(
             summary = replace(summary, warnings=(*of_samples, *find(file, remedy)))
         singles = None
         if source is not None and summary.noise is not None:
-            from tofmix.report.single_pixels import single_pixels
-
-            start, stop = int(file.window_start[window]), int(file.window_stop[window])
-            try:
-                singles = single_pixels(file.read_window(window), made, recording=source, start=start, stop=stop)
-            except ValueError as error:  # a noise or a working range that no estimate could have had
-                raise BadInputError(f"{layers}: {error}") from error
+            singles = _singles(file, window, source)
             summary = replace(summary, noise=replace(summary.noise, scatter_over_sigma=singles.spread()))
         if html is not None:
             from tofmix.report.page import render_page
 
-            page = render_page(file, recording=source, window=window, summary=summary, singles=singles)
+            shown: dict[str, Any] = {} if surfaces is None else _surfaces_of(surfaces, layers, window)
+            page = render_page(file, recording=source, window=window, summary=summary, singles=singles, **shown)
             write_text(html, page, overwrite=overwrite, inputs=inputs)
         if as_json:
             click.echo(json.dumps(summary.as_dict(), indent=2, allow_nan=False))
@@ -77,3 +85,38 @@ def report(
             click.echo(format_table(summary))
         if html is not None:
             click.echo(f"page: {html}", err=as_json)
+
+
+def _singles(file: "LayersFile", window: int, source: "SampleSource") -> "SinglePixels":
+    """How far samples of single pixels scatter."""
+    from tofmix.errors import BadInputError
+    from tofmix.report.single_pixels import single_pixels
+
+    start, stop = int(file.window_start[window]), int(file.window_stop[window])
+    try:
+        return single_pixels(file.read_window(window), file.provenance, recording=source, start=start, stop=stop)
+    except ValueError as error:  # a noise or a working range that no estimate could have had
+        raise BadInputError(f"{file.path}: {error}") from error
+
+
+def _surfaces_of(path: Path, layers: Path, window: int) -> dict[str, Any]:
+    """Surfaces of a window for the page.
+
+    Raises
+    ------
+    BadInputError
+        If the file cannot be read, or was made from other layers.
+    """
+    from tofmix.errors import BadInputError
+    from tofmix.io.recording_file import file_sha256
+    from tofmix.io.surfaces_file import open_surfaces
+
+    with open_surfaces(path) as file:
+        if file.provenance.source_sha256 != file_sha256(layers):
+            raise BadInputError(
+                f"{path}: made from another layers file than {layers}; make it anew: tofmix surfaces {layers}"
+                " --overwrite"
+            )
+        found = file.read_window(window)
+    numbers = found.surface[found.surface >= 0]
+    return {"surfaces": found, "first_surface": int(numbers.min()) if len(numbers) else 0}

@@ -20,6 +20,7 @@ from tofmix.report.summary import Summary, noise_of, summarise
 from tofmix.report.tables import ordinal
 from tofmix.report.templates import load_template, read_part
 from tofmix.sensor import Sensor
+from tofmix.surfaces.found import WindowSurfaces
 from tofmix.wording import counted
 
 SCRIPTS = ("explorer_data.js", "explorer_plots.js", "explorer.js", "explorer_views.js")
@@ -34,6 +35,8 @@ def render_page(
     window: int = 0,
     summary: Summary | None = None,
     singles: SinglePixels | None = None,
+    surfaces: WindowSurfaces | None = None,
+    first_surface: int = 0,
 ) -> str:
     """Render the page of a layers file.
 
@@ -49,6 +52,10 @@ def render_page(
         From `summarise`, if it is at hand; all windows are read for it otherwise.
     singles : SinglePixels, optional
         From `single_pixels` of this window, if they are at hand.
+    surfaces : WindowSurfaces, optional
+        Surfaces of this window; without it the page has no part about them.
+    first_surface : int
+        Number of the first of them.
 
     Returns
     -------
@@ -95,6 +102,10 @@ def render_page(
     mixing = None
     if summary.mixing is not None and layers.mixing is not None:
         mixing = import_module("tofmix.report.mixing_pictures").draw_mixing(layers.mixing, summary.mixing)
+    surfaces_part = None
+    if surfaces is not None:
+        draw_surfaces = import_module("tofmix.report.surface_pictures").draw_surfaces
+        surfaces_part = draw_surfaces(surfaces, layers, first=first_surface, scale=scale)
     script = page_script()
     return template.render(
         source=provenance.source,
@@ -114,6 +125,7 @@ def render_page(
         noise=_noise_rows(provenance),
         noise_pictures=noise_pictures,
         mixing=mixing,
+        surfaces=surfaces_part,
         provenance=_provenance_rows(summary, provenance.sensor.name),
     )
 

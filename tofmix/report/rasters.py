@@ -26,6 +26,9 @@ MANY = 6
 BELOW, ABOVE = "#000a1f", "#fff7b8"
 """Colours of ranges past the scale: darker and lighter than the map's own ends, so that no value hides."""
 
+MARK = "#d55e00"
+"""Colour of what is marked in an image of ranges."""
+
 _SHADES = 253
 _NO_DATA, _BELOW_INDEX, _ABOVE_INDEX = 0, 1, 2  # then the shades
 
@@ -85,7 +88,7 @@ def bar_labels(scale: tuple[float, float]) -> tuple[str, ...]:
     return tuple(f"{mm:.0f}" for mm in np.linspace(*scale, 5))
 
 
-def range_uri(range_mm: FloatArray, *, scale: tuple[float, float]) -> str:
+def range_uri(range_mm: FloatArray, *, scale: tuple[float, float], marked: NDArray[np.bool_] | None = None) -> str:
     """Draw ranges as a ``data:`` URI of a PNG.
 
     Parameters
@@ -94,12 +97,17 @@ def range_uri(range_mm: FloatArray, *, scale: tuple[float, float]) -> str:
         Ranges in mm, NaN where there is none: transparent.
     scale : (float, float)
         Limits of the colours, mm; the same for all that are compared.
+    marked : (row, col) bool, optional
+        Places that are drawn in `MARK`; ranges past the scale then have the colours of its ends.
     """
     low, high = scale
     finite = np.isfinite(range_mm)
     known = np.where(finite, range_mm, low)
     shade = np.clip((known - low) / (high - low) * _SHADES, 0, _SHADES - 1).astype(np.uint8)
     index = np.where(known < low, _BELOW_INDEX, np.where(known > high, _ABOVE_INDEX, shade + _ABOVE_INDEX + 1))
+    if marked is not None:
+        index = np.where(marked, _ABOVE_INDEX, np.where(finite, shade + _ABOVE_INDEX + 1, _NO_DATA))
+        return _png_uri(index.astype(np.uint8), ["#000000", BELOW, MARK, *range_shades()])
     return _png_uri(np.where(finite, index, _NO_DATA).astype(np.uint8), ["#000000", BELOW, ABOVE, *range_shades()])
 
 

@@ -1,6 +1,7 @@
 """What `surfaces` finds: which surface each layer is of, their planes, their edges, and a finer range image."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -70,8 +71,8 @@ class Edges:
 
     def lines(self) -> list[slice]:
         """Points of each line."""
-        starts = np.flatnonzero(np.diff(self.line, prepend=-1))
-        return [slice(int(a), int(b)) for a, b in zip(starts, [*starts[1:], len(self)], strict=True)]
+        bounds = [*np.flatnonzero(np.diff(self.line, prepend=-1)), len(self)]
+        return [slice(int(a), int(b)) for a, b in pairwise(bounds)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
