@@ -76,6 +76,15 @@ def test_the_edge_between_two_boards_is_found_where_it_is(tofmix: Tofmix, layers
     assert np.nanmin(fine[:, 9 * 4 :]) > 2500
 
 
+def test_a_wall_has_no_edges(tofmix: Tofmix, tmp_path: Path) -> None:
+    samples = np.random.default_rng(1).normal(2000.0, 10.0, (40, 6, 8))
+    write_recording(tmp_path / "wall.h5", samples, attributes=FOV)
+    assert tofmix("estimate", tmp_path / "wall.h5").code == 0
+    shown = tofmix("surfaces", tmp_path / "wall.layers.h5")
+    assert shown.code == 0, shown.err
+    assert "1 surface, 0 edge lines of 0 points, range image 48 x 64" in shown.out
+
+
 def test_as_json_and_the_same_bytes_again(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
         shown = tofmix("surfaces", layers, "-o", tmp_path / name, "--factor", 3, "--json", "--quiet")

@@ -89,3 +89,4 @@ def test_no_layer_gives_no_surface() -> None:
     assert (found.surface == -1).all()
     assert len(found.planes) == 0
     assert np.isnan(found.range_fine).all()
+    assert found.edges.lines() == []
