@@ -82,7 +82,7 @@ def test_a_wall_has_no_edges(tofmix: Tofmix, tmp_path: Path) -> None:
     assert tofmix("estimate", tmp_path / "wall.h5").code == 0
     shown = tofmix("surfaces", tmp_path / "wall.layers.h5")
     assert shown.code == 0, shown.err
-    assert "1 surface, 0 edge lines of 0 points, range image 48 x 64" in shown.out
+    assert "0 edge lines of 0 points, range image 48 x 64" in shown.out
 
 
 def test_as_json_and_the_same_bytes_again(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
