@@ -55,13 +55,10 @@ _X, _Y, _X_ROW, _Y_ROW, _X_COL, _Y_COL, _SHARE, _SAMPLES, _FLOOR, _HIDES, _HIDES
 _COLUMNS = 13
 
 # Columns of a fit.
-KIND, ANGLE, OFFSET, THIRD, BACK, AHEAD, CHI2, FREEDOM, VAR_ANGLE, COV_ANGLE, VAR_OFFSET, VAR_THIRD, AREA, WORTH = (
-    range(14)
-)
-FIT_COLUMNS = 14
+KIND, ANGLE, OFFSET, THIRD, BACK, AHEAD, VAR_ANGLE, COV_ANGLE, VAR_OFFSET, VAR_THIRD, WORTH = range(11)
+FIT_COLUMNS = 11
 """What a fit is: its kind; angle of n from the rows' axis, rad; c, pixels; curvature or second offset; run behind and
-ahead; chi-square and degrees of freedom of the pixel and its eight neighbours; variances; area in the pixel itself;
-1 if the fit agrees with its run."""
+ahead, pixels; variances; 1 if the fit agrees with its run."""
 
 
 @borrowing
@@ -575,6 +572,3 @@ def fit_edges(
             if other[WORTH] > 0.0:
                 for i in range(FIT_COLUMNS):
                     fit[i] = other[i]
-        kind = int(fit[KIND])
-        predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[0], out, work)
-        fit[AREA] = out[0]
