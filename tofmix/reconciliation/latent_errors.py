@@ -37,7 +37,7 @@ def latent_errors(likelihood: Likelihood, state: State, effect: Effect, seed: in
         mixture = likelihood.mixture(state)
         z = likelihood.scores(state, everything, seed, mixture)
         refitted = fit_memory(likelihood, z, mixture, everything) or effect
-        return refitted, {"coefficient": memory_error(likelihood, z, mixture, everything)}
+        return refitted, {"coefficient": memory_error(likelihood, z, mixture, everything, refitted.coefficient)}
     if isinstance(effect, Quantisation):
         return effect, {"step_mm": 0.5 * effect.step_mm**2 / likelihood.scene.model.sensor.range_max_mm}
     return effect, {}

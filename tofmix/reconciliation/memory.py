@@ -1,10 +1,19 @@
-"""The memory of the noise: how strong it is, what it is worth, and what it does to means over frames."""
+"""The memory of the noise: how strong it is, what it is worth, and what it does to means over frames.
+
+Each pixel's noise is AR(1) from frame to frame; whole mm add a noise that has no memory, and some samples are random
+values that are no noise at all, while the memory runs on. So what is expected of a sample is a filter's prediction from
+all that its pixel returned before.
+"""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.special import ndtr, ndtri
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.jit import borrowing, jit
 from tofmix.reconciliation.joint import views
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.mixture import Mixture
@@ -12,11 +21,17 @@ from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
 _MAIN, _ALONE = 0.95, 0.9995  # share of the beam
 _STRONG = 0.7  # coefficient
-_FAR = 5.0  # sigma: random values have no memory
+_MOST = 0.98  # coefficient
+_FAR = 5.0  # sigma: what the model's noise never reaches, and what its random values do not explain
+_REACH = 7.0  # sigma, beyond which a sample is a random value for sure
+_LEAST_CHANCE = 1e-15  # in either tail: a score of 7.9
+_SUBSTITUTIONS = 3
+_NUDGE = 0.01  # of the coefficient, for a curvature
 _LEAST_PAIRS = 1000
+_LEAST_POWER = 1e-6  # mean square of scores that are no mere rounding
 _LAGS = 24  # frames
-
-_Pairs = tuple[FloatArray, FloatArray, FloatArray]
+_AT_ONCE = 1 << 12  # pixels
+_ROOT_TWO_PI = math.sqrt(2 * math.pi)
 
 
 def memory_of(state: State) -> float:
@@ -25,18 +40,24 @@ def memory_of(state: State) -> float:
 
 
 def whitened(z: Float32Array, mixture: Mixture, coefficient: float) -> Float32Array:
-    """Scores (frame, pixel) given those of the frame before, where a pixel sees one surface.
+    """Scores (frame, pixel) given all samples before, where a pixel sees one surface.
 
-    Whole mm add a noise that has no memory: the score of a sample of sigma s remembers its forerunner by
-    rho s^2 / (s^2 + 1/12). A pixel that sees a little of another surface is left out, NaN, where memory is strong:
-    its scores neither forget the last sample nor follow it.
+    What is predicted is the next noise (`predicted_noise`); a random value is no noise, and keeps its score. A pixel
+    that sees a little of another surface is left out, NaN, where memory is strong: its scores neither forget the last
+    sample nor follow it.
     """
-    rho = np.where(one_surface(mixture), coefficient * attenuation(mixture), 0.0).astype(np.float32)
+    alone = one_surface(mixture)
+    out = z.copy()
     if abs(coefficient) > _STRONG:
-        z = np.where(one_surface(mixture) & ~one_surface(mixture, _ALONE), np.float32(np.nan), z)
-    before = np.vstack([np.full((1, z.shape[1]), np.nan, dtype=np.float32), z[:-1]])
-    known = np.isfinite(before)
-    return np.where(known, (z - rho * np.where(known, before, 0)) / np.sqrt(1 - rho**2), z).astype(np.float32)
+        out[:, alone & ~one_surface(mixture, _ALONE)] = np.nan
+    for pixels in np.array_split(np.flatnonzero(alone), math.ceil(max(int(alone.sum()), 1) / _AT_ONCE)):
+        random = random_values(mixture, pixels)
+        u = noise_of(out[:, pixels].astype(np.float64), random)
+        mean, variance = predicted_noise(u, coefficient, attenuation(mixture)[pixels], random)
+        given = random.chance(u, ndtr((u - mean) / np.sqrt(variance)))
+        sure = np.where(np.abs(u) < _REACH, given, ndtr(out[:, pixels]))
+        out[:, pixels] = ndtri(np.clip(sure, 1e-9, 1 - 1e-9))
+    return out
 
 
 def attenuation(mixture: Mixture) -> FloatArray:
@@ -47,54 +68,156 @@ def attenuation(mixture: Mixture) -> FloatArray:
 
 
 def one_surface(mixture: Mixture, share: float = _MAIN) -> BoolArray:
-    """Pixels (pixel,) that see one surface, of whose noise a score speaks and not of which surface was drawn."""
-    return np.asarray(mixture.of_main(mixture.weight) > share * np.maximum(mixture.told, 1e-9))
+    """Pixels (pixel,) that see one surface, of whose noise a score speaks and not of which surface was drawn.
+
+    That share of their samples that are of any surface, or of none: random values are of neither.
+    """
+    return np.asarray(mixture.of_main(mixture.weight) > share * np.maximum(mixture.weight[0].sum(axis=0), 1e-9))
 
 
-def _pairs(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> _Pairs:
-    """Scores of a part's samples, those a frame before, and their attenuation; slow changes taken out."""
-    found = [_pairs_of(z[view.frames], view.mixture, view.part) for view in views(likelihood, mixture, part)]
-    now, before, near = (np.concatenate(values) for values in zip(*found, strict=True))
-    return now, before, near
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RandomValues:
+    """Random values among the valid samples of some pixels, as their noise's scores see them.
+
+    Parameters
+    ----------
+    share : (pixel,) float64
+        Of the valid samples.
+    below : (pixel,) float64
+        Share of the random values that lie below the surface.
+    density : (pixel,) float64
+        Their density there, per sigma of the noise.
+    """
+
+    share: FloatArray
+    below: FloatArray
+    density: FloatArray
+
+    def chance(self, u: FloatArray, noise: FloatArray) -> FloatArray:
+        """Chance (frame, pixel) of a value below u sigma, if `noise` is that of the noise alone."""
+        return np.asarray(self.share * np.clip(self.below + self.density * u, 0, 1) + (1 - self.share) * noise)
 
 
-def _pairs_of(z: Float32Array, mixture: Mixture, part: Part) -> _Pairs:
-    pixels = part[1][one_surface(mixture)[part[1]]]
-    scores = z[:, pixels]
-    ok = np.isfinite(scores)
-    mean = np.nansum(scores, axis=0) / np.maximum(ok.sum(axis=0), 1)
-    flat = np.where(ok, scores - mean, np.nan)
-    count = np.maximum(np.isfinite(flat).sum(axis=1, keepdims=True), 1)
-    flat = flat - np.nansum(flat, axis=1, keepdims=True) / count
+def random_values(mixture: Mixture, pixels: IntArray) -> RandomValues:
+    """Those that a mixture has in some pixels (pixel,), about each one's main surface."""
+    width = max(mixture.high - mixture.low, 1.0)
+    valid = np.maximum(1.0 - mixture.invalid[0][pixels], 1e-9)
+    return RandomValues(
+        share=np.clip(mixture.outlier[pixels] / valid, 0.0, 0.99),
+        below=np.clip((mixture.of_main(mixture.mean)[pixels] - mixture.low) / width, 0.0, 1.0),
+        density=mixture.of_main(mixture.sigma)[pixels] / width,
+    )
+
+
+def noise_of(z: FloatArray, random: RandomValues) -> FloatArray:
+    """The noise (frame, pixel), in units of its sigma, of samples that have these scores; random ones lie far out.
+
+    Solves share (below + density u) + (1 - share) Phi(u) = Phi(z) for u, by substitution: the first term hardly
+    changes over the width of the noise.
+    """
+    if not random.share.any():
+        return z
+    wanted, u = ndtr(z), z
+    for _ in range(_SUBSTITUTIONS):
+        stray = random.share * np.clip(random.below + random.density * u, 0.0, 1.0)
+        u = ndtri(np.clip((wanted - stray) / (1 - random.share), _LEAST_CHANCE, 1 - _LEAST_CHANCE))
+    return np.asarray(u)
+
+
+def predicted_noise(
+    u: FloatArray, coefficient: float, camera: FloatArray, random: RandomValues
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and variance (frame, pixel) of each sample's noise, given all that its pixel returned before.
+
+    Parameters
+    ----------
+    u : (frame, pixel) float64
+        Noise in units of its sigma; NaN where nothing is known of it.
+    coefficient : float
+        rho of e_t = rho e_(t-1) + sqrt(1 - rho^2) w_t.
+    camera : (pixel,) float64
+        Share of the noise's variance that remembers; the rest is that of whole mm.
+    random : RandomValues
+        Which of the samples may be no noise at all.
+
+    References
+    ----------
+    Kalman, J. Basic Eng. 82 (1960) 35. A sample that is noise and one that is not give two Gaussians, which are put
+    together by their moments: Bar-Shalom and Tse, Automatica 11 (1975) 451.
+    """
+    mean, variance = np.empty_like(u), np.empty_like(u)
+    _filter(u, coefficient, camera, random.share, random.density, mean, variance)
+    return mean, variance
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Noise:
+    """The noise of one recording's pixels that see one surface: slow changes taken out, at unit variance.
+
+    Parameters
+    ----------
+    u : (pixel, frame) float64
+        Units of sigma; NaN where nothing is known of it.
+    camera : (pixel,) float64
+        As of `predicted_noise`.
+    random : RandomValues
+        In these pixels.
+    scored : (pixel, frame) bool
+        What is part of the gain.
+    """
+
+    u: FloatArray
+    camera: FloatArray
+    random: RandomValues
+    scored: BoolArray
+
+    def gain(self, coefficient: float) -> float:
+        """Nats that the samples before are worth for each one's prediction."""
+        return float(_gain(self.u, coefficient, self.camera, self.random.share, self.random.density, self.scored))
+
+
+def _noises(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> list[_Noise]:
+    """The noise of each recording, of the part's pixels; what is scored is of its frames and has a forerunner."""
+    return [_noise(z[view.frames], view.mixture, view.part) for view in views(likelihood, mixture, part)]
+
+
+def _noise(z: Float32Array, mixture: Mixture, part: Part) -> _Noise:
+    alone = one_surface(mixture, _ALONE)[part[1]]
+    pixels = part[1][alone if alone.sum() * len(part[0]) >= _LEAST_PAIRS else one_surface(mixture)[part[1]]]
+    random = random_values(mixture, pixels)
+    u = noise_of(z[:, pixels].astype(np.float64), random)
+    good = np.abs(u) < _FAR
+    for axis in (0, 1):  # slow changes: each pixel's mean, then each frame's
+        mean = np.where(good, u, 0).sum(axis=axis, keepdims=True) / np.maximum(good.sum(axis=axis, keepdims=True), 1)
+        u = u - mean
+    good &= np.abs(u) < _FAR
+    power = float((u**2)[good].sum()) / max(int(good.sum()), 1)
+    u = np.where(good, u / math.sqrt(power) if power > _LEAST_POWER else 0.0, np.nan)
     wanted = np.zeros(len(z), dtype=bool)
     wanted[part[0]] = True
-    both = np.flatnonzero(wanted[1:] & wanted[:-1]) + 1
-    now, before = flat[both], flat[both - 1]
-    good = np.isfinite(now) & np.isfinite(before) & (np.abs(now) < _FAR) & (np.abs(before) < _FAR)
-    near = np.broadcast_to(attenuation(mixture)[pixels], now.shape)
-    return now[good].astype(np.float64), before[good].astype(np.float64), near[good]
+    scored = good & wanted[:, None]
+    scored[0] = False
+    scored[1:] &= good[:-1]
+    turned, asked = np.ascontiguousarray(u.T), np.ascontiguousarray(scored.T)
+    return _Noise(u=turned, camera=attenuation(mixture)[pixels], random=random, scored=asked)
 
 
 def fit_memory(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> TemporalCorrelation | None:
-    """The correlation of neighbours in time."""
-    now, before, near = _pairs(likelihood, z, mixture, part)
-    if now.size < _LEAST_PAIRS:
+    """The coefficient under which a part's samples are most likely; None where too few have a forerunner."""
+    noises = _noises(likelihood, z, mixture, part)
+    if sum(int(n.scored.sum()) for n in noises) < _LEAST_PAIRS or not any(np.nan_to_num(n.u).any() for n in noises):
         return None
-    spread = float((now**2).mean() + (before**2).mean()) / 2
-    if spread * float((near**2).sum()) == 0:
-        return None
-    rho = float((near * now * before).sum() / (near**2).sum()) / spread
+    found = minimize_scalar(
+        lambda rho: -sum(n.gain(rho) for n in noises), bounds=(-_MOST, _MOST), method="bounded", options={"xatol": 1e-4}
+    )
+    rho = float(found.x)
     rho += (1 + rho) * len(likelihood.evidence.starts) / len(z)  # Nickell's bias: many pixels, each mean taken out
-    return TemporalCorrelation(coefficient=min(max(rho, -0.98), 0.98))
+    return TemporalCorrelation(coefficient=min(max(rho, -_MOST), _MOST))
 
 
 def memory_gain(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
-    """Nats that the last frame's noise is worth for the prediction of the next."""
-    now, before, near = _pairs(likelihood, z, mixture, part)
-    spread = float((now**2).mean())
-    rho = coefficient * near
-    residual = (now - rho * before) ** 2 / (spread * (1 - rho**2))
-    return float(0.5 * (now**2 / spread - residual - np.log(1 - rho**2)).sum())
+    """Nats that earlier frames' noise is worth for the prediction of a part's samples."""
+    return sum(n.gain(coefficient) for n in _noises(likelihood, z, mixture, part))
 
 
 def memory_left(likelihood: Likelihood, state: State, coefficient: float, seed: int) -> float:
@@ -124,10 +247,77 @@ def _left(z: Float32Array, mixture: Mixture, coefficient: float) -> float:
     return most
 
 
-def memory_error(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> float:
-    """Standard error of the coefficient."""
-    _, _, near = _pairs(likelihood, z, mixture, part)
-    return 1.0 / math.sqrt(max(float((near**2).sum()), 1.0))
+def memory_error(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part, coefficient: float) -> float:
+    """Standard error of the coefficient, by the curvature of the log-likelihood."""
+    noises = _noises(likelihood, z, mixture, part)
+    middle = min(max(coefficient, -_MOST + _NUDGE), _MOST - _NUDGE)
+    below, here, above = (sum(n.gain(middle + step) for n in noises) for step in (-_NUDGE, 0.0, _NUDGE))
+    curvature = (2 * here - below - above) / _NUDGE**2
+    return 1.0 / math.sqrt(max(curvature, 1.0))
+
+
+@borrowing
+def _told(x: float, at: float, spread: float, camera: float, share: float, density: float) -> tuple[float, float]:
+    """Mean and variance of the remembered noise once a sample is known, given those that were expected of it."""
+    seen = math.sqrt(camera)
+    width = camera * spread + 1 - camera
+    off = x - seen * at
+    noise = 1.0
+    if share > 0:
+        likely = (1 - share) * math.exp(-0.5 * off * off / width) / math.sqrt(width)
+        noise = likely / (likely + share * density * _ROOT_TWO_PI + 1e-300)
+    pull = seen * spread / width
+    step = pull * off
+    # of both cases together: mean, and variance within and between them
+    return at + noise * step, spread - noise * pull * seen * spread + noise * (1 - noise) * step * step
+
+
+@jit
+def _filter(
+    u: FloatArray,
+    coefficient: float,
+    camera: FloatArray,
+    share: FloatArray,
+    density: FloatArray,
+    mean: FloatArray,
+    variance: FloatArray,
+) -> None:
+    """Kalman's filter over the frames of u (frame, pixel); `mean` and `variance` are its predictions."""
+    frames, pixels = u.shape
+    for p in range(pixels):
+        at, spread = 0.0, 1.0
+        for t in range(frames):
+            mean[t, p], variance[t, p] = math.sqrt(camera[p]) * at, camera[p] * spread + 1 - camera[p]
+            if not math.isnan(u[t, p]):
+                at, spread = _told(u[t, p], at, spread, camera[p], share[p], density[p])
+            at, spread = coefficient * at, coefficient * coefficient * spread + 1 - coefficient * coefficient
+
+
+@jit
+def _gain(
+    u: FloatArray, coefficient: float, camera: FloatArray, share: FloatArray, density: FloatArray, scored: BoolArray
+) -> float:
+    """Log-likelihood of the scored samples of u (pixel, frame) by the filter, less that without a memory."""
+    pixels, frames = u.shape
+    total = 0.0
+    for p in range(pixels):
+        stray = share[p] * density[p] * _ROOT_TWO_PI
+        at, spread = 0.0, 1.0
+        for t in range(frames):
+            x = u[p, t]
+            if scored[p, t]:
+                width = camera[p] * spread + 1 - camera[p]
+                off = x - math.sqrt(camera[p]) * at
+                if share[p] > 0:
+                    held = stray + (1 - share[p]) * math.exp(-0.5 * off * off / width) / math.sqrt(width)
+                    bare = stray + (1 - share[p]) * math.exp(-0.5 * x * x)
+                    total += math.log(held / bare)
+                else:
+                    total += 0.5 * (x * x - off * off / width - math.log(width))
+            if not math.isnan(x):
+                at, spread = _told(x, at, spread, camera[p], share[p], density[p])
+            at, spread = coefficient * at, coefficient * coefficient * spread + 1 - coefficient * coefficient
+    return total
 
 
 def inflation(likelihood: Likelihood, mixture: Mixture, state: State, part: Part) -> FloatArray:

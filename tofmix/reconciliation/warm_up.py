@@ -7,6 +7,7 @@ import numpy as np
 from tofmix.reconciliation import links
 from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.joint import joint_likelihood
+from tofmix.reconciliation.memory import RandomValues, memory_gain, predicted_noise
 from tofmix.simulation.model import Model
 
 _FRAMES = 20
@@ -29,3 +30,6 @@ def warm_up(model: Model) -> None:
     likelihood.sums(replace(mixture, step=7.0), state, everything)  # a lattice: sample by sample
     likelihood.scores(state, everything, 1)
     links.fit_interference(likelihood, mixture, state, everything)
+    alike = RandomValues(share=np.zeros(36), below=np.zeros(36), density=np.ones(36))
+    memory_gain(likelihood, likelihood.scores(state, everything, 1), mixture, everything, 0.5)
+    predicted_noise(np.zeros((_FRAMES, 36)), 0.5, np.ones(36), alike)
