@@ -15,14 +15,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tofmix.reconciliation.alternatives import Alternatives, alternatives, apart, as_candidates
 from tofmix.reconciliation.beside import ALIAS_NATS, best_beside, settled_within, together, with_the_others, worth
+from tofmix.reconciliation.columns import TERMS
 from tofmix.reconciliation.compare import Compared, compare
 from tofmix.reconciliation.drop import drop, exchange
 from tofmix.reconciliation.joint import views
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.localise import disagreements
 from tofmix.reconciliation.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, recast, tolerated
-from tofmix.reconciliation.refit import begin, refit
+from tofmix.reconciliation.refit import begin, refit, without
 from tofmix.reconciliation.static_fits import STATIC
 from tofmix.reconciliation.way import CRUMB, EXACT, LOST, Settings, Way, fit_part, held_out, name_of
 from tofmix.simulation.effects.excess_noise import ExcessNoise
@@ -57,6 +59,8 @@ class Added:
         Candidates that the recording cannot tell from a chosen one, which stands first.
     panel : Compared
         Panel of the refined model, on held-out frames, moved within its tolerance to where it fits them best.
+    sets : Alternatives or None
+        What other sets of effects explain; None where nothing was added and nothing is to be explained.
     """
 
     state: State
@@ -64,10 +68,14 @@ class Added:
     first: tuple[Candidate, ...]
     aliases: tuple[tuple[Candidate, ...], ...]
     panel: Compared
+    sets: Alternatives | None = None
 
 
 def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] = lambda _: None) -> Iterator[Added]:
     """Ways of adding effects until the panel agrees, nothing gains, or there are enough; each when it is asked for.
+
+    The first is the greedy one, or what all sets of effects together show to be better. Then the set that explains
+    most, of any size; then one that begins with another effect.
 
     Parameters
     ----------
@@ -80,13 +88,80 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
     """
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
     best = Way(likelihood, settings, tick, start)
-    yield _followed(best)
-    other = _beginning(best)
+    added = _followed(best)
+    if not added.chosen and not disagreements(added.panel, settings.alpha):
+        yield added
+        return
+    yield _or_better(best, added)
+    other = _from_set(best, added, larger=True)
     if other is not None:
+        yield other
+    beginning = _beginning(best)
+    if beginning is not None:
         way = Way(likelihood, settings, tick, start, first=best.first)
         likelihood.scene.anchor(way.state.effects)
-        _take(way, _Taken((other,), _near(other, best.first)), best.first)
+        _take(way, _Taken((beginning,), _near(beginning, best.first)), best.first)
         yield _followed(way)
+
+
+def _or_better(way: Way, added: Added) -> Added:
+    """What was added, or another set of as many effects that explains more."""
+    other = _from_set(way, added, larger=False)
+    if other is None or other.sets is None or added.sets is None:
+        return added
+    likelihood, settings = way.likelihood, way.settings
+    test = held_out(likelihood, settings)
+    values = []
+    for each in (added, other):
+        likelihood.scene.anchor(each.state.effects)
+        price = PRICE_NATS * sum(c.parameters for c in each.chosen)
+        values.append(likelihood.value(each.state, test) - price)
+    more = other.sets.found.evidence - added.sets.found.evidence
+    best = other if more + values[1] - values[0] > 0 else added
+    likelihood.scene.anchor(best.state.effects)
+    return best
+
+
+def _from_set(way: Way, added: Added, *, larger: bool) -> Added | None:
+    """Where a search ends that begins with the set of effects which explains most; None if that is what was added."""
+    better = None if added.sets is None else added.sets.better(larger=larger)
+    if better is None:
+        return None
+    likelihood, settings = way.likelihood, way.settings
+    part = fit_part(likelihood, settings)
+    kept = [c for c in added.chosen if c.kind not in TERMS]
+    if len(kept) + len(better.terms) > settings.max_effects:
+        return None
+    state = apart(added.state)
+    likelihood.scene.anchor(state.effects)
+    new = as_candidates(likelihood, state, better, part)
+    if not new:
+        return None
+    chosen = [*kept, *new]
+    state = replace(state, effects=(*state.effects, *(c.effect for c in new)))
+    state, chosen = refit(likelihood, state, chosen, part)
+    other = Way(likelihood, settings, way.tick, state, first=way.first)
+    other.chosen, other.rivals = _with_gains(other, chosen), [()] * len(chosen)
+    other.begun = chosen[-len(new)]
+    drop(other)
+    return _followed(other)
+
+
+def _with_gains(way: Way, chosen: Sequence[Candidate]) -> list[Candidate]:
+    """Effects with what each gains on held-out data beside the others."""
+    likelihood = way.likelihood
+    test = likelihood.evidence.part(fit=False, split=way.settings.split)
+    whole = likelihood.value(way.state, test)
+    out = []
+    for k, candidate in enumerate(chosen):
+        if candidate.fitted is None:
+            out.append(candidate)
+            continue
+        rest = without(way.state, k)
+        likelihood.scene.anchor(rest.effects)
+        out.append(replace(candidate, gain=whole - likelihood.value(rest, test)))
+    likelihood.scene.anchor(way.state.effects)
+    return out
 
 
 def _beginning(best: Way) -> Candidate | None:
@@ -118,9 +193,11 @@ def _followed(way: Way) -> Added:
             break
         stood.append(names)
     kept = {c.kind for c in way.chosen}
+    agrees = not way.chosen and not disagreements(panel, settings.alpha)
     return Added(
         state=way.state, chosen=tuple(way.chosen), first=way.first,
         aliases=tuple(group for group in way.aliases if group[0].kind in kept), panel=panel,
+        sets=None if agrees else alternatives(likelihood, way.state, way.chosen, settings),
     )  # fmt: skip
 
 

@@ -1,0 +1,165 @@
+"""Other sets of effects that explain a recording as well as those that were found, or better.
+
+All sets of effects that move or widen samples are held against the summaries of the frames that fits may see
+(`tofmix.reconciliation.subsets`). What a set cannot be told from is an alias of it; a set that is clearly better is
+where the search begins anew.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.reconciliation.columns import TERMS, Term, terms
+from tofmix.reconciliation.fits import fit
+from tofmix.reconciliation.likelihood import Likelihood, Part, State
+from tofmix.reconciliation.name import Candidate
+from tofmix.reconciliation.searches import Problem, problems
+from tofmix.reconciliation.subsets import Explained, Subsets
+from tofmix.reconciliation.summaries import summaries
+from tofmix.reconciliation.way import Settings, fit_part, name_of
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
+
+ALIAS_NATS = 4.0
+"""Evidence that does not tell two sets apart: odds of 55 to 1."""
+
+MOST_ALIASES = 3
+"""Alternatives that are listed beside the set that was found."""
+
+_BETTER_NATS = 1.0  # for which the search begins anew, and held-out frames are asked too
+_CRUMB = 0.01  # of the evidence, which a smaller set may have less: no law is exact
+_LARGEST = 3  # effects of a set
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Alternatives:
+    """Sets of effects by what they explain.
+
+    Parameters
+    ----------
+    found : Explained
+        Those of the effects that were found of which summaries tell.
+    sets : tuple of Explained
+        Others, best first.
+    """
+
+    found: Explained
+    sets: tuple[Explained, ...]
+
+    @property
+    def aliases(self) -> tuple[Explained, ...]:
+        """Sets that are as good as what was found, but for chance, and of which no part is."""
+        near = [s for s in self.sets if s.evidence > self.found.evidence - ALIAS_NATS]
+        near = [s for s in near if not s.names > self.found.names]
+        return tuple(s for s in near if not any(o.names < s.names for o in near))[:MOST_ALIASES]
+
+    def better(self, *, larger: bool) -> Explained | None:
+        """The smallest set that is clearly better than what was found and nearly as good as any; None if none is.
+
+        Parameters
+        ----------
+        larger : bool
+            Whether it may have more numbers than what was found.
+        """
+        sets = [s for s in self.sets if larger or s.numbers <= self.found.numbers]
+        if not sets:
+            return None
+        top = max(s.evidence for s in sets)
+        enough = [s for s in sets if s.evidence >= top - max(ALIAS_NATS, _CRUMB * top)]
+        least = min(s.numbers for s in enough)
+        best = max((s for s in enough if s.numbers == least), key=lambda s: s.evidence)
+        return best if best.evidence > self.found.evidence + _BETTER_NATS else None
+
+
+def alternatives(
+    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], settings: Settings
+) -> Alternatives | None:
+    """Hold all sets of effects against what the frames that fits may see say; None where they say nothing.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recordings.
+    state : State
+        The model with what was found.
+    chosen : sequence of Candidate
+        That, in the state's order.
+    settings : Settings
+        How; of its kinds, those that the model has not.
+    """
+    given = {(e.kind, getattr(e, "surface", "")) for e in likelihood.scene.effects}
+    rest = apart(state)
+    seen = summaries(likelihood, rest, fit_part(likelihood, settings))
+    if not any(s.used.any() for s in seen):
+        return None
+    every = [t for t in terms(likelihood, rest, seen, settings.kinds) if t.name not in given]
+    pattern = next((e for e in state.effects if isinstance(e, FixedPattern)), None)
+    subsets = Subsets(seen, every, settings.tolerance, 0.0 if pattern is None else pattern.pixel_sigma_mm)
+    names = {name_of(c) for c in chosen} & {t.name for t in every}
+    sets = subsets.all_up_to(min(_LARGEST, max(settings.max_effects, 1)))
+    found = next((s for s in sets if s.names == names), None) or _of_names(subsets, every, names)
+    return Alternatives(found=found, sets=tuple(s for s in sets if s.names != names))
+
+
+def _of_names(subsets: Subsets, every: Sequence[Term], names: set[tuple[str, str]]) -> Explained:
+    """The best set of these names, one by one where a law has several choices."""
+    numbers: list[int] = []
+    for name in sorted(names):
+        own = [k for k, t in enumerate(every) if t.name == name]
+        numbers.append(max(own, key=lambda k: subsets.explained([*numbers, k]).evidence))
+    return subsets.explained(numbers)
+
+
+def apart(state: State) -> State:
+    """The state without what summaries tell of; a pattern's map, which holds all that is static, goes too."""
+    kept = tuple(e for e in state.effects if e.kind not in TERMS)
+    if any(isinstance(e, FixedPattern) for e in state.effects):
+        nothing = np.zeros_like(state.pixel_bias)
+        state = replace(state, pixel_bias=nothing, pixel_variance=nothing)
+    return replace(state, effects=kept)
+
+
+def as_candidates(likelihood: Likelihood, state: State, found: Explained, part: Part) -> list[Candidate]:
+    """The effects of a set as the search has them, each fitted to the samples beside the others.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recordings.
+    state : State
+        The model without them.
+    found : Explained
+        The set, its numbers as the summaries have them.
+    part : (frames, pixels)
+        What fits may see.
+
+    Returns
+    -------
+    list of Candidate
+        Their gains are not known yet: 0. Empty where one of them cannot have its numbers.
+    """
+    try:
+        effects = [t.make(c) for t, c in zip(found.terms, found.coefficients, strict=True)]
+    except ValueError:
+        return []
+    out: list[Candidate] = []
+    for k, term in enumerate(found.terms):
+        others = (*(c.effect for c in out), *effects[k + 1 :])
+        beside = replace(state, effects=(*state.effects, *others))
+        problem = _problem(likelihood, beside, term)
+        if problem is None:
+            return []
+        fitted = fit(problem, likelihood, beside, part)
+        if not np.isfinite(fitted.value) or fitted.at_a_bound:
+            return []
+        out.append(Candidate(effect=fitted.effect, gain=0.0, parameters=problem.parameters, state=state, fitted=fitted))
+    return out
+
+
+def _problem(likelihood: Likelihood, state: State, term: Term) -> Problem | None:
+    """The search of a term's kind, for its surface."""
+    for problem in problems(term.kind, likelihood, likelihood.mixture(state)):
+        effect = problem.make(np.array(problem.starts[0]))
+        if getattr(effect, "surface", "") == term.surface:
+            return problem
+    return None

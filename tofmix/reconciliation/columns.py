@@ -1,0 +1,317 @@
+"""What effects do to the summaries of a recording, each effect's numbers as linear coefficients with a prior.
+
+A `Term` stands for an effect of some kind (and surface): columns by which each of its coefficients moves the biases and
+the widths of pixels. A law that bends in a parameter (the time constant of a drift, the exponent of a walk) has one
+term for each of a few values of it.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.reconciliation.likelihood import Likelihood, State
+from tofmix.reconciliation.mixture import Mixture
+from tofmix.reconciliation.summaries import Summary, surfaces_of
+from tofmix.simulation.effects import EFFECTS, Effect
+
+_TAUS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # time constants of a drift, of the recording
+_EXPONENTS = (0.5, 1.0, 1.6)  # of a walk
+_SMALL = 0.01  # share of light, for the slope of what it does
+_WIDER = 0.05  # logarithm of a width, likewise
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Column:
+    """What one unit of a coefficient does to each recording.
+
+    Parameters
+    ----------
+    bias_mm : tuple of (pixel,) float64
+        Its change of the mean, for each summary.
+    profile : tuple of (tenth,) float64
+        How that goes with the time.
+    width : tuple of (pixel,) float64
+        Its change of the logarithm of the width.
+    prior : float
+        Standard deviation of the coefficient before anything is seen.
+    """
+
+    bias_mm: tuple[FloatArray, ...]
+    profile: tuple[FloatArray, ...]
+    width: tuple[FloatArray, ...]
+    prior: float = 1.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Term:
+    """An effect as coefficients.
+
+    Parameters
+    ----------
+    kind, surface : str
+        Its name; the surface is empty for an effect of the camera.
+    columns : tuple of Column
+        One for each coefficient.
+    make : callable
+        The effect that has some coefficients (coefficient,); ValueError if it cannot have them.
+    choices : int
+        Among how many values of a bent parameter this one was chosen.
+    """
+
+    kind: str
+    surface: str
+    columns: tuple[Column, ...]
+    make: Callable[[FloatArray], Effect]
+    choices: int = 1
+
+    @property
+    def name(self) -> tuple[str, str]:
+        """Kind and surface."""
+        return self.kind, self.surface
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scales:
+    """What priors and finite steps are in units of.
+
+    Parameters
+    ----------
+    sigma_mm : float
+        Typical noise.
+    duration_s : float
+        Of the recording.
+    turn_mm : float
+        d_u; NaN where the camera has none.
+    reference : float
+        Typical amplitude.
+    """
+
+    sigma_mm: float
+    duration_s: float
+    turn_mm: float
+    reference: float
+
+
+def terms(likelihood: Likelihood, state: State, seen: Sequence[Summary], kinds: Sequence[str]) -> list[Term]:
+    """The effects of some kinds that may act in the recordings and that summaries tell of.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the recordings.
+    state : State
+        About which the summaries are.
+    seen : sequence of Summary
+        Of it.
+    kinds : sequence of str
+        Of the registry; those that move or widen no sample by a law have no term.
+    """
+    make = _Maker(likelihood, state, seen)
+    return [term for kind in kinds if kind in TERMS for term in make.possible(TERMS[kind])]
+
+
+class _Maker:
+    """Makes columns by predicting what a small effect does."""
+
+    def __init__(self, likelihood: Likelihood, state: State, seen: Sequence[Summary]) -> None:
+        self.likelihood, self.state, self.seen = likelihood, state, seen
+        self.base = likelihood.mixture(state)
+        used = [s.view.mixture.of_main(s.view.mixture.sigma)[s.used] for s in seen]
+        lit = [s.view.mixture.of_main(s.view.mixture.amplitude)[s.used] for s in seen]
+        amplitude = np.concatenate(lit)
+        amplitude = amplitude[amplitude > 0]
+        turn = likelihood.scene.model.sensor.modulation_frequency_hz
+        self.scales = Scales(
+            sigma_mm=float(np.median(np.concatenate(used))) if any(u.size for u in used) else 1.0,
+            duration_s=max(float(likelihood.evidence.time_s.max()), 1e-3),
+            turn_mm=math.nan if turn is None else likelihood.scene.model.sensor.turn_mm("reconcile"),
+            reference=float(np.exp(np.log(amplitude).mean())) if amplitude.size else 1.0,
+        )
+        self.surfaces = list(dict.fromkeys(name for s in seen for name, _ in surfaces_of(s)))
+
+    def possible(self, of_kind: "Callable[[_Maker], Iterator[Term]]") -> list[Term]:
+        """The terms of a kind; none where the camera or the scene cannot have it."""
+        try:
+            return list(of_kind(self))
+        except ValueError:
+            return []
+
+    def column(
+        self, effect: Effect, size: float, prior: float, *, profile: Callable[[FloatArray], FloatArray] | None = None
+    ) -> Column:
+        """What an effect of some size does, by unit of the size, in time as `profile` of the time in s has it.
+
+        Raises
+        ------
+        ValueError
+            If the camera or the scene cannot have the effect.
+        """
+        effect.check(self.likelihood.scene.model.sensor, self.likelihood.scene.names)
+        changed = self.likelihood.mixture(_with(self.state, effect))
+        bias, width, times = [], [], []
+        for s in self.seen:
+            before, after = self.base.of_frames(s.view.frames), changed.of_frames(s.view.frames)
+            main = before.main[None]
+            moved = _of(after, "mean", main) - _of(before, "mean", main)
+            wider = np.log(_of(after, "sigma", main) / _of(before, "sigma", main))
+            bias.append(np.where(s.used, moved, 0.0) / size)
+            width.append(np.where(s.used, wider, 0.0) / size)
+            times.append(np.ones(s.elapsed_s.size) if profile is None else profile(s.elapsed_s))
+        return Column(bias_mm=tuple(bias), profile=tuple(times), width=tuple(width), prior=prior)
+
+
+def _of(m: Mixture, name: str, main: IntArray) -> FloatArray:
+    values: FloatArray = getattr(m, name)[0]
+    return np.asarray(np.take_along_axis(values, main, axis=0)[0])
+
+
+def _with(state: State, effect: Effect) -> State:
+    return replace(state, effects=(*state.effects, effect))
+
+
+def _offset(make: _Maker) -> Iterator[Term]:
+    size, prior = make.scales.sigma_mm, _prior("range_offset", "offset_mm")
+    yield Term(
+        kind="range_offset", surface="", make=lambda c: _effect("range_offset", offset_mm=float(c[0])),
+        columns=(make.column(_effect("range_offset", offset_mm=size), size, prior),),
+    )  # fmt: skip
+
+
+def _pose(make: _Maker) -> Iterator[Term]:
+    size, prior = make.scales.sigma_mm, _prior("surface_pose", "shift_mm")
+    for name in make.surfaces:
+        made = partial(_moved, name)
+        yield Term(
+            kind="surface_pose", surface=name, make=made,
+            columns=(make.column(made(np.array([size])), size, prior),),
+        )  # fmt: skip
+
+
+def _moved(surface: str, c: FloatArray) -> Effect:
+    return _effect("surface_pose", surface=surface, shift_mm=float(c[0]))
+
+
+def _motion(make: _Maker) -> Iterator[Term]:
+    """By the way in the whole recording, of which as much is likely as of a pose."""
+    size, duration, prior = make.scales.sigma_mm, make.scales.duration_s, _prior("surface_pose", "shift_mm")
+
+    def moving(surface: str, c: FloatArray) -> Effect:
+        return _effect("motion", surface=surface, velocity_mm_s=float(c[0]) / duration)
+
+    for name in make.surfaces:
+        at_once = _moved(name, np.array([size]))
+        column = make.column(at_once, size, prior, profile=lambda t: t / duration)
+        yield Term(kind="motion", surface=name, make=partial(moving, name), columns=(column,))
+
+
+def _wiggling(make: _Maker) -> Iterator[Term]:
+    def made(c: FloatArray) -> Effect:
+        return _effect("wiggling", amplitude_mm=math.hypot(c[0], c[1]), phase_rad=math.atan2(c[1], c[0]))
+
+    size, prior = make.scales.sigma_mm, _prior("wiggling", "amplitude_mm")
+    both = tuple(make.column(made(np.array(c)), size, prior) for c in ((size, 0.0), (0.0, size)))
+    yield Term(kind="wiggling", surface="", make=made, columns=both)
+
+
+def _walk(make: _Maker) -> Iterator[Term]:
+    size, prior, reference = make.scales.sigma_mm, _prior("amplitude_walk", "scale_mm"), make.scales.reference
+
+    def made(exponent: float, c: FloatArray) -> Effect:
+        return _effect("amplitude_walk", scale_mm=float(c[0]), reference_amplitude=reference, exponent=exponent)
+
+    for exponent in _EXPONENTS:
+        law = make.column(made(exponent, np.array([size])), size, prior)
+        yield Term(
+            kind="amplitude_walk", surface="", make=partial(made, exponent), columns=(law,), choices=len(_EXPONENTS)
+        )
+
+
+def _drift(make: _Maker) -> Iterator[Term]:
+    size, prior = make.scales.sigma_mm, _prior("temperature_drift", "amplitude_mm")
+    constant = _effect("range_offset", offset_mm=size)
+
+    def made(tau_s: float, c: FloatArray) -> Effect:
+        return _effect("temperature_drift", amplitude_mm=float(c[0]), time_constant_s=tau_s)
+
+    def rise(tau_s: float, t: FloatArray) -> FloatArray:
+        return np.asarray(-np.expm1(-t / tau_s))
+
+    for part in _TAUS:
+        tau_s = part * make.scales.duration_s
+        column = make.column(constant, size, prior, profile=partial(rise, tau_s))
+        yield Term(
+            kind="temperature_drift", surface="", make=partial(made, tau_s), columns=(column,), choices=len(_TAUS)
+        )
+
+
+def _scattering(make: _Maker) -> Iterator[Term]:
+    def made(c: FloatArray) -> Effect:
+        return _effect("scattering", share=float(c[0]))
+
+    law = make.column(made(np.array([_SMALL])), _SMALL, _prior("scattering", "share"))
+    yield Term(kind="scattering", surface="", make=made, columns=(law,))
+
+
+def _multipath(make: _Maker) -> Iterator[Term]:
+    """The second path's phasor over the first's: along it, which changes the noise, and across it, the range."""
+    turn = make.scales.turn_mm
+
+    def made(surface: str, c: FloatArray) -> Effect:
+        path_mm = math.atan2(c[1], c[0]) % (2 * math.pi) / math.pi * turn
+        return _effect("multipath", surface=surface, share=math.hypot(c[0], c[1]), extra_path_mm=path_mm)
+
+    prior = _prior("multipath", "share")
+    for name in make.surfaces:
+        own = partial(made, name)
+        both = tuple(make.column(own(np.array(c)), _SMALL, prior) for c in ((_SMALL, 0.0), (0.0, _SMALL)))
+        yield Term(kind="multipath", surface=name, make=own, columns=both)
+
+
+def _noise(make: _Maker) -> Iterator[Term]:
+    def made(c: FloatArray) -> Effect:
+        return _effect("excess_noise", factor=math.exp(c[0]))
+
+    law = make.column(made(np.array([_WIDER])), _WIDER, _prior_factor("excess_noise", "factor"))
+    yield Term(kind="excess_noise", surface="", make=made, columns=(law,))
+
+
+def _vignetting(make: _Maker) -> Iterator[Term]:
+    def made(c: FloatArray) -> Effect:
+        return _effect("vignetting", corner_factor=math.exp(c[0]))
+
+    law = make.column(made(np.array([_WIDER])), _WIDER, _prior_factor("vignetting", "corner_factor"))
+    yield Term(kind="vignetting", surface="", make=made, columns=(law,))
+
+
+def _prior_factor(kind: str, name: str) -> float:
+    """Standard deviation of the logarithm of a factor."""
+    return 0.5 * math.log(EFFECTS[kind].parameters()[name].typical[1])
+
+
+def _prior(kind: str, name: str) -> float:
+    """Standard deviation of a coefficient: half of the largest magnitude that is typical."""
+    return 0.5 * EFFECTS[kind].parameters()[name].typical[1]
+
+
+def _effect(kind: str, **values: float | str) -> Effect:
+    make: Callable[..., Effect] = EFFECTS[kind]
+    return make(**values)
+
+
+TERMS: dict[str, Callable[[_Maker], Iterator[Term]]] = {
+    "range_offset": _offset,
+    "surface_pose": _pose,
+    "motion": _motion,
+    "wiggling": _wiggling,
+    "amplitude_walk": _walk,
+    "temperature_drift": _drift,
+    "scattering": _scattering,
+    "multipath": _multipath,
+    "excess_noise": _noise,
+    "vignetting": _vignetting,
+}
+"""Kinds that summaries tell of."""
