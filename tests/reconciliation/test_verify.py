@@ -11,6 +11,7 @@ from tofmix.reconciliation.compare import compare
 from tofmix.reconciliation.likelihood import Likelihood
 from tofmix.reconciliation.mixture import Scene
 from tofmix.reconciliation.panel import Curve
+from tofmix.reconciliation.verdict import Findings
 from tofmix.reconciliation.verify import changes_in_time, verify
 from tofmix.reconciliation.way import Settings, held_out
 from tofmix.reconciliation.workflow import reconcile
@@ -119,10 +120,12 @@ def test_memory_that_is_left_is_a_change_in_time_unless_a_bias_stays(
     evidence = record()
     likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
     floor = compare(likelihood, likelihood.start(), held_out(likelihood, SETTINGS), seed=1)
-    loud = [_curve(statistic, z) for statistic, z in left.items()]
-    assert changes_in_time(likelihood.start(), loud, floor, 2000.0) == goes_on
+    near = replace(floor, curves=tuple(_curve(statistic, z) for statistic, z in left.items()))
+    quiet = replace(floor, curves=())
+    found = Findings(chosen=(), before=near, after=near, floor=quiet, near=near, alpha=0.01, samples=10_000)
+    assert changes_in_time(likelihood.start(), found, 2000.0) == goes_on
     remembers = replace(likelihood.start(), effects=(MAKE["temporal_correlation"](coefficient=0.5),))
-    assert not changes_in_time(remembers, loud, floor, 2000.0)
+    assert not changes_in_time(remembers, found, 2000.0)
 
 
 def _curve(statistic: str, nats: float) -> Curve:

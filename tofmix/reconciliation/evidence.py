@@ -8,6 +8,7 @@ static.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from tofmix.wording import counted
 BLOCK_FRAMES = 5
 BLOCK_PIXELS = 4
 _LEAST_FRAMES = 20
+_LEAST_ALIVE = 8  # pixels whose samples change
 _FAR_BELOW = 0.002  # of the largest range: what is in metres is a thousandth
 _APART = 1_000_000  # frames between two recordings: no burst lasts that long; a multiple of any block
 
@@ -46,6 +48,8 @@ class Evidence:
         Median amplitude of each pixel's valid samples, NaN where there is none; of one recording by itself.
     temperature_c : (frame,) float64 or None
         Of one recording by itself.
+    repeated : int
+        Frames that were left out, because they repeat the frame before sample by sample.
     """
 
     samples: NDArray[np.uint16]
@@ -56,6 +60,7 @@ class Evidence:
     starts: tuple[int, ...] = (0,)
     amplitude: FloatArray | None = None
     temperature_c: FloatArray | None = None
+    repeated: int = 0
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -83,9 +88,14 @@ class Evidence:
         return replace(self, samples=own[0], time_s=own[1], fit_frames=own[2], starts=(0,))
 
     def part(self, *, fit: bool, split: str = "frames,pixels") -> tuple[IntArray, IntArray]:
-        """Frames and pixels of a half: those that fits see, or those that they do not."""
+        """Frames and pixels of a half: those that fits see, or those that they do not.
+
+        One pixel by itself cannot be split: it is in both halves.
+        """
         frames = self.fit_frames == fit if "frames" in split else np.ones(self.shape[0], dtype=bool)
         pixels = self.fit_pixels == fit if "pixels" in split else np.ones(self.shape[1], dtype=bool)
+        if not pixels.any():
+            pixels[:] = True
         return np.flatnonzero(frames), np.flatnonzero(pixels)
 
 
@@ -116,7 +126,7 @@ def make_evidence(
     ------
     BadInputError
         If the image differs from the model's camera, no sample is valid, most are far below its range, the times do
-        not ascend, or there are too few frames to hold some out.
+        not ascend, or there are too few frames to hold some out; those that repeat the one before do not count.
     """
     frames, rows, cols = range_mm.shape
     if (rows, cols) != (model.sensor.rows, model.sensor.cols):
@@ -139,18 +149,43 @@ def make_evidence(
     now = np.arange(frames) / model.recording.frame_rate_hz if time_s is None else np.asarray(time_s, dtype=np.float64)
     if not (np.isfinite(now).all() and (np.diff(now) > 0).all()):
         raise BadInputError("time: the frames' times do not ascend")
-    block = np.arange(frames) // BLOCK_FRAMES % 2 == 0
+    new = ~_repeats(samples)
+    if new.sum() < _LEAST_FRAMES:
+        raise BadInputError(
+            f"range: {counted(int(frames - new.sum()), 'frame')} of {frames} repeat the frame before sample by sample;"
+            f" at least {_LEAST_FRAMES} others are needed, to hold some out"
+        )
+    samples, now, valid = samples[new], now[new], valid[new]
+    if amplitude is not None:
+        amplitude = amplitude[new]
+    if temperature_c is not None:
+        temperature_c = np.asarray(temperature_c, dtype=np.float64)[new]
+    block = np.arange(len(now)) // BLOCK_FRAMES % 2 == 0
     row, col = np.divmod(np.arange(rows * cols), cols)
-    pixel_block = (row // BLOCK_PIXELS + col // BLOCK_PIXELS) % 2 == 0
+    size = BLOCK_PIXELS if max(rows, cols) >= 2 * BLOCK_PIXELS else 1
+    pixel_block = (row // size + col // size) % 2 == 0
     return Evidence(
-        samples=samples.reshape(frames, rows * cols),
+        samples=samples.reshape(len(now), rows * cols),
         time_s=now - now[0],
         image=(rows, cols),
         fit_frames=block,
         fit_pixels=pixel_block,
         amplitude=None if amplitude is None else _typical(amplitude, valid).reshape(-1),
         temperature_c=None if temperature_c is None else np.asarray(temperature_c, dtype=np.float64),
+        repeated=int(frames - new.sum()),
     )
+
+
+def _repeats(samples: NDArray[np.uint16]) -> BoolArray:
+    """Whether each frame (frame,) of an image (frame, row, col) is the one before over again, as drivers deliver it.
+
+    Pixels that never change say nothing of it. Of the others there must be enough that chance does not do it.
+    """
+    alive = (samples != samples[0]).any(axis=0)
+    out = np.zeros(len(samples), dtype=bool)
+    if alive.sum() >= _LEAST_ALIVE:
+        out[1:] = [bool((now[alive] == before[alive]).all()) for before, now in pairwise(samples)]
+    return out
 
 
 def _typical(amplitude: FloatArray | Float32Array, valid: BoolArray) -> FloatArray:
@@ -176,4 +211,5 @@ def join(recordings: Sequence[Evidence]) -> Evidence:
         amplitude=None,
         temperature_c=None,
         starts=tuple(int(n) for n in np.cumsum([0, *lengths[:-1]])),
+        repeated=sum(e.repeated for e in recordings),
     )

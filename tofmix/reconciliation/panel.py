@@ -23,6 +23,8 @@ BINS = 12
 """Of axes that are cut by quantiles."""
 
 _ENOUGH = 200  # samples of a bin
+_ENOUGH_OF_MEANS = 40  # samples of a bin of which a mean, or a spread, is asked
+_ENOUGH_PIXELS = 12
 _MANY_BINS = 40
 _FAR_WIDTH = 2.5  # spreads: a pixel that something else widens must not decide for all
 _CLIPPED_MEAN, _CLIPPED_SPREAD = 0.97756, 1.29675  # mean and spread of min(x^2, 2.5^2), x a standard normal number
@@ -227,7 +229,7 @@ def _curve(name: str, axis: Axis, total: FloatArray, known: tuple[FloatArray, Fl
     """Means over bins; `known` are the samples of each pixel and the variance of its mean beside theirs."""
     count, unknown = known
     n = np.bincount(axis.bin, count, minlength=axis.lower.size)
-    some = n >= _ENOUGH
+    some = n >= (_ENOUGH_OF_MEANS if name in ("bias", "spread") else _ENOUGH)
     value = np.bincount(axis.bin, total, minlength=n.size)[some] / n[some]
     per_mm = np.bincount(axis.bin, count / sigma, minlength=n.size)[some] / n[some]
     scale = np.where(per_mm > 0, 1.0 / np.maximum(per_mm, 1e-9), 0.0)
@@ -264,8 +266,13 @@ def invalid(evidence: Evidence, m: Mixture, state: State, axes: list[Axis], part
 
 
 def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:
-    """Correlation between neighbours in a row, and in a column, pixels' means removed."""
+    """Correlation between neighbours in a row, and in a column, pixels' means removed.
+
+    Frames' means are removed too, which makes any two of n pixels alike by -1 / n; of few pixels nothing is left.
+    """
     rows, cols = evidence.image
+    if part[1].size < _ENOUGH_PIXELS:
+        return
     flat = np.nan_to_num(z - np.nanmean(np.where(np.isfinite(z).any(axis=0), z, 0), axis=0))
     cube = np.zeros((len(part[0]), rows * cols), dtype=np.float32)
     cube[:, part[1]] = flat - flat.mean(axis=1, keepdims=True)
@@ -275,7 +282,7 @@ def neighbours(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curv
         if a.size == 0:  # one column, or one row
             continue
         n = max(int(((a != 0) & (b != 0)).sum()), 1)
-        value = float((a * b).sum(dtype=np.float64)) / n
+        value = float((a * b).sum(dtype=np.float64)) / n + 1.0 / part[1].size
         yield Curve(statistic="neighbour_correlation", axis=axis, lower=np.zeros(1), upper=np.ones(1),
                     value=np.array([value]), variance=np.array([1.0 / n]), unit="1", scale_mm=np.ones(1))  # fmt: skip
 

@@ -1,7 +1,7 @@
 """Step 5: simulate the refined model with fresh seeds, and say what the effects explain.
 
 `floor` is the gap of two simulations of the refined model that differ in their seed, `before` and `after` that of
-the recording. The verdict weighs what the effects gained against the largest disagreement that is left.
+the recording. What comes of it is decided in `tofmix.reconciliation.verdict`.
 """
 
 from dataclasses import dataclass, replace
@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation import links
 from tofmix.reconciliation.add import Added
-from tofmix.reconciliation.beside import settled_within
 from tofmix.reconciliation.compare import Compared, compare
 from tofmix.reconciliation.joint import views
-from tofmix.reconciliation.likelihood import Likelihood, State
+from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.localise import disagreements
 from tofmix.reconciliation.memory import memory_left, memory_of
 from tofmix.reconciliation.mixture import Scene
 from tofmix.reconciliation.nameless import better_law
-from tofmix.reconciliation.panel import Curve
 from tofmix.reconciliation.pattern_shape import smooth, tilted
 from tofmix.reconciliation.refit import begin
+from tofmix.reconciliation.verdict import Findings, judge, share_closed
 from tofmix.reconciliation.way import EXACT, LOST, Settings, fit_part, held_out
 from tofmix.reconciliation.widths import with_widths
 from tofmix.simulation.cast import cast_scene
@@ -33,50 +32,13 @@ from tofmix.simulation.effects.stuck_pixels import StuckPixels
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
 
-EXPLAINED = 0.9
-"""Share of gain and largest remaining disagreement that the gain must be."""
-
-CLOSED = 0.8
-"""Share of the panel's gap that the effects must close, unless what is left is within chance and tolerance."""
-
-SIGNATURES: dict[str, tuple[str, ...]] = {
-    "range_offset": ("bias", "trend", "common_mode"),
-    "surface_pose": ("bias", "trend", "common_mode"),
-    "wiggling": ("bias", "pattern"),
-    "amplitude_walk": ("bias", "pattern"),
-    "scattering": ("bias", "pattern"),
-    "multipath": ("bias", "pattern", "spread"),
-    "fixed_pattern": ("bias", "pattern"),
-    "temperature_drift": ("trend", "common_mode"),
-    "motion": ("trend", "common_mode"),
-    "interference": ("bursts", "common_mode", "spread"),
-    "temporal_correlation": ("memory", "neighbour_correlation", "common_mode"),
-    "excess_noise": ("spread", "tails", "skew", "spread_pattern", "memory"),
-    "vignetting": ("spread", "tails", "skew", "spread_pattern", "memory"),
-    "outliers": ("tails", "skew", "spread", "memory"),
-    "flying_pixels": ("bias", "skew", "spread", "bridging"),
-    "pixel_crosstalk": ("bias", "spread", "bridging"),
-    "dropout": ("invalid",),
-    "saturation": ("invalid",),
-    "quantisation": ("discreteness",),
-}
-"""The statistics in which each kind must show, so that none of them is left open where it is named."""
-
-OPEN = 0.03
-"""Share of an effect's gain that may be left in its own statistics: no law of ours is exact."""
-
 IN_TIME = 0.005
 """Share of what the effects gained that may be left of a change of all frames in time."""
 
 ECHO = 0.1
 """Correlation, at any lag, that a memory of one frame may leave."""
 
-_FEW = 0.1
 _SEEDS_APART = 1000
-_SIMULATED = 0.1
-_WITHIN_CHANCE = 0.15  # of a gap
-_SANE = 1.5  # times chance, which the refined model's own simulation may be from it, where the recording is no further
-_SETTLED, _UNTOUCHED = 0.97, 0.7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -91,14 +53,8 @@ class Verified:
         The model that is written: without effects that do not explain.
     before, after, floor : Compared
         Panels of the model as given, of the refined one, and of a simulation of it.
-    gain : float
-        Held-out gain of all effects, nats.
-    left : float
-        The largest disagreement that is left, nats.
-    law : str or None
-        Of what a smooth law, which no effect is, fits better than the effects that were found.
-    own : Effect or None
-        The model's own effect with other numbers, which fits better than the effects that were found.
+    findings : Findings
+        What the verdict was made from.
     """
 
     verdict: str
@@ -106,19 +62,25 @@ class Verified:
     before: Compared
     after: Compared
     floor: Compared
-    gain: float
-    left: float
-    law: str | None = None
-    own: Effect | None = None
+    findings: Findings
+
+    @property
+    def law(self) -> str | None:
+        """Of what a smooth law, which no effect is, fits better than the effects that were found."""
+        return self.findings.law
+
+    @property
+    def own(self) -> Effect | None:
+        """The model's own effect with other numbers, which fits better than the effects that were found."""
+        return self.findings.own
 
     @property
     def closed(self) -> float | None:
         """Share of the gap that is closed; None where there is none beyond chance."""
-        room = self.before.gap - self.floor.gap
-        return None if room < _WITHIN_CHANCE else (self.before.gap - self.after.gap) / room
+        return share_closed(self.before, self.after, self.floor)
 
 
-def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified:
+def verify(likelihood: Likelihood, added: Added, settings: Settings, own: Effect | None = None) -> Verified:
     """Judge what was added.
 
     Parameters
@@ -129,6 +91,8 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
         The outcome of the search.
     settings : Settings
         How.
+    own : Effect, optional
+        The model's own effect with other numbers, if that is better than what was added.
     """
     held = held_out(likelihood, settings)
     likelihood.scene.anchor(())  # edges where the model as given has them, not where a pose put them
@@ -137,24 +101,23 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings) -> Verified
     likelihood.scene.anchor(added.state.effects)
     after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
     floor = _floor(likelihood, added.state, settings)
-    loud = _beyond(disagreements(added.panel, settings.alpha), floor)
-    left = max((_weight(c, floor) for c in loud), default=0.0)
-    scale = _scale(likelihood, settings)
-    gain = scale * _gain(added, lost=True)
-    parts = fit_part(likelihood, settings), held
-    law = better_law(likelihood, added.state, added.chosen, parts, settings.tolerance)
-    signed = law is None and _signed(likelihood, added, floor, settings)
-    enough = _outweighs(added, loud, floor, scale) and _closes_tolerably(
-        likelihood, added, (before, after, floor), settings
-    )
-    sane = floor.gap <= max(before.gap, _SANE)
-    verdict = _verdict(added, before, loud, enough=enough, signed=signed and sane)
-    if verdict == "explained" and changes_in_time(added.state, loud, floor, scale * _gain(added, lost=False)):
-        verdict = "partly_explained"
-    found = Verified(
-        verdict=verdict, state=added.state, before=before, after=after, floor=floor, gain=gain, left=left, law=law
-    )
-    return revoked(likelihood, found, settings) if added.chosen and verdict in ("agree", "unexplained") else found
+    part = likelihood.evidence.part(fit=False, split=settings.split)
+    found = Findings(
+        chosen=added.chosen, before=before, after=after, floor=floor, near=added.panel, alpha=settings.alpha,
+        samples=int((likelihood.evidence.samples[held[0]][:, held[1]] > 0).sum()),
+        judged=len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1),
+        law=better_law(
+            likelihood, added.state, added.chosen, (fit_part(likelihood, settings), held), settings.tolerance
+        ),
+        own=own, bound=any(c.fitted is not None and c.fitted.at_a_bound for c in added.chosen),
+        echo=_echoes(likelihood, added.state, settings), shaped=_shaped(likelihood, added.state, held),
+    )  # fmt: skip
+    # Gains of exact laws are no measure of what is left
+    gain = sum(c.gain for c in added.chosen if c.kind not in (*EXACT, *LOST))
+    found = replace(found, in_time=changes_in_time(added.state, found, found.judged * gain))
+    verdict = judge(found)
+    out = Verified(verdict=verdict, state=added.state, before=before, after=after, floor=floor, findings=found)
+    return revoked(likelihood, out, settings) if added.chosen and verdict in ("agree", "unexplained") else out
 
 
 def revoked(likelihood: Likelihood, found: Verified, settings: Settings) -> Verified:
@@ -165,122 +128,48 @@ def revoked(likelihood: Likelihood, found: Verified, settings: Settings) -> Veri
     return replace(found, state=start, after=found.before, floor=_floor(likelihood, start, settings))
 
 
-def _beyond(loud: list[Curve], floor: Compared) -> list[Curve]:
-    """Curves that stand above what a simulation of the model itself shows, where its prediction is an approximation."""
-    return [c for c in loud if _weight(c, floor) > _SIMULATED * c.excess_nats]
+def _echoes(likelihood: Likelihood, state: State, settings: Settings) -> bool:
+    """Whether a memory of one frame leaves a correlation at any lag."""
+    coefficient = memory_of(state)
+    return bool(coefficient) and memory_left(likelihood, state, coefficient, settings.seed) > ECHO
 
 
-def _gain(added: Added, *, lost: bool) -> float:
-    """Gains by candidates, which count latent states and memory too; with or without those of lost samples.
-
-    Without those of exact laws, which are no measure of what is left.
-    """
-    return sum(c.gain for c in added.chosen if c.kind not in EXACT and (lost or c.kind not in LOST))
-
-
-def _scale(likelihood: Likelihood, settings: Settings) -> float:
-    """How many times the part that candidates were scored on is in all that is held out."""
-    part = likelihood.evidence.part(fit=False, split=settings.split)
-    held = held_out(likelihood, settings)
-    return len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1)
-
-
-def _outweighs(added: Added, loud: list[Curve], floor: Compared, scale: float) -> bool:
-    """Whether effects gained far more than what is left: those that lose samples of lost ones, the others of ranges."""
-    for lost in (True, False):
-        left = max((_weight(c, floor) for c in loud if (c.statistic == "invalid") == lost), default=0.0)
-        gain = scale * _gain(added, lost=lost)
-        if left and gain < EXPLAINED * (gain + left):
-            return False
-    return True
-
-
-def _weight(curve: Curve, floor: Compared) -> float:
-    """What a curve that is left counts for, nats.
-
-    What a simulation shows too is the prediction's fault, not the model's; third and fourth powers of single pixels
-    hang on few samples.
-    """
-    few = curve.statistic in ("skew_pattern", "tails_pattern")
-    own = {c.name: c.excess_nats for c in floor.curves}.get(curve.name, 0.0)
-    return max(curve.excess_nats - max(own, 0.0), 0.0) * (_FEW if few else 1.0)
-
-
-def _signed(likelihood: Likelihood, added: Added, floor: Compared, settings: Settings) -> bool:
-    """Whether no effect leaves the statistic open in which it must show, or has numbers that make it another one."""
-    scale = _scale(likelihood, settings)
-    loud = disagreements(added.panel, settings.alpha)
-    for candidate in added.chosen:
-        if candidate.fitted is not None and candidate.fitted.at_a_bound:
-            return False
-        own = SIGNATURES.get(candidate.kind, ())
-        open_ = max((_weight(c, floor) for c in loud if c.statistic in own), default=0.0)
-        if open_ > OPEN * scale * candidate.gain:
-            return False
-    coefficient = memory_of(added.state)
-    if coefficient and memory_left(likelihood, added.state, coefficient, settings.seed) > ECHO:
-        return False
-    known = (added.state.pixel_variance > 0).reshape(likelihood.evidence.image)
-    maps = [e.map for e in added.state.effects if isinstance(e, FixedPattern) and e.map is not None]
+def _shaped(likelihood: Likelihood, state: State, held: Part) -> bool:
+    """Whether a pattern of pixels is a smooth law of place."""
+    known = (state.pixel_variance > 0).reshape(likelihood.evidence.image)
+    maps = [e.map for e in state.effects if isinstance(e, FixedPattern) and e.map is not None]
     if not maps or not known.any():
-        return True
-    mixture = likelihood.mixture(added.state)
-    held = held_out(likelihood, settings)
+        return False
+    mixture = likelihood.mixture(state)
     surfaces = [v.mixture.of_main(v.mixture.surface).reshape(known.shape) for v in views(likelihood, mixture, held)]
     values = [m.values.astype(np.float64) for m in maps]
-    return not any(smooth(v, known) or any(tilted(v, known, s) for s in surfaces) for v in values)
+    return any(smooth(v, known) or any(tilted(v, known, s) for s in surfaces) for v in values)
 
 
-def changes_in_time(state: State, loud: list[Curve], floor: Compared, gain: float) -> bool:
+def changes_in_time(state: State, found: Findings, gain: float) -> bool:
     """Whether means of frames or pixels still change in time: laws in time are exact, so that something else is there.
 
     Where frames are disturbed, or noise has a memory, these means have that in them.
+
+    Parameters
+    ----------
+    state : State
+        The refined model.
+    found : Findings
+        Its panels.
+    gain : float
+        What its effects gained on the samples that are judged, nats.
     """
     if state.bursts is not None or memory_of(state):
         return False
-    left = (_weight(c, floor) for c in loud if (c.statistic, c.axis) in (("trend", "time"), ("common_mode", "frame")))
+    loud = disagreements(found.near, found.alpha)
+    left = (found.left(c) for c in loud if (c.statistic, c.axis) in (("trend", "time"), ("common_mode", "frame")))
     # One frame is like the next where a bias stays, which shows in the biases, and where it slowly changes
     same, stays = (
-        max((_weight(c, floor) for c in loud if c.statistic in some), default=0.0)
+        max((found.left(c) for c in loud if c.statistic in some), default=0.0)
         for some in (("memory",), ("bias", "pattern"))
     )
     return max(left, default=0.0) > IN_TIME * gain or same > max(IN_TIME * gain, stays)
-
-
-def _closes_tolerably(
-    likelihood: Likelihood, added: Added, panels: tuple[Compared, Compared, Compared], settings: Settings
-) -> bool:
-    """Whether the refined model, or one within the tolerance of it, closes most of the gap; over all pixels."""
-    before, after, floor = panels
-    if _closes(before, after, floor):
-        return True
-    held = held_out(likelihood, settings)
-    near = settled_within(likelihood, added.state, added.chosen, held, settings.tolerance)
-    return _closes(before, compare(likelihood, near, held, seed=settings.seed), floor)
-
-
-def _closes(before: Compared, after: Compared, floor: Compared) -> bool:
-    """Whether a refined model closes most of the gap above chance."""
-    chance = max(floor.gap, 1.0)
-    return after.gap - chance <= (1 - CLOSED) * max(before.gap - chance, _WITHIN_CHANCE)
-
-
-def _verdict(added: Added, before: Compared, loud: list[Curve], *, enough: bool, signed: bool) -> str:
-    if not added.chosen:
-        return "unexplained" if loud else "agree"
-    if signed and enough:
-        return "explained"
-    sure = not loud or any(c.kind in EXACT for c in added.chosen) or _settled(added, before, loud)
-    return "partly_explained" if signed and sure else "unexplained"
-
-
-def _settled(added: Added, before: Compared, loud: list[Curve]) -> bool:
-    """Whether what is left stands on other curves than what was explained, and was there before."""
-    was = {c.name: c.excess_nats for c in before.curves}
-    now = {c.name: c.excess_nats for c in added.panel.curves}
-    top = max(was, key=lambda name: was[name])
-    settled = now.get(top, 0.0) < (1 - _SETTLED) * was[top]
-    return settled and all(c.excess_nats > _UNTOUCHED * was.get(c.name, 0.0) for c in loud[:3])
 
 
 def refined_model(scene: Scene, state: State) -> Model:

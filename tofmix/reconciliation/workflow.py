@@ -23,7 +23,7 @@ from tofmix.reconciliation.name import Candidate
 from tofmix.reconciliation.own import better_own
 from tofmix.reconciliation.refit import latent_states, numbers
 from tofmix.reconciliation.standard_errors import standard_errors
-from tofmix.reconciliation.verify import Verified, revoked, verify
+from tofmix.reconciliation.verify import Verified, verify
 from tofmix.reconciliation.way import Settings, fit_part
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -215,7 +215,7 @@ def reconcile(
         stands = likelihood.value(added.state, test), added.chosen
         own = better_own(recordings, likelihood, stands, settings)
         if own is not None:
-            verified = replace(revoked(likelihood, verified, settings), verdict="unexplained", own=own)
+            verified = verify(likelihood, added, settings, own)
     where = tuple(localise(verified.before, settings.alpha)) if verified.verdict != "agree" else ()
     left = tuple(localise(added.panel, settings.alpha)) if verified.verdict != "agree" else ()
     if verified.verdict == "partly_explained":

@@ -1,0 +1,224 @@
+"""The verdict: the one place where it is decided what was found is called.
+
+`tofmix.reconciliation.verify` gathers the findings; `judge` makes them a verdict and its reasons. Nothing else does.
+"""
+
+import math
+from dataclasses import dataclass
+
+from scipy.stats import norm
+
+from tofmix.reconciliation.compare import Compared
+from tofmix.reconciliation.localise import LEAST_SIZE, disagreements
+from tofmix.reconciliation.name import Candidate
+from tofmix.reconciliation.panel import SHAPES, Curve
+from tofmix.reconciliation.way import EXACT, LOST
+from tofmix.simulation.effects.base import Effect
+
+LAW = 0.1
+"""Part of what an effect changes in a statistic by which its law may be wrong: no camera has any law exactly."""
+
+MOSTLY = 0.9
+"""Share of gain and largest disagreement that is left which the gain must be, where something still stands out."""
+
+CLOSED = 0.8
+"""Share of the gap that must be closed then."""
+
+SIGMAS = 0.5
+"""A bias of all samples, in sigma, that a recording must be able to show before it can be said to agree."""
+
+_POWER = 1.645  # standard errors beyond the limit: such a bias is seen in 95 of 100 recordings
+_WITHIN_CHANCE = 0.15  # of a gap
+_SANE = 1.5  # times chance, which the refined model's own simulation may be from it, where the recording is no further
+_SETTLED, _UNTOUCHED = 0.97, 0.7
+_SIMULATED = 0.1  # of what stands out, that the model's own simulation shows too, where predictions are approximations
+_OPEN = 0.03  # of an effect's gain, that may be left in the statistics in which it must show
+_FEW = 0.1  # third and fourth powers of single pixels hang on few samples
+_TAILED = ("skew", "tails")  # a law that is not exact in one of these is not in the other
+
+SIGNATURES: dict[str, tuple[str, ...]] = {
+    "range_offset": ("bias", "trend", "common_mode"),
+    "surface_pose": ("bias", "trend", "common_mode"),
+    "wiggling": ("bias", "pattern"),
+    "amplitude_walk": ("bias", "pattern"),
+    "scattering": ("bias", "pattern"),
+    "multipath": ("bias", "pattern", "spread"),
+    "fixed_pattern": ("bias", "pattern"),
+    "temperature_drift": ("trend", "common_mode"),
+    "motion": ("trend", "common_mode"),
+    "interference": ("bursts", "common_mode", "spread"),
+    "temporal_correlation": ("memory", "neighbour_correlation", "common_mode"),
+    "excess_noise": ("spread", "tails", "skew", "spread_pattern", "memory"),
+    "vignetting": ("spread", "tails", "skew", "spread_pattern", "memory"),
+    "outliers": ("tails", "skew", "spread", "memory"),
+    "flying_pixels": ("bias", "skew", "spread", "bridging"),
+    "pixel_crosstalk": ("bias", "spread", "bridging"),
+    "dropout": ("invalid",),
+    "saturation": ("invalid",),
+    "quantisation": ("discreteness",),
+}
+"""The statistics in which each kind must show, so that it is never named for what shows elsewhere."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Findings:
+    """What the verdict depends on.
+
+    Parameters
+    ----------
+    chosen : tuple of Candidate
+        Effects that were found.
+    before, after, floor : Compared
+        Panels of the model as given, of the refined model, and of a simulation of that, on frames that no fit has seen.
+    near : Compared
+        Panel of the refined model moved within its tolerance to where it fits these frames best.
+    alpha : float
+        Level of the tests, corrected for all curves.
+    samples : int
+        Valid samples that were held out.
+    judged : float
+        How many times more samples are judged than effects' gains were scored on.
+    law : str or None
+        Of what a smooth law, which no effect is, fits better than the effects that were found.
+    own : Effect or None
+        The model's own effect with other numbers, which fits better than the effects that were found.
+    bound, echo, shaped, in_time : bool
+        Whether an effect has numbers that make it another one; whether a memory leaves another one; whether a pattern
+        of pixels is a smooth law; whether frames still change in time.
+    """
+
+    chosen: tuple[Candidate, ...]
+    before: Compared
+    after: Compared
+    floor: Compared
+    near: Compared
+    alpha: float
+    samples: int
+    judged: float = 1.0
+    law: str | None = None
+    own: Effect | None = None
+    bound: bool = False
+    echo: bool = False
+    shaped: bool = False
+    in_time: bool = False
+
+    @property
+    def smallest_sigma(self) -> float:
+        """The smallest bias of all samples, in sigma, that these frames show in 95 of 100 recordings."""
+        limit = float(norm.isf(self.alpha / max(len(self.near.curves), 1)))
+        return (limit + _POWER) / math.sqrt(max(self.samples, 1))
+
+    @property
+    def few(self) -> bool:
+        """Whether there are too few samples to see half a sigma."""
+        return self.smallest_sigma > SIGMAS
+
+    @property
+    def open(self) -> list[Curve]:
+        """Curves that stand out of chance and tolerance, most telling first."""
+        return [c for c in disagreements(self.near, self.alpha) if self._beyond(c)]
+
+    def left(self, curve: Curve) -> float:
+        """What a curve that stands out counts for, nats, less what the model's own simulation shows of it."""
+        few = curve.statistic in ("skew_pattern", "tails_pattern")
+        own = _named(self.floor).get(curve.name)
+        seen = curve.excess_nats - (0.0 if own is None else max(own.excess_nats, 0.0))
+        return max(seen, 0.0) * (_FEW if few else 1.0)
+
+    @property
+    def signed(self) -> bool:
+        """Whether no effect leaves the statistics open in which it must show."""
+        loud = disagreements(self.near, self.alpha)
+        for candidate in self.chosen:
+            own = SIGNATURES.get(candidate.kind, ())
+            open_ = max((self.left(c) for c in loud if c.statistic in own), default=0.0)
+            if open_ > _OPEN * self.judged * candidate.gain:
+                return False
+        return True
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing speaks against the effects themselves, whatever else is left."""
+        other = self.law is not None or self.own is not None
+        sane = self.floor.gap <= max(self.before.gap, _SANE)
+        return self.signed and sane and not (other or self.bound or self.echo or self.shaped)
+
+    @property
+    def settled(self) -> bool:
+        """Whether what is left stands on other curves than what was explained, and was there before."""
+        if any(c.kind in EXACT for c in self.chosen):
+            return True
+        was, now = _named(self.before), _named(self.near)
+        top = max(was.values(), key=lambda c: c.excess_nats)
+        rest = now[top.name].excess_nats if top.name in now else 0.0
+        if rest >= (1 - _SETTLED) * top.excess_nats:
+            return False
+        before = {name: c.excess_nats for name, c in was.items()}
+        return all(c.excess_nats > _UNTOUCHED * before.get(c.name, 0.0) for c in self.open[:3])
+
+    def _beyond(self, curve: Curve) -> bool:
+        """Whether a curve is beyond what its own simulation shows, and what an inexact law leaves."""
+        own = _named(self.floor).get(curve.name)
+        if own is not None and curve.excess_nats <= _SIMULATED * max(own.excess_nats, 0.0):
+            return False
+        if not self.chosen:
+            return True
+        was = _named(self.before)
+        alike: tuple[str, ...] = _TAILED if curve.statistic in _TAILED else (curve.statistic,)
+        suffix = "_pattern" if curve.statistic.endswith("_pattern") else ""
+        if suffix and curve.statistic.removesuffix(suffix) in _TAILED:
+            alike = tuple(f"{name}{suffix}" for name in _TAILED)
+        moved = max((was[c].size for c in ((a, curve.axis, curve.recording) for a in alike) if c in was), default=0.0)
+        return curve.size > max(LAW * moved, LEAST_SIZE if curve.statistic in (*SHAPES, "pattern") else 0.0)
+
+    @property
+    def mostly(self) -> bool:
+        """Whether effects gained far more than what is left, and close most of the gap.
+
+        Those that lose samples are held against lost samples, the others against ranges. Gains of exact laws are no
+        measure of what is left.
+        """
+        loud = disagreements(self.near, self.alpha)
+        for lost in (True, False):
+            left = max((self.left(c) for c in loud if (c.statistic == "invalid") == lost), default=0.0)
+            told = (c.gain for c in self.chosen if c.kind not in EXACT and (lost or c.kind not in LOST))
+            gain = self.judged * sum(told)
+            if left and gain < MOSTLY * (gain + left):
+                return False
+        chance = max(self.floor.gap, 1.0)
+        room = max(self.before.gap - chance, _WITHIN_CHANCE)
+        return min(self.after.gap, self.near.gap) - chance <= (1 - CLOSED) * room
+
+
+def judge(found: Findings) -> str:
+    """The verdict.
+
+    Parameters
+    ----------
+    found : Findings
+        What was found.
+
+    Returns
+    -------
+    str
+        ``agree``: no effect was added and nothing stands out, of enough samples to see half a sigma. ``explained``:
+        nothing stands out any more. ``partly_explained``: something does, but it is little beside what the effects
+        explain, or was there before and they do not touch it, or changes in time. ``unexplained``: all else.
+    """
+    if not found.chosen:
+        return "unexplained" if found.open or found.few else "agree"
+    if not found.sound:
+        return "unexplained"
+    if not found.open:
+        return "partly_explained" if found.in_time else "explained"
+    return "partly_explained" if found.settled or found.mostly else "unexplained"
+
+
+def share_closed(before: Compared, after: Compared, floor: Compared) -> float | None:
+    """Share of the gap that is closed; None where there is none beyond chance."""
+    room = before.gap - floor.gap
+    return None if room < _WITHIN_CHANCE else (before.gap - after.gap) / room
+
+
+def _named(panel: Compared) -> dict[tuple[str, str, int], Curve]:
+    return {c.name: c for c in panel.curves}
