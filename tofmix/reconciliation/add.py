@@ -60,7 +60,7 @@ class Added:
     panel : Compared
         Panel of the refined model, on held-out frames, moved within its tolerance to where it fits them best.
     sets : Alternatives or None
-        What other sets of effects explain; None where nothing was added and nothing is to be explained.
+        What other sets of effects explain; None where there is nothing of which summaries tell.
     """
 
     state: State
@@ -193,11 +193,11 @@ def _followed(way: Way) -> Added:
             break
         stood.append(names)
     kept = {c.kind for c in way.chosen}
-    agrees = not way.chosen and not disagreements(panel, settings.alpha)
+    told = any(c.kind in TERMS for c in way.chosen) or bool(disagreements(panel, settings.alpha))
     return Added(
         state=way.state, chosen=tuple(way.chosen), first=way.first,
         aliases=tuple(group for group in way.aliases if group[0].kind in kept), panel=panel,
-        sets=None if agrees else alternatives(likelihood, way.state, way.chosen, settings),
+        sets=alternatives(likelihood, way.state, way.chosen, settings) if told else None,
     )  # fmt: skip
 
 

@@ -127,10 +127,9 @@ def summary_lines(result: Reconciliation) -> list[str]:
         lines.append(f"left         {where_text(result.left[0], result)}, {p_text(result.left[0])}")
     ranking = ", ".join(f"{c.kind} {number(c.gain, '.0f')}" for c in result.candidates[:4])
     lines += [f"candidates   each alone: {ranking}"] if ranking else []
-    for group in result.as_dict()["aliases"]:
-        lines.append(f"not told apart: {', '.join(group['kinds'])}; would be by: {group['separate_by']}")
     closed = "" if v.closed is None else f", closed {number(100 * v.closed, '.1f')} %"
     lines.append(f"gap          before {v.before.gap:.2f}, after {v.after.gap:.2f}, floor {v.floor.gap:.2f}{closed}")
+    lines += [f"next         {step}" for step in result.next_steps]
     return lines
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.add import Added, ways
-from tofmix.reconciliation.aliases import separate_by
+from tofmix.reconciliation.aliases import Alias, aliases
 from tofmix.reconciliation.compare import Compared
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.joint import Recording, joint_likelihood, renamed
@@ -20,6 +20,7 @@ from tofmix.reconciliation.latent_errors import latent_errors
 from tofmix.reconciliation.likelihood import Likelihood
 from tofmix.reconciliation.localise import Place, localise
 from tofmix.reconciliation.name import Candidate
+from tofmix.reconciliation.next_steps import next_steps
 from tofmix.reconciliation.own import better_own
 from tofmix.reconciliation.refit import latent_states, numbers
 from tofmix.reconciliation.standard_errors import standard_errors
@@ -84,6 +85,8 @@ class Reconciliation:
         Where the model as given disagrees; of what is left, where effects explain a part.
     added, verified
         Search and verification.
+    next_steps : tuple of str
+        What to do now, the most useful first.
     """
 
     models: tuple[Model, ...]
@@ -92,6 +95,12 @@ class Reconciliation:
     left: tuple[Place, ...]
     added: Added
     verified: Verified
+    next_steps: tuple[str, ...] = ()
+
+    @property
+    def aliases(self) -> tuple[Alias, ...]:
+        """What the recording cannot tell apart."""
+        return aliases(self.added, named=bool(self.named))
 
     def acting(self, recording: int) -> tuple[NamedEffect, ...]:
         """What was found for one of the recordings, from 0."""
@@ -118,14 +127,11 @@ class Reconciliation:
                 {"kind": c.kind, "heldout_gain_nats": _short(c.gain), "parameters": c.parameters}
                 for c in self.candidates
             ],
-            "aliases": [
-                {"kinds": [c.kind for c in group], "gains": [_short(c.gain) for c in group],
-                 "separate_by": separate_by([c.kind for c in group])}
-                for group in self.added.aliases if v.verdict not in ("agree", "unexplained")
-            ],
+            "aliases": [_alias(group) for group in self.aliases],
             "panel": [line | self._in_recording(number) for number, line in _panel(v.before, v.after, v.floor)],
             "gap": {"before": _short(v.before.gap), "after": _short(v.after.gap), "floor": _short(v.floor.gap),
                     "closed": None if v.closed is None else _short(v.closed)},
+            "next_steps": list(self.next_steps),
         }  # fmt: skip
 
     def _effect(self, named: NamedEffect) -> dict[str, Any]:
@@ -144,6 +150,12 @@ class Reconciliation:
     def _in_recording(self, number: int) -> dict[str, Any]:
         """Which recording, from 1, where there are several."""
         return {"recording": number + 1} if len(self.models) > 1 else {}
+
+
+def _alias(alias: Alias) -> dict[str, Any]:
+    sets = [[{"kind": kind} | ({"surface": of} if of else {}) for kind, of in named] for named in alias.sets]
+    return {"kinds": alias.kinds, "gains": [_short(g) for g in alias.gains], "separate_by": alias.separate_by,
+            "effects": sets}  # fmt: skip
 
 
 def _place(place: Place) -> dict[str, Any]:
@@ -221,7 +233,8 @@ def reconcile(
     if verified.verdict == "partly_explained":
         where = (*left, *where)
     named = tuple(_placed(n, likelihood, models) for n in _named(likelihood, added, verified, settings))
-    return Reconciliation(models=models, named=named, where=where, left=left, added=added, verified=verified)
+    found = Reconciliation(models=models, named=named, where=where, left=left, added=added, verified=verified)
+    return replace(found, next_steps=next_steps(likelihood, added, verified, found.aliases, settings))
 
 
 def _refuse_what_no_prediction_takes(model: Model) -> None:

@@ -43,6 +43,7 @@ def render_gap(result: Reconciliation, *, source: str) -> str:
         candidates=[(c.kind, _fitted(c, result), number(c.gain, ",.0f"), c.parameters) for c in result.candidates],
         aliases=said["aliases"],
         added=_added(result),
+        next_steps=result.next_steps,
         panel=said["panel"],
         curves=pictures.curve_pictures(result),
         maps=pictures.map_pictures(result),
