@@ -157,9 +157,10 @@ def as_candidates(likelihood: Likelihood, state: State, found: Explained, part: 
 
 
 def _problem(likelihood: Likelihood, state: State, term: Term) -> Problem | None:
-    """The search of a term's kind, for its surface."""
+    """The search of a term's kind, for its surface; of several the one with as many numbers."""
+    own = []
     for problem in problems(term.kind, likelihood, likelihood.mixture(state)):
         effect = problem.make(np.array(problem.starts[0]))
         if getattr(effect, "surface", "") == term.surface:
-            return problem
-    return None
+            own.append(problem)
+    return min(own, key=lambda p: abs(p.parameters - len(term.columns)), default=None)

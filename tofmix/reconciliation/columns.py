@@ -21,6 +21,7 @@ from tofmix.simulation.effects import EFFECTS, Effect
 _TAUS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # time constants of a drift, of the recording
 _EXPONENTS = (0.5, 1.0, 1.6)  # of a walk
 _SMALL = 0.01  # share of light, for the slope of what it does
+_TURN_DEG = 0.1
 _WIDER = 0.05  # logarithm of a width, likewise
 
 
@@ -182,17 +183,22 @@ def _offset(make: _Maker) -> Iterator[Term]:
 
 
 def _pose(make: _Maker) -> Iterator[Term]:
+    """A shift alone, or with both tilts."""
     size, prior = make.scales.sigma_mm, _prior("surface_pose", "shift_mm")
     for name in make.surfaces:
         made = partial(_moved, name)
-        yield Term(
-            kind="surface_pose", surface=name, make=made,
-            columns=(make.column(made(np.array([size])), size, prior),),
-        )  # fmt: skip
+        shift = make.column(made(np.array([size])), size, prior)
+        tilts = tuple(
+            make.column(made(np.array(c)), _TURN_DEG, _prior("surface_pose", by))
+            for by, c in (("yaw_deg", (0.0, _TURN_DEG, 0.0)), ("pitch_deg", (0.0, 0.0, _TURN_DEG)))
+        )
+        for columns in ((shift,), (shift, *tilts)):
+            yield Term(kind="surface_pose", surface=name, make=made, columns=columns, choices=2)
 
 
 def _moved(surface: str, c: FloatArray) -> Effect:
-    return _effect("surface_pose", surface=surface, shift_mm=float(c[0]))
+    shift, yaw, pitch = (*(float(v) for v in c), 0.0, 0.0)[:3]
+    return _effect("surface_pose", surface=surface, shift_mm=shift, yaw_deg=yaw, pitch_deg=pitch)
 
 
 def _motion(make: _Maker) -> Iterator[Term]:

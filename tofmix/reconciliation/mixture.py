@@ -13,17 +13,22 @@ from scipy.special import ndtr
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
+from tofmix.projection import beam_directions_of
 from tofmix.reconciliation.error_shape import GAUSSIAN, ShapeTable, shape_table
+from tofmix.reconciliation.planes import ranges_to
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.saturation import Saturation
-from tofmix.simulation.effects.surface_pose import SurfacePose, shifted
+from tofmix.simulation.effects.surface_pose import SurfacePose, posed
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 from tofmix.simulation.model import Model
 from tofmix.simulation.prediction import Prediction, predict
 from tofmix.simulation.truth import Truth
+
+Poses = tuple[tuple[float, float, float], ...]
+"""Of each surface, by which it stands elsewhere: shift along its normal, mm; yaw and pitch, degrees."""
 
 LINKS = ("interference", "fixed_pattern", "stuck_pixels", "temporal_correlation")
 """Kinds that link samples: no part of the mixture."""
@@ -146,11 +151,13 @@ class Scene:
         alike = replace(model.sensor.noise, width_spread=0.0)  # widths are the recording's: a state has them
         self._still = replace(model, effects=rest, sensor=replace(model.sensor, noise=alike))
         self._table = shape_table(model.sensor.noise.shape)
-        self._cast: dict[tuple[float, ...], Truth] = {}
-        self._anchor: list[tuple[float, ...]] = [(0.0,) * len(self.names)]
+        self._at_rest: Poses = ((0.0, 0.0, 0.0),) * len(self.names)
+        self._cast: dict[Poses, Truth] = {}
+        self._anchor: list[Poses] = [self._at_rest]
         self._count = _TIMES
         self.distance = np.array([_plane_distance(s) for s in model.surfaces])
-        self.truth((0.0,) * len(self.names))
+        self.beams = beam_directions_of(model.sensor.optics, model.sensor.shape).reshape(-1, 3)
+        self.truth(self._at_rest)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -161,12 +168,12 @@ class Scene:
         """Those of some effects that act in this scene."""
         return tuple(e for e in effects if getattr(e, "surface", None) in (None, *self.names))
 
-    def truth(self, shift_mm: tuple[float, ...]) -> Truth:
-        """The scene cast with its surfaces shifted along their normals; kept."""
-        if shift_mm not in self._cast:
-            moved = tuple(shifted(s, d) if d else s for s, d in zip(self._still.surfaces, shift_mm, strict=True))
-            self._cast[shift_mm] = cast_scene(replace(self._still, surfaces=moved))
-        return self._cast[shift_mm]
+    def truth(self, poses: Poses) -> Truth:
+        """The scene cast with its surfaces in these poses; kept."""
+        if poses not in self._cast:
+            moved = tuple(posed(s, *p) if any(p) else s for s, p in zip(self._still.surfaces, poses, strict=True))
+            self._cast[poses] = cast_scene(replace(self._still, surfaces=moved))
+        return self._cast[poses]
 
     def anchor(self, effects: tuple[Effect, ...]) -> None:
         """Cast the scene where these effects put it; nearby places are then reached by shifting ranges alone."""
@@ -175,8 +182,8 @@ class Scene:
         way_mm = fastest * float(self.time_s[-1])
         self._count = int(np.clip(np.ceil(way_mm / _STEP_MM), _TIMES, _MOST_TIMES))
         times = self._times(effects)
-        self._anchor = [tuple(round(float(d), 3) for d in self._shifts(effects, t)) for t in times]
-        self._cast = {a: self.truth(a) for a in [(0.0,) * len(self.names), *self._anchor]}
+        self._anchor = [_rounded(self._poses(effects, t)) for t in times]
+        self._cast = {a: self.truth(a) for a in [self._at_rest, *self._anchor]}
 
     def _times(self, effects: tuple[Effect, ...]) -> FloatArray:
         if not any(isinstance(e, Motion) for e in effects):
@@ -184,24 +191,33 @@ class Scene:
         edges = np.linspace(0.0, float(self.time_s[-1]), self._count + 1)
         return np.asarray((edges[1:] + edges[:-1]) / 2)
 
-    def _shifts(self, effects: tuple[Effect, ...], time_s: float) -> FloatArray:
-        shift = np.zeros(len(self.names))
+    def _poses(self, effects: tuple[Effect, ...], time_s: float) -> FloatArray:
+        """Shift, mm, yaw and pitch, degrees (surface, 3), by which surfaces stand elsewhere at a time."""
+        pose = np.zeros((len(self.names), 3))
         for e in effects:
             if isinstance(e, SurfacePose):
-                shift[self.names.index(e.surface)] += e.shift_mm
+                pose[self.names.index(e.surface)] += e.shift_mm, e.yaw_deg, e.pitch_deg
             elif isinstance(e, Motion):
-                shift[self.names.index(e.surface)] += e.velocity_mm_s * time_s
-        return shift
+                pose[self.names.index(e.surface), 0] += e.velocity_mm_s * time_s
+        return pose
 
     def _near(self, wanted: FloatArray, number: int) -> Truth:
-        """The scene with shifted ranges: from the anchor's shares and edges."""
+        """The scene with surfaces in wanted poses: ranges of there, shares and edges from the anchor."""
         from_ = self._anchor[number] if number < len(self._anchor) else self._anchor[0]
         truth = self.truth(from_)
         change = wanted - np.array(from_)
         if not change.any():
             return truth
-        ratio = np.append(1.0 + change / (self.distance + np.array(from_)), 1.0)
-        scaled = (truth.range_true * ratio[truth.surface]).astype(np.float32)
+        ratio = np.ones((len(self.names) + 1, len(self.beams)))  # the last is for no surface, number -1
+        for k, surface in enumerate(self._still.surfaces):
+            if change[k, 1:].any():
+                there, here = (ranges_to(posed(surface, *p), self.beams) for p in (wanted[k], from_[k]))
+                with np.errstate(invalid="ignore"):
+                    ratio[k] = np.where(np.isfinite(there / here), there / here, 1.0)
+            elif change[k, 0]:
+                ratio[k] += change[k, 0] / (self.distance[k] + from_[k][0])
+        pixel = np.arange(len(self.beams)).reshape(*truth.surface.shape[:2], 1)
+        scaled = (truth.range_true * ratio[truth.surface, pixel]).astype(np.float32)
         return replace(truth, range_true=scaled)
 
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
@@ -215,7 +231,7 @@ class Scene:
             if e.kind not in LINKS and not isinstance(e, TemperatureDrift | Saturation | SurfacePose | Motion)
         )  # fmt: skip
         model = replace(self._still, effects=(*self._still.effects, *acting))
-        parts = [predict(model, self._near(self._shifts(effects, float(t)), k)) for k, t in enumerate(times)]
+        parts = [predict(model, self._near(self._poses(effects, float(t)), k)) for k, t in enumerate(times)]
         for part in parts:
             for well in wells:
                 _saturate(part, well)
@@ -236,7 +252,7 @@ class Scene:
         velocity = np.zeros((len(times), len(self.names) + 1))  # of each ray, per mm of its length
         for e in effects:
             if isinstance(e, Motion):
-                moved = np.array([self._shifts(effects, float(t)) for t in times])
+                moved = np.array([self._poses(effects, float(t))[:, 0] for t in times])
                 at = self.names.index(e.surface)
                 velocity[:, at] += e.velocity_mm_s / (self.distance[at] + moved[:, at])
         key = np.clip(
@@ -258,6 +274,11 @@ class Scene:
             period=first.period_mm or 0.0, key=key, since=self.time_s - times[key], frame_bias=bias,
             shape=first.error_shape, table=self._table,
         )  # fmt: skip
+
+
+def _rounded(poses: FloatArray) -> Poses:
+    """Poses as keys: to a micrometre and a tenth of a millidegree."""
+    return tuple((round(float(d), 3), round(float(y), 4), round(float(p), 4)) for d, y, p in poses)
 
 
 def _mapped_bias(effect: Effect) -> bool:

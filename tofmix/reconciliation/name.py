@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.reconciliation import links
@@ -20,6 +21,7 @@ from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.memory import fit_memory, memory_gain
 from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.pixel_pattern import marginal_pattern, pixel_biases
+from tofmix.reconciliation.planes import range_slopes
 from tofmix.reconciliation.searches import problems
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.excess_noise import ExcessNoise
@@ -288,16 +290,16 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
     part : (frames, pixels)
         What the fit may see.
     tolerance : float
-        Error of a pose in sigma, that of the noise's scale in tenths.
+        Error of a pose, of its shift and at its edges, in sigma; that of the noise's scale in tenths.
     """
     if tolerance <= 0:
         return state
-    shifts = np.zeros(len(likelihood.scene.names))
+    poses = np.zeros((len(likelihood.scene.names), 3))
     kept = state.effects
     for _ in range(2):
-        moved = replace(state, effects=(*kept, *_poses(likelihood, shifts)))
-        shifts = _newton(likelihood, moved, part, shifts, tolerance)
-    best = replace(state, effects=(*kept, *_poses(likelihood, shifts)))
+        moved = replace(state, effects=(*kept, *_poses(likelihood, poses)))
+        poses = _newton(likelihood, moved, part, poses, tolerance)
+    best = replace(state, effects=(*kept, *_poses(likelihood, poses)))
     if any(isinstance(e, ExcessNoise) for e in (*likelihood.scene.effects, *kept)):
         return best
     limit = 0.1 * tolerance * SLACK
@@ -309,35 +311,51 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
     return replace(best, effects=(*best.effects, ExcessNoise(factor=factor)))
 
 
-def _poses(likelihood: Likelihood, shifts: FloatArray) -> tuple[Effect, ...]:
-    names = likelihood.scene.names
-    return tuple(SurfacePose(surface=n, shift_mm=float(d)) for n, d in zip(names, shifts, strict=True) if d)
+def _poses(likelihood: Likelihood, poses: FloatArray) -> tuple[Effect, ...]:
+    """Effects that move surfaces by (surface, 3): shift, mm, yaw and pitch, degrees."""
+    return tuple(
+        SurfacePose(surface=name, shift_mm=float(d), yaw_deg=float(yaw), pitch_deg=float(pitch))
+        for name, (d, yaw, pitch) in zip(likelihood.scene.names, poses, strict=True)
+        if d or yaw or pitch
+    )
 
 
-def _newton(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray, tolerance: float) -> FloatArray:
+def _newton(likelihood: Likelihood, state: State, part: Part, poses: FloatArray, tolerance: float) -> FloatArray:
+    """One step of Newton's for every surface's pose (surface, 3), within the tolerance.
+
+    Its tilts are within it if they move no pixel by more than its shift may.
+    """
     m = likelihood.mixture(state)
-    slope, information = np.zeros(shifts.size), np.zeros(shifts.size)
+    slope, curvature = np.zeros(poses.shape), np.zeros((*poses.shape, 3))
+    steepest = np.zeros(poses.shape)
     for view in views(likelihood, m, part):
         sums = likelihood.sums(m, state, view.part_of_all).by_pixel
-        _add_slopes(likelihood, view, sums, slope, information)
-    out = shifts.copy()
+        _add_slopes(likelihood, view, sums, (slope, curvature, steepest))
+    out = poses.copy()
     noise = likelihood.scene.model.sensor.noise_at(likelihood.scene.model.sensor.integration_time_ms)
-    for number in np.flatnonzero(information > 0):
-        step = slope[number] / information[number]
-        limit = SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
-        out[number] = float(np.clip(shifts[number] + step, -limit, limit))
+    for number in np.flatnonzero(curvature[:, 0, 0] > 0):
+        error = SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
+        limit = error / np.maximum(steepest[number], 1e-9)
+        bent = curvature[number] + np.diag(limit**-2)  # known beforehand to within the tolerance
+        wanted = poses[number] + np.linalg.solve(bent, slope[number] - poses[number] / limit**2)
+        root = np.linalg.cholesky(bent).T
+        out[number] = lsq_linear(root, root @ wanted, bounds=(-limit, limit)).x
     return out
 
 
 def _add_slopes(
-    likelihood: Likelihood, view: View, sums: FloatArray, slope: FloatArray, information: FloatArray
+    likelihood: Likelihood, view: View, sums: FloatArray, into: tuple[FloatArray, FloatArray, FloatArray]
 ) -> None:
-    """Add what one recording says of the surfaces' shifts."""
+    """Add what one recording says of the surfaces' poses."""
+    slope, curvature, steepest = into
     m = view.mixture
     surface, single = m.of_main(m.surface), m.of_main(m.weight) > 0.9 * m.told
-    for own_number, name in enumerate(view.scene.names):
-        own = single & (surface == own_number)
+    for own_number, (name, given) in enumerate(zip(view.scene.names, view.scene.model.surfaces, strict=True)):
+        own = single & (surface == own_number) & (sums[:, 2] > 0)
+        if not own.any():
+            continue
         number = likelihood.scene.names.index(name)
-        lever = m.of_main(m.true_range)[own] / likelihood.scene.distance[number]
-        information[number] += float((sums[own, 2] * lever**2).sum())
-        slope[number] += float((sums[own, 1] * lever).sum())
+        levers = range_slopes(given, view.scene.beams[own])
+        slope[number] += levers.T @ sums[own, 1]
+        curvature[number] += (levers * sums[own, 2:3]).T @ levers
+        steepest[number] = np.maximum(steepest[number], [1.0, *np.abs(levers[:, 1:]).max(axis=0)])

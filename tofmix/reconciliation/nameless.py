@@ -70,7 +70,7 @@ def better_law(
     price = each * sum(c.parameters for c in static if c.kind != FixedPattern.kind)
     others = [c for c in chosen if c.kind != FixedPattern.kind]
     near = settled_within(likelihood, named, others, parts[0], tolerance)
-    moved = _KNOWN * PRICE_NATS * (len(near.effects) - len(named.effects))
+    moved = _KNOWN * PRICE_NATS * (len(near.effects) - len(named.effects))  # each one's tilts hardly count
     at, about = (worth(likelihood, s, likelihood.mixture(s), parts, patterned=patterned) for s in (named, near))
     stood = max(at, about - moved) - price
     likelihood.scene.anchor(rest.effects)  # a pose that is left out takes its edges with it

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tofmix.arrays import BoolArray, FloatArray
-from tofmix.projection import beam_directions_of
 from tofmix.reconciliation.add import Added
 from tofmix.reconciliation.aliases import Alias
 from tofmix.reconciliation.likelihood import Likelihood
+from tofmix.reconciliation.planes import PlanePose, measured_pose
 from tofmix.reconciliation.refit import begin
-from tofmix.reconciliation.summaries import Summary, summaries, surfaces_of
+from tofmix.reconciliation.summaries import summaries, surfaces_of
 from tofmix.reconciliation.verdict import SIGMAS
 from tofmix.reconciliation.verify import Verified
 from tofmix.reconciliation.way import Settings, fit_part
@@ -23,41 +22,24 @@ from tofmix.wording import counted
 _CLEAR = 5.0  # standard errors by which a surface stands elsewhere
 _MOSTLY = 0.8  # of the weighted squares of a surface's biases, that another pose must explain
 _LEAST_PIXELS = 12
-_PASSES, _FAR = 3, 6.0  # of the fit of a plane; medians of what is left, beyond which a pixel is left out
+_LEAST = 1e-30  # information
 _MOST_POSES = 3
 _LEAST_TURN_DEG = 0.02  # a smaller tilt is not worth a word
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundPose:
-    """Where the samples put a surface.
+    """Where the samples put a surface of a recording, from 0."""
 
-    Parameters
-    ----------
-    surface : str
-        Its name.
-    recording : int
-        In which recording, from 0.
-    shift_mm : float
-        Along the model's normal, mm.
-    farther : bool
-        Whether that is away from the camera.
-    yaw_deg, pitch_deg : float
-        Turn beyond the model's, degrees.
-    explained : float
-        Share of the weighted squares of its biases that this explains.
-    z : float
-        How far it is from the model's pose, in standard errors.
-    """
-
-    surface: str
+    surface: Surface
     recording: int
-    shift_mm: float
-    farther: bool
-    yaw_deg: float
-    pitch_deg: float
-    explained: float
-    z: float
+    pose: PlanePose
+
+    @property
+    def farther(self) -> bool:
+        """Whether the surface is farther from the camera than the model says."""
+        toward = float(self.surface.rotation()[:, 2] @ np.array(self.surface.center_mm))
+        return self.pose.shift_mm * toward > 0
 
 
 def next_steps(
@@ -80,8 +62,9 @@ def next_steps(
     """
     steps = [*_of_the_recording(likelihood, verified)]
     if verified.verdict in ("unexplained", "partly_explained"):
-        steps += _of_poses(likelihood, settings)
-        steps += _of_the_search(added, verified, settings)
+        poses = found_poses(likelihood, settings)
+        steps += _of_poses(poses, several=len(likelihood.scene.members) > 1)
+        steps += _of_the_search(added, verified, settings, misplaced=bool(poses))
     for alias in unclear:
         kinds = alias.kinds
         steps.append(
@@ -117,12 +100,16 @@ def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[st
         )
 
 
-def _of_the_search(added: Added, verified: Verified, settings: Settings) -> Iterator[str]:
+def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misplaced: bool) -> Iterator[str]:
     if verified.own is not None:
         yield (
             f"The model's own {verified.own.kind} has other numbers than the camera's: correct it. By the samples,"
             f" {verified.own.explain()}."
         )
+    if len(added.chosen) >= settings.max_effects:
+        yield f"The search stopped at {counted(settings.max_effects, 'effect')}: raise --max-effects."
+    if misplaced:  # what is smooth over the image, or widens the noise, may be the surfaces' places
+        return
     if verified.law == "place in the image":
         yield (
             "A smooth bias over the image fits better than any effect: suspect the lens. Give the model the camera's"
@@ -133,8 +120,6 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings) -> Iter
             "A smooth bias in range fits better than any effect: check modulation_frequency_hz and the calibration of"
             " ranges."
         )
-    if len(added.chosen) >= settings.max_effects:
-        yield f"The search stopped at {counted(settings.max_effects, 'effect')}: raise --max-effects."
     noise = [c for c in verified.findings.open if c.statistic in ("spread", "spread_pattern")]
     if noise:
         axis = f" over {noise[0].axis}" if noise[0].axis not in ("all", "frame", "time") else ""
@@ -144,26 +129,24 @@ def _of_the_search(added: Added, verified: Verified, settings: Settings) -> Iter
         )
 
 
-def _of_poses(likelihood: Likelihood, settings: Settings) -> Iterator[str]:
-    poses = found_poses(likelihood, settings)
-    several = len(likelihood.scene.members) > 1
-    for pose in sorted(poses, key=lambda p: -p.z)[:_MOST_POSES]:
-        where = f" of recording {pose.recording + 1}" if several else ""
-        way = f"{'farther' if pose.farther else 'nearer'} along its normal"
-        turn = math.hypot(pose.yaw_deg, pose.pitch_deg)
+def _of_poses(poses: Sequence[FoundPose], *, several: bool) -> Iterator[str]:
+    for found in sorted(poses, key=lambda f: -f.pose.z)[:_MOST_POSES]:
+        where = f" of recording {found.recording + 1}" if several else ""
+        way = f"{'farther' if found.farther else 'nearer'} along its normal"
+        turn = math.hypot(found.pose.yaw_deg, found.pose.pitch_deg)
         turned = f" and turned by {turn:.2g} degrees" if turn > _LEAST_TURN_DEG else ""
         yield (
-            f'"{pose.surface}"{where} is {abs(pose.shift_mm):.3g} mm {way}{turned}: measure its place again, or add'
-            f" {effect_line(pose)}"
+            f'"{found.surface.name}"{where} is {abs(found.pose.shift_mm):.3g} mm {way}{turned}: measure its place'
+            f" again, or add {effect_line(found)}"
         )
 
 
-def effect_line(pose: FoundPose) -> str:
+def effect_line(found: FoundPose) -> str:
     """The table of a model file that moves the surface there, on one line of text."""
-    values = {"surface": pose.surface, "shift_mm": float(f"{pose.shift_mm:.5g}")}
+    values: dict[str, str | float] = {"surface": found.surface.name, "shift_mm": float(f"{found.pose.shift_mm:.5g}")}
     for name in ("yaw_deg", "pitch_deg"):
-        if abs(getattr(pose, name)) > _LEAST_TURN_DEG:
-            values[name] = float(f"{getattr(pose, name):.4g}")
+        if abs(getattr(found.pose, name)) > _LEAST_TURN_DEG:
+            values[name] = float(f"{getattr(found.pose, name):.4g}")
     return "[[effect]] " + "; ".join(['kind = "surface_pose"', *(f"{k} = {json.dumps(v)}" for k, v in values.items())])
 
 
@@ -172,47 +155,13 @@ def found_poses(likelihood: Likelihood, settings: Settings) -> list[FoundPose]:
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
     out = []
     for summary in summaries(likelihood, start, fit_part(likelihood, settings)):
-        sensor = summary.view.scene.model.sensor
-        beams = beam_directions_of(sensor.optics, sensor.shape).reshape(-1, 3)
+        scene = summary.view.scene
         for name, own in surfaces_of(summary):
-            surface = next(s for s in summary.view.scene.model.surfaces if s.name == name)
-            if own.sum() >= _LEAST_PIXELS:
-                out.append(_pose(summary, surface, own, beams))
-    tolerance = settings.tolerance
-    return [p for p in out if p.z > _CLEAR and p.explained > _MOSTLY and abs(p.shift_mm) > tolerance]
-
-
-def _pose(summary: Summary, surface: Surface, own: BoolArray, beams: FloatArray) -> FoundPose:
-    """A plane through a surface's pixels, each at its measured mean.
-
-    A beam d meets the plane q . p = 1 at the range 1 / (q . d), so that the inverse range is linear in q.
-    """
-    m = summary.view.mixture
-    information = summary.bias_information[:, own].sum(axis=0)
-    bias = (summary.bias_information * summary.bias_mm)[:, own].sum(axis=0) / np.maximum(information, 1e-30)
-    expected = m.of_main(m.mean)[own]
-    measured = np.maximum(expected + bias, 1.0)
-    d = beams[own]
-    root = np.sqrt(information) * measured**2  # the error of 1 / r is that of r over r squared
-    use = np.ones(bias.size, dtype=bool)
-    for _ in range(_PASSES):  # where an edge has moved, a pixel sees another surface
-        change, *_ = np.linalg.lstsq((d * root[:, None])[use], ((1 / measured - 1 / expected) * root)[use], rcond=None)
-        left = (1 / measured - 1 / expected - d @ change) * root
-        use = np.abs(left) <= _FAR * max(float(np.median(np.abs(left))), 1.0)
-    curvature = (d * root[:, None])[use].T @ (d * root[:, None])[use]
-    total = float((information * bias**2)[use].sum())
-    normal = surface.rotation()[:, 2]
-    center = np.array(surface.center_mm)
-    before = normal / float(normal @ center)
-    after = before + change
-    new = after / np.linalg.norm(after) * math.copysign(1.0, float(after @ normal))
-    distance = 1.0 / float(after @ normal) if float(after @ normal) else math.inf
-    shift = distance * (1.0 - float(after @ center))
-    yaw = math.degrees(math.asin(float(np.clip(new[0], -1, 1)))) - surface.yaw_deg
-    pitch = math.degrees(math.atan2(-float(new[1]), float(new[2]))) - surface.pitch_deg
-    return FoundPose(
-        surface=surface.name, recording=summary.view.number, shift_mm=shift,
-        farther=bool(shift * float(normal @ center) > 0), yaw_deg=yaw, pitch_deg=pitch,
-        explained=1.0 - float((left[use] ** 2).sum()) / max(total, 1e-30),
-        z=math.sqrt(max(float(change @ curvature @ change), 0.0)),
-    )  # fmt: skip
+            if own.sum() < _LEAST_PIXELS:
+                continue
+            surface = next(s for s in scene.model.surfaces if s.name == name)
+            information = summary.bias_information[:, own].sum(axis=0)
+            bias = (summary.bias_information * summary.bias_mm)[:, own].sum(axis=0) / np.maximum(information, _LEAST)
+            pose = measured_pose(surface, scene.beams[own], bias, information)
+            out.append(FoundPose(surface=surface, recording=summary.view.number, pose=pose))
+    return [f for f in out if f.pose.z > _CLEAR and f.pose.explained > _MOSTLY]

@@ -18,6 +18,7 @@ from tofmix.arrays import FloatArray
 from tofmix.reconciliation.joint import View, views
 from tofmix.reconciliation.likelihood import Likelihood
 from tofmix.reconciliation.mixture import Mixture
+from tofmix.reconciliation.planes import PlanePose, measured_pose, range_slopes
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import refuse_without_phase
 
@@ -32,6 +33,9 @@ _AT_ONCE = 1.2  # of the shortest time constant, below which a drift is an offse
 _OUT_OF_SIGHT = 3.0  # sigma
 _GLANCE = 25  # frames of which medians are taken
 _PAUSED = 1.5  # times what its frames take, beyond which a recording has pauses
+_TURNED_NATS = 6.0  # two more numbers
+_KNOWN_OF_MEDIAN = 2 / math.pi  # of the information of a mean
+_AT_THE_EDGE = 0.95  # quantile
 _LEAST_FRAMES = 3.0  # in which a drift falls by e: a faster one is an offset with a bad first frame
 
 
@@ -71,6 +75,8 @@ class Seen:
     name: str
     sigma: float  # mm
     residual: float  # of what is measured from what is predicted, mm
+    pose: PlanePose | None = None  # of what is measured
+    turned_deg: tuple[float, float] = (0.0, 0.0)  # yaw and pitch by which its edges move by sigma
 
     @property
     def far(self) -> bool:
@@ -168,6 +174,23 @@ def _per_surface(kind: str, name: str, sizes: tuple[float, ...], *, by_time: boo
     return problems
 
 
+def _pose(s: Setting) -> Iterator[Problem]:
+    """A shift; and with tilts, where the surface's plane is turned for sure."""
+    yield from _per_surface("surface_pose", "shift_mm", (-1.0, 1.0), by_time=False)(s)
+
+    def make(surface: str, scales: tuple[float, float, float], x: FloatArray) -> Effect:
+        shift, yaw, pitch = (float(v) * scale for v, scale in zip(x, scales, strict=True))
+        return MAKE["surface_pose"](surface=surface, shift_mm=shift, yaw_deg=yaw, pitch_deg=pitch)
+
+    for seen in s.surfaces:
+        if seen.pose is None or seen.pose.turn_nats < _TURNED_NATS or min(seen.turned_deg) <= 0:
+            continue
+        scales = seen.sigma, *seen.turned_deg
+        there = (seen.pose.shift_mm, seen.pose.yaw_deg, seen.pose.pitch_deg)
+        start = tuple(value / scale for value, scale in zip(there, scales, strict=True))
+        yield Problem(make=partial(make, seen.name, scales), starts=(start,), steps=(0.3, 0.3, 0.3))
+
+
 def _multipath(s: Setting) -> Iterator[Problem]:
     """In phase, which changes the amplitude, and across it, which changes the range: each is known by itself."""
 
@@ -241,7 +264,7 @@ def _wrapping(s: Setting) -> Iterator[Problem]:
 
 PROBLEMS: dict[str, _Maker] = {
     "range_offset": _simple("range_offset", "offset_mm", (-0.3, 0.3), log=False),
-    "surface_pose": _per_surface("surface_pose", "shift_mm", (-1.0, 1.0), by_time=False),
+    "surface_pose": _pose,
     "motion": _per_surface("motion", "velocity_mm_s", (-1.5, 1.5), by_time=True),
     "wiggling": _wiggling,
     "amplitude_walk": _walk,
@@ -270,7 +293,9 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
         if own.sum() >= _LEAST_PIXELS:
             away = (median - mean)[own & ~np.isnan(median)]
             residual = float(np.median(away)) if away.size else 0.0
-            seen.append(Seen(name=surface, sigma=float(np.median(sigma[own])), residual=residual))
+            typical = float(np.median(sigma[own]))
+            pose, turned = _plane_of(likelihood, mixture, surface, typical)
+            seen.append(Seen(name=surface, sigma=typical, residual=residual, pose=pose, turned_deg=turned))
     turn = likelihood.scene.model.sensor.modulation_frequency_hz
     interval = float(np.median(np.abs(np.diff(likelihood.evidence.time_s))))
     return Setting(
@@ -284,6 +309,26 @@ def setting(likelihood: Likelihood, mixture: Mixture) -> Setting:
         amplitudes=amplitude,
         shares=lost,
     )
+
+
+def _plane_of(
+    likelihood: Likelihood, mixture: Mixture, surface: str, sigma: float
+) -> tuple[PlanePose | None, tuple[float, float]]:
+    """The pose of a surface by its pixels' medians, in the first recording that shows it; tilts worth a sigma."""
+    whole = np.arange(likelihood.evidence.shape[0]), np.arange(likelihood.evidence.shape[1])
+    for view in views(likelihood, mixture, whole):
+        lit, _, mean, names, _, _, median = _main(view)
+        own = lit & (names == surface) & ~np.isnan(median)
+        if own.sum() < _LEAST_PIXELS:
+            continue
+        given = next(s for s in view.scene.model.surfaces if s.name == surface)
+        beams = view.scene.beams[own]
+        known = np.full(int(own.sum()), _KNOWN_OF_MEDIAN * min(len(view.evidence.samples), _GLANCE) / sigma**2)
+        pose = measured_pose(given, beams, (median - mean)[own], known)
+        slopes = np.quantile(np.abs(range_slopes(given, beams)[:, 1:]), _AT_THE_EDGE, axis=0)
+        yaw, pitch = (sigma / float(v) if v > 0 else 0.0 for v in slopes)
+        return pose, (yaw, pitch)
+    return None, (0.0, 0.0)
 
 
 def _main(view: View) -> _Main:

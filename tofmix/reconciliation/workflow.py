@@ -61,9 +61,9 @@ class NamedEffect:
     def parameters(self) -> dict[str, Any]:
         """What the model file says of it."""
         values: dict[str, Any] = {}
-        for name in self.effect.parameters():
+        for name, parameter in self.effect.parameters().items():
             value = getattr(self.effect, name)
-            if value is None:
+            if value is None or (value == parameter.default and name not in self.stderr):
                 continue
             values[name] = value.path if isinstance(value, PixelMap) else value
             if isinstance(value, float | int):

@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfacePose(Effect):
-    """The surface is shifted along its normal, and its shares and edges with it.
+    """The surface is shifted along the normal that the model gives it and turned about its centre, with its edges.
 
     Not an error of the camera: the scene was measured wrongly, or moved since. Its rival is `range_offset`; a second
     surface tells them apart, and on a surface seen at an angle the ranges change by shift / cos(incidence).
-    Boards placed by hand stand right to some mm or some cm.
+    Boards placed by hand stand right to some mm or some cm, and to a degree or two.
     """
 
     kind: ClassVar[str] = "surface_pose"
@@ -27,19 +27,43 @@ class SurfacePose(Effect):
     typical: ClassVar[str] = "some mm to some cm for boards placed by hand"
     basis: ClassVar[str] = "assumed"
 
-    surface: str = surface("The surface that is shifted.")
+    surface: str = surface("The surface that is moved.")
     shift_mm: float = number(
         "Shift along the surface's normal R (0, 0, 1): away from the sensor for a board that faces it.",
         unit="mm", low=-100_000, high=100_000, zero=0, typical=(2, 100),
     )  # fmt: skip
+    yaw_deg: float = number(
+        "Added to the surface's `yaw_deg`.", unit="degree", low=-180, high=180, default=0, typical=(0.2, 4)
+    )
+    pitch_deg: float = number(
+        "Added to the surface's `pitch_deg`.", unit="degree", low=-180, high=180, default=0, typical=(0.2, 4)
+    )
 
     def explain(self) -> str:
         """One sentence."""
-        return f'"{self.surface}" stands {self.shift_mm:+.4g} mm along its normal from where the model puts it'
+        turned = self.yaw_deg or self.pitch_deg
+        turn = f", turned by {self.yaw_deg:+.4g} degrees of yaw and {self.pitch_deg:+.4g} of pitch" if turned else ""
+        return f'"{self.surface}" stands {self.shift_mm:+.4g} mm along its normal from where the model puts it{turn}'
 
     def place(self, surface: "Surface", time_s: float) -> "Surface":  # noqa: ARG002
-        """Shift the surface."""
-        return shifted(surface, self.shift_mm) if surface.name == self.surface else surface
+        """Move the surface."""
+        if surface.name != self.surface:
+            return surface
+        return posed(surface, self.shift_mm, self.yaw_deg, self.pitch_deg)
+
+
+def posed(surface: "Surface", shift_mm: float, yaw_deg: float, pitch_deg: float) -> "Surface":
+    """The surface, moved along its normal and then turned about its centre.
+
+    Raises
+    ------
+    ValueError
+        If it would leave the bounds of a model.
+    """
+    moved = shifted(surface, shift_mm)
+    if not yaw_deg and not pitch_deg:
+        return moved
+    return replace(moved, yaw_deg=surface.yaw_deg + yaw_deg, pitch_deg=surface.pitch_deg + pitch_deg)
 
 
 def shifted(surface: "Surface", shift_mm: float) -> "Surface":

@@ -1,0 +1,106 @@
+"""Where a surface's plane is: how its ranges change with its pose, and the pose that its measured ranges have."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.simulation.model import Surface
+
+_PASSES, _FAR = 3, 6.0  # of a fit; medians of what is left, beyond which a pixel is left out
+_LEAST_MM = 1.0  # range
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanePose:
+    """A pose beside that of the model.
+
+    Parameters
+    ----------
+    shift_mm : float
+        Along the model's normal, mm.
+    yaw_deg, pitch_deg : float
+        Beyond the model's, degrees.
+    explained : float
+        Share of the weighted squares of the biases that the pose explains.
+    z : float
+        How far it is from the model's pose, in standard errors.
+    turn_nats : float
+        What the tilts explain beyond a shift, nats.
+    """
+
+    shift_mm: float
+    yaw_deg: float
+    pitch_deg: float
+    explained: float
+    z: float
+    turn_nats: float
+
+
+def ranges_to(surface: Surface, beams: FloatArray) -> FloatArray:
+    """Range (n,) at which unit beams (n, 3) meet the plane of a surface, mm; inf where they run along it."""
+    normal = surface.rotation()[:, 2]
+    with np.errstate(divide="ignore"):
+        return np.asarray(float(normal @ np.array(surface.center_mm)) / (beams @ normal))
+
+
+def range_slopes(surface: Surface, beams: FloatArray) -> FloatArray:
+    """How ranges along unit beams (n, 3) change with shift, yaw and pitch: (n, 3), mm/mm and mm/degree.
+
+    The plane n . p = n . c, c shifted along n and n turned about c, is met at r = n . c / (n . d).
+    """
+    normal, center = surface.rotation()[:, 2], np.array(surface.center_mm)
+    facing = beams @ normal
+    yaw, pitch = math.radians(surface.yaw_deg), math.radians(surface.pitch_deg)
+    by_yaw = np.array([math.cos(yaw), math.sin(pitch) * math.sin(yaw), -math.cos(pitch) * math.sin(yaw)])
+    by_pitch = np.array([0.0, -math.cos(pitch) * math.cos(yaw), -math.sin(pitch) * math.cos(yaw)])
+    slopes = [1.0 / facing]
+    for turned in (by_yaw, by_pitch):
+        change = float(turned @ center) / facing - float(normal @ center) * (beams @ turned) / facing**2
+        slopes.append(np.radians(1.0) * change)
+    return np.stack(slopes, axis=1)
+
+
+def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, information: FloatArray) -> PlanePose:
+    """The plane through a surface's pixels, each at its measured mean.
+
+    A beam d meets the plane q . p = 1 at the range 1 / (q . d), so that the inverse range is linear in q. Pixels that
+    are far off see something else, where an edge has moved, and are left out.
+
+    Parameters
+    ----------
+    surface : Surface
+        As the model has it.
+    beams : (n, 3) float64
+        Unit vectors of the pixels that see it.
+    bias_mm : (n,) float64
+        Of their mean range beyond the model's.
+    information : (n,) float64
+        Of the bias, 1/mm2.
+    """
+    expected = ranges_to(surface, beams)
+    measured = np.maximum(expected + bias_mm, _LEAST_MM)
+    root = np.sqrt(information) * measured**2  # the error of 1 / r is that of r over r squared
+    rows, wanted = beams * root[:, None], (1 / measured - 1 / expected) * root
+    use = np.isfinite(wanted)
+    change = np.zeros(3)
+    for _ in range(_PASSES):
+        change = np.linalg.lstsq(rows[use], wanted[use], rcond=None)[0]
+        left = np.where(np.isfinite(wanted), wanted - rows @ change, np.inf)
+        use = np.abs(left) <= _FAR * max(float(np.median(np.abs(left))), 1.0)
+    normal, center = surface.rotation()[:, 2], np.array(surface.center_mm)
+    after = normal / float(normal @ center) + change
+    new = after / np.linalg.norm(after) * math.copysign(1.0, float(after @ normal))
+    weighed, along = information[use] * bias_mm[use], 1.0 / (beams @ normal)[use]
+    total, rest = float((weighed * bias_mm[use]).sum()), float((left[use] ** 2).sum())
+    shifted = float((weighed * along).sum()) ** 2 / max(float((information[use] * along**2).sum()), 1e-30)
+    curvature = rows[use].T @ rows[use]
+    return PlanePose(
+        shift_mm=(1.0 - float(after @ center)) / float(after @ normal),
+        yaw_deg=math.degrees(math.asin(float(np.clip(new[0], -1, 1)))) - surface.yaw_deg,
+        pitch_deg=math.degrees(math.atan2(-float(new[1]), float(new[2]))) - surface.pitch_deg,
+        explained=1.0 - rest / max(total, 1e-30),
+        turn_nats=0.5 * (total - rest - shifted),
+        z=math.sqrt(max(float(change @ curvature @ change), 0.0)),
+    )
