@@ -110,12 +110,14 @@ def _or_better(way: Way, added: Added) -> Added:
     if other is None or other.sets is None or added.sets is None:
         return added
     likelihood, settings = way.likelihood, way.settings
-    test = held_out(likelihood, settings)
+    test, part = held_out(likelihood, settings), fit_part(likelihood, settings)
     values = []
     for each in (added, other):
         likelihood.scene.anchor(each.state.effects)
+        # A law of more numbers follows the errors of poses: all may move within the tolerance
+        near = settled_within(likelihood, each.state, each.chosen, part, settings.tolerance)
         price = PRICE_NATS * sum(c.parameters for c in each.chosen)
-        values.append(likelihood.value(each.state, test) - price)
+        values.append(likelihood.value(near, test) - price)
     more = other.sets.found.evidence - added.sets.found.evidence
     best = other if more + values[1] - values[0] > 0 else added
     likelihood.scene.anchor(best.state.effects)

@@ -5,13 +5,13 @@ out, both in blocks. A model that is right but for a tolerance (poses by a part 
 of that part) competes as the `tolerated` rival: no effect is named for what that explains.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from tofmix.arrays import Float32Array, FloatArray
+from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.reconciliation import links
 from tofmix.reconciliation.evidence import BLOCK_FRAMES, Evidence
 from tofmix.reconciliation.fits import Fitted, fit
@@ -40,6 +40,8 @@ MOVES = ("surface_pose", "motion")
 """Kinds that move a surface, and its edges with it."""
 
 _MANY_FRAMES = 80
+_LEAST_LEVER = 0.1  # mm a degree
+_HARDLY = 1e-3  # of what is known of a pose to the tolerance: no more is known of one that moves nothing
 SLACK = 1.15
 """A tolerance is a typical error, not the largest."""
 
@@ -323,39 +325,47 @@ def _poses(likelihood: Likelihood, poses: FloatArray) -> tuple[Effect, ...]:
 def _newton(likelihood: Likelihood, state: State, part: Part, poses: FloatArray, tolerance: float) -> FloatArray:
     """One step of Newton's for every surface's pose (surface, 3), within the tolerance.
 
-    Its tilts are within it if they move no pixel by more than its shift may.
+    Within it are a mean shift of the pixels that see the surface, and tilts about their middle, by no more than the
+    tolerance each.
     """
     m = likelihood.mixture(state)
+    names = likelihood.scene.names
+    levers: list[list[FloatArray]] = [[] for _ in names]
     slope, curvature = np.zeros(poses.shape), np.zeros((*poses.shape, 3))
-    steepest = np.zeros(poses.shape)
     for view in views(likelihood, m, part):
         sums = likelihood.sums(m, state, view.part_of_all).by_pixel
-        _add_slopes(likelihood, view, sums, (slope, curvature, steepest))
+        for number, own, along in _seen_alone(likelihood, view, sums):
+            levers[number].append(along)
+            slope[number] += along.T @ sums[own, 1]
+            curvature[number] += (along * sums[own, 2:3]).T @ along
     out = poses.copy()
     noise = likelihood.scene.model.sensor.noise_at(likelihood.scene.model.sensor.integration_time_ms)
-    for number in np.flatnonzero(curvature[:, 0, 0] > 0):
+    for number in (k for k, own in enumerate(levers) if own):
         error = SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
-        limit = error / np.maximum(steepest[number], 1e-9)
-        bent = curvature[number] + np.diag(limit**-2)  # known beforehand to within the tolerance
-        wanted = poses[number] + np.linalg.solve(bent, slope[number] - poses[number] / limit**2)
+        moves = _as_moves(np.concatenate(levers[number]))
+        there = np.linalg.inv(moves)  # moves of error each, as a pose
+        bent = there.T @ curvature[number] @ there + np.eye(3) * (_HARDLY / error) ** 2  # a line has one tilt
+        wanted = moves @ poses[number] + np.linalg.solve(bent, there.T @ slope[number])
         root = np.linalg.cholesky(bent).T
-        out[number] = lsq_linear(root, root @ wanted, bounds=(-limit, limit)).x
+        out[number] = there @ lsq_linear(root, root @ wanted, bounds=(-error, error)).x
     return out
 
 
-def _add_slopes(
-    likelihood: Likelihood, view: View, sums: FloatArray, into: tuple[FloatArray, FloatArray, FloatArray]
-) -> None:
-    """Add what one recording says of the surfaces' poses."""
-    slope, curvature, steepest = into
+def _as_moves(levers: FloatArray) -> FloatArray:
+    """A pose's three numbers (3, 3) as what they move some pixels by: their mean, mm, and most beyond it by each tilt.
+
+    A tilt that hardly moves any of them counts as if it moved one by a little.
+    """
+    middle = levers.mean(axis=0)
+    most = np.maximum(np.abs(levers - middle).max(axis=0), _LEAST_LEVER)
+    return np.array([middle, [0.0, most[1], 0.0], [0.0, 0.0, most[2]]])
+
+
+def _seen_alone(likelihood: Likelihood, view: View, sums: FloatArray) -> Iterator[tuple[int, BoolArray, FloatArray]]:
+    """Of each surface that pixels see by themselves: its number, these pixels, and how a pose moves their ranges."""
     m = view.mixture
     surface, single = m.of_main(m.surface), m.of_main(m.weight) > 0.9 * m.told
     for own_number, (name, given) in enumerate(zip(view.scene.names, view.scene.model.surfaces, strict=True)):
         own = single & (surface == own_number) & (sums[:, 2] > 0)
-        if not own.any():
-            continue
-        number = likelihood.scene.names.index(name)
-        levers = range_slopes(given, view.scene.beams[own])
-        slope[number] += levers.T @ sums[own, 1]
-        curvature[number] += (levers * sums[own, 2:3]).T @ levers
-        steepest[number] = np.maximum(steepest[number], [1.0, *np.abs(levers[:, 1:]).max(axis=0)])
+        if own.any():
+            yield likelihood.scene.names.index(name), own, range_slopes(given, view.scene.beams[own])

@@ -36,6 +36,7 @@ _PAUSED = 1.5  # times what its frames take, beyond which a recording has pauses
 _TURNED_NATS = 6.0  # two more numbers
 _KNOWN_OF_MEDIAN = 2 / math.pi  # of the information of a mean
 _AT_THE_EDGE = 0.95  # quantile
+_LEAST_LEVER = 0.1  # mm a degree: a tilt that hardly moves a pixel is not searched for
 _LEAST_FRAMES = 3.0  # in which a drift falls by e: a faster one is an offset with a bad first frame
 
 
@@ -326,7 +327,7 @@ def _plane_of(
         known = np.full(int(own.sum()), _KNOWN_OF_MEDIAN * min(len(view.evidence.samples), _GLANCE) / sigma**2)
         pose = measured_pose(given, beams, (median - mean)[own], known)
         slopes = np.quantile(np.abs(range_slopes(given, beams)[:, 1:]), _AT_THE_EDGE, axis=0)
-        yaw, pitch = (sigma / float(v) if v > 0 else 0.0 for v in slopes)
+        yaw, pitch = (sigma / float(v) if v > _LEAST_LEVER else 0.0 for v in slopes)
         return pose, (yaw, pitch)
     return None, (0.0, 0.0)
 
