@@ -1,0 +1,77 @@
+"""Laws that no effect is: what they do to a recording (frame, row, col) in mm, NaN where invalid."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tofmix.arrays import Float32Array
+
+_RATE_HZ = 25.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stranger:
+    """A law by its name."""
+
+    name: str
+    change: Callable[[Float32Array, np.random.Generator], Float32Array]
+
+
+def _whole(samples: np.ndarray) -> Float32Array:
+    return np.asarray(np.maximum(np.rint(samples), 1.0), dtype=np.float32)
+
+
+def bowl(samples: Float32Array, rng: np.random.Generator) -> Float32Array:
+    """A bias that grows with the square of the column: a lens whose range bends."""
+    cols = samples.shape[2]
+    across = np.linspace(-1, 1, cols)
+    return _whole(samples + rng.uniform(8, 16) * (across**2 - 1 / 3))
+
+
+def ripple(samples: Float32Array, rng: np.random.Generator) -> Float32Array:
+    """All ranges swing in time: a supply that hums."""
+    now = np.arange(len(samples)) / _RATE_HZ
+    swing = rng.uniform(4, 9) * np.sin(2 * math.pi * rng.uniform(1.5, 4) * now + rng.uniform(0, 6))
+    return _whole(samples + swing[:, None, None])
+
+
+def noisy_part(samples: Float32Array, rng: np.random.Generator) -> Float32Array:
+    """More noise in a part of the image: something warm beside the sensor."""
+    rows, cols = samples.shape[1:]
+    top, left = int(rng.integers(rows // 2)), int(rng.integers(cols // 2))
+    out = samples.copy()
+    part = out[:, top : top + rows // 3, left : left + cols // 3]
+    part += rng.normal(0, rng.uniform(8, 16), part.shape)
+    return _whole(out)
+
+
+def heavy_tails(samples: Float32Array, rng: np.random.Generator) -> Float32Array:
+    """One sample in twelve is several sigma off, either way: a converter that slips."""
+    hit = rng.random(samples.shape) < 1 / 12
+    return _whole(samples + hit * rng.laplace(0, rng.uniform(20, 40), samples.shape))
+
+
+def hopping(samples: Float32Array, rng: np.random.Generator) -> Float32Array:
+    """Every fifth pixel hops between two delays, each by itself: random telegraph noise."""
+    frames, rows, cols = samples.shape
+    state = np.cumsum(rng.random((frames, rows, cols)) < 0.1, axis=0) % 2  # noqa: PLR2004
+    some = rng.random((rows, cols)) < 0.2  # noqa: PLR2004
+    return _whole(samples + state * some * rng.uniform(25, 50))
+
+
+def late_rows(samples: Float32Array, rng: np.random.Generator) -> Float32Array:
+    """Rows move together from frame to frame: a read-out line by line, with a clock that jitters."""
+    frames, rows, _ = samples.shape
+    return _whole(samples + rng.normal(0, rng.uniform(4, 8), (frames, rows, 1)))
+
+
+STRANGERS = (
+    Stranger(name="bowl", change=bowl),
+    Stranger(name="ripple", change=ripple),
+    Stranger(name="noisy part", change=noisy_part),
+    Stranger(name="heavy tails", change=heavy_tails),
+    Stranger(name="hopping pixels", change=hopping),
+    Stranger(name="late rows", change=late_rows),
+)
