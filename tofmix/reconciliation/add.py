@@ -26,6 +26,8 @@ from tofmix.reconciliation.localise import disagreements
 from tofmix.reconciliation.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, recast, tolerated
 from tofmix.reconciliation.refit import begin, refit, without
 from tofmix.reconciliation.static_fits import STATIC
+from tofmix.reconciliation.subsets import Explained
+from tofmix.reconciliation.verdict import SIGNATURES, inexact
 from tofmix.reconciliation.way import CRUMB, EXACT, LOST, Settings, Way, fit_part, held_out, name_of
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -74,8 +76,8 @@ class Added:
 def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None] = lambda _: None) -> Iterator[Added]:
     """Ways of adding effects until the panel agrees, nothing gains, or there are enough; each when it is asked for.
 
-    The first is the greedy one, or what all sets of effects together show to be better. Then the set that explains
-    most, of any size; then one that begins with another effect.
+    The first is the greedy one, or what all sets of effects together show to be better: a set of no more numbers, or of
+    any size where the greedy way leaves something to be explained. The second begins with another effect.
 
     Parameters
     ----------
@@ -93,9 +95,6 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
         yield added
         return
     yield _or_better(best, added)
-    other = _from_set(best, added, larger=True)
-    if other is not None:
-        yield other
     beginning = _beginning(best)
     if beginning is not None:
         way = Way(likelihood, settings, tick, start, first=best.first)
@@ -105,36 +104,47 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
 
 
 def _or_better(way: Way, added: Added) -> Added:
-    """What was added, or another set of as many effects that explains more."""
-    other = _from_set(way, added, larger=False)
-    if other is None or other.sets is None or added.sets is None:
-        return added
+    """What was added, or a part of it that is enough, or another set of effects that explains more."""
     likelihood, settings = way.likelihood, way.settings
+    if added.sets is None:
+        return added
+    stands_out = bool(disagreements(added.panel, settings.alpha))
+    part = None if stands_out or added.sets.enough is None else _from_set(way, added, added.sets.enough)
+    if part is not None and not disagreements(part.panel, settings.alpha):
+        return part
+    better = added.sets.better(larger=stands_out)
+    other = None if better is None else _from_set(way, added, better)
+    best = added if other is None or not _leads(way, other, added) else other
+    likelihood.scene.anchor(best.state.effects)
+    return best
+
+
+def _leads(way: Way, one: Added, other: Added) -> bool:
+    """Whether one outcome explains more than another, by the summaries' evidence and by frames that no fit has seen."""
+    likelihood, settings = way.likelihood, way.settings
+    if one.sets is None or other.sets is None:
+        return False
     test, part = held_out(likelihood, settings), fit_part(likelihood, settings)
     values = []
-    for each in (added, other):
+    for each in (other, one):
         likelihood.scene.anchor(each.state.effects)
         # A law of more numbers follows the errors of poses: all may move within the tolerance
         near = settled_within(likelihood, each.state, each.chosen, part, settings.tolerance)
         price = PRICE_NATS * sum(c.parameters for c in each.chosen)
         values.append(likelihood.value(near, test) - price)
-    more = other.sets.found.evidence - added.sets.found.evidence
-    best = other if more + values[1] - values[0] > 0 else added
-    likelihood.scene.anchor(best.state.effects)
-    return best
+    return one.sets.found.evidence - other.sets.found.evidence + values[1] - values[0] > 0
 
 
-def _from_set(way: Way, added: Added, *, larger: bool) -> Added | None:
-    """Where a search ends that begins with the set of effects which explains most; None if that is what was added."""
-    better = None if added.sets is None else added.sets.better(larger=larger)
-    if better is None:
-        return None
+def _from_set(way: Way, added: Added, better: Explained) -> Added | None:
+    """Where a search ends that begins with a set of effects instead of those that were added; None if it cannot."""
     likelihood, settings = way.likelihood, way.settings
     part = fit_part(likelihood, settings)
-    kept = [c for c in added.chosen if c.kind not in TERMS]
+    kept, state = [c for c in added.chosen if c.kind not in TERMS], apart(added.state)
+    if len(kept) + len(better.terms) > settings.max_effects:  # a pattern takes what is static, whatever it is
+        kept = [c for c in kept if c.kind != FixedPattern.kind]
+        state = replace(state, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
     if len(kept) + len(better.terms) > settings.max_effects:
         return None
-    state = apart(added.state)
     likelihood.scene.anchor(state.effects)
     new = as_candidates(likelihood, state, better, part)
     if not new:
@@ -191,7 +201,7 @@ def _followed(way: Way) -> Added:
         if not disagreements(panel, settings.alpha) or len(way.chosen) >= settings.max_effects:
             break
         names = sorted(name_of(c) for c in way.chosen)
-        if names in stood or not _round(way):  # what was added before was dropped again
+        if names in stood or not _round(way, _open(way, panel)):  # what was added before was dropped again
             break
         stood.append(names)
     kept = {c.kind for c in way.chosen}
@@ -218,8 +228,19 @@ def _covered(likelihood: Likelihood, state: State, part: Part) -> Part:
     return (part[0], pixels) if pixels.size else part
 
 
-def _round(way: Way) -> bool:
-    """Try all kinds and add the best, if it is good enough."""
+def _open(way: Way, panel: Compared) -> set[str]:
+    """Statistics that stand out by more than what the laws of the effects that were added may be wrong by."""
+    if way.before is None:
+        way.before = panel
+    return {c.statistic for c in disagreements(panel, way.settings.alpha) if c.size > inexact(c, way.before)}
+
+
+def _round(way: Way, open_: set[str]) -> bool:
+    """Try all kinds and add the best, if it is good enough.
+
+    What gains less than a hundredth of what was gained so far may follow what the laws of these are wrong by, but not
+    where it must show in a statistic that stands out by more.
+    """
     settings, likelihood = way.settings, way.likelihood
     trial = begin_trial(likelihood, way.state, settings.split, settings.seed)
     near = tolerated(likelihood, way.state, fit_part(likelihood, settings), settings.tolerance)
@@ -230,8 +251,11 @@ def _round(way: Way) -> bool:
     crumb = CRUMB * sum(c.gain for c in way.chosen if c.kind not in (*EXACT, *LOST))
     lost = CRUMB * sum(c.gain for c in way.chosen if c.kind not in EXACT)
     found = [c for c in found if c.kind not in LOST or c.score > lost]
-    needed = max(allowed + chance, crumb)
     found, beyond = _tolerant(way, trial, found, near)
+    way.missed |= {c.kind for c in found[:1] if way.chosen and open_ & set(SIGNATURES.get(c.kind, ()))}
+    if found and found[0].kind in way.missed:
+        crumb = 0.0
+    needed = max(allowed + chance, crumb)
     way.first = way.first or tuple(found)
     if not found:
         return False

@@ -53,6 +53,13 @@ class Alternatives:
         near = [s for s in near if not s.names > self.found.names]
         return tuple(s for s in near if not any(o.names < s.names for o in near))[:MOST_ALIASES]
 
+    @property
+    def enough(self) -> Explained | None:
+        """The best part of what was found that explains as much, but for chance; None if all of it is needed."""
+        parts = [s for s in self.sets if s.terms and s.names < self.found.names]
+        near = [s for s in parts if s.evidence > self.found.evidence - ALIAS_NATS]
+        return max(near, key=lambda s: (-s.numbers, s.evidence), default=None)
+
     def better(self, *, larger: bool) -> Explained | None:
         """The smallest set that is clearly better than what was found and nearly as good as any; None if none is.
 

@@ -88,7 +88,7 @@ def _crumb(way: Way, number: int) -> float:
 
     A static effect may be hidden in a fixed pattern, which gains far more than it.
     """
-    if way.chosen[number].kind in (*STATIC, *EXACT, *LOST):
+    if way.chosen[number].kind in (*STATIC, *EXACT, *LOST, *way.missed):
         return 0.0
     others = (*way.chosen[:number], *way.chosen[number + 1 :])
     return CRUMB * sum(c.gain for c in others if c.kind not in (FixedPattern.kind, *EXACT, *LOST))

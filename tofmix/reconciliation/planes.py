@@ -8,7 +8,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.simulation.model import Surface
 
-_PASSES, _FAR = 3, 6.0  # of a fit; medians of what is left, beyond which a pixel is left out
+_PASSES, _FAR = 12, 6.0  # of a fit; medians of what is left, beyond which a pixel is left out
 _LEAST_MM = 1.0  # range
 
 
@@ -68,6 +68,7 @@ def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, info
     A beam d meets the plane q . p = 1 at the range 1 / (q . d), so that the inverse range is linear in q. Pixels that
     are far off see something else, where an edge has moved, and are left out.
 
+
     Parameters
     ----------
     surface : Surface
@@ -78,17 +79,25 @@ def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, info
         Of their mean range beyond the model's.
     information : (n,) float64
         Of the bias, 1/mm2.
+
+    References
+    ----------
+    Schlossmacher, J. Am. Stat. Assoc. 68 (1973) 857: least absolute values by weighted least squares.
     """
     expected = ranges_to(surface, beams)
     measured = np.maximum(expected + bias_mm, _LEAST_MM)
-    root = np.sqrt(information) * measured**2  # the error of 1 / r is that of r over r squared
+    root = np.sqrt(information) * expected**2  # the error of 1 / r is that of r over r squared
     rows, wanted = beams * root[:, None], (1 / measured - 1 / expected) * root
     use = np.isfinite(wanted)
-    change = np.zeros(3)
-    for _ in range(_PASSES):
-        change = np.linalg.lstsq(rows[use], wanted[use], rcond=None)[0]
-        left = np.where(np.isfinite(wanted), wanted - rows @ change, np.inf)
-        use = np.abs(left) <= _FAR * max(float(np.median(np.abs(left))), 1.0)
+    shift = float(np.median(bias_mm[use])) if use.any() else 0.0
+    left, change = np.where(use, (bias_mm - shift) * np.sqrt(information), np.inf), np.zeros(3)
+    for _ in range(_PASSES):  # least absolute values, which a third of the pixels may be far from
+        weight = np.where(use, 1.0 / np.sqrt(np.maximum(np.abs(left), 1.0)), 0.0)
+        change = np.linalg.lstsq(rows[use] * weight[use, None], wanted[use] * weight[use], rcond=None)[0]
+        left = np.where(use, wanted - rows @ change, np.inf)
+    use = np.abs(left) <= _FAR * max(float(np.median(np.abs(left))), 1.0)
+    change = np.linalg.lstsq(rows[use], wanted[use], rcond=None)[0]
+    left = wanted - rows @ change
     normal, center = surface.rotation()[:, 2], np.array(surface.center_mm)
     after = normal / float(normal @ center) + change
     new = after / np.linalg.norm(after) * math.copysign(1.0, float(after @ normal))

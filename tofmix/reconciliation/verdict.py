@@ -163,13 +163,7 @@ class Findings:
             return False
         if not self.chosen:
             return True
-        was = _named(self.before)
-        alike: tuple[str, ...] = _TAILED if curve.statistic in _TAILED else (curve.statistic,)
-        suffix = "_pattern" if curve.statistic.endswith("_pattern") else ""
-        if suffix and curve.statistic.removesuffix(suffix) in _TAILED:
-            alike = tuple(f"{name}{suffix}" for name in _TAILED)
-        moved = max((was[c].size for c in ((a, curve.axis, curve.recording) for a in alike) if c in was), default=0.0)
-        return curve.size > max(LAW * moved, LEAST_SIZE if curve.statistic in (*SHAPES, "pattern") else 0.0)
+        return curve.size > inexact(curve, self.before)
 
     @property
     def mostly(self) -> bool:
@@ -212,6 +206,30 @@ def judge(found: Findings) -> str:
     if not found.open:
         return "partly_explained" if found.in_time else "explained"
     return "partly_explained" if found.settled or found.mostly else "unexplained"
+
+
+def inexact(curve: Curve, before: Compared) -> float:
+    """Size of a curve up to which it may be what an inexact law leaves.
+
+    Parameters
+    ----------
+    curve : Curve
+        Of a model with effects.
+    before : Compared
+        Panel of the model without them.
+
+    Returns
+    -------
+    float
+        The tenth of what was there, and at least what counts as no disagreement. Tails and skew of one law go together.
+    """
+    was = _named(before)
+    pattern = "_pattern" if curve.statistic.endswith("_pattern") else ""
+    tailed = curve.statistic.removesuffix(pattern) in _TAILED
+    alike = tuple(f"{name}{pattern}" for name in _TAILED) if tailed else (curve.statistic,)
+    names = ((name, curve.axis, curve.recording) for name in alike)
+    moved = max((was[name].size for name in names if name in was), default=0.0)
+    return max(LAW * moved, LEAST_SIZE if curve.statistic in (*SHAPES, "pattern") else 0.0)
 
 
 def share_closed(before: Compared, after: Compared, floor: Compared) -> float | None:

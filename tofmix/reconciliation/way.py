@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tofmix.reconciliation.compare import Compared
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.name import Candidate
 
@@ -71,6 +72,10 @@ class Way:
         Candidates that the recording cannot tell from a chosen one, which stands first.
     begun : Candidate, optional
         What was added first, whether or not it was dropped since.
+    before : Compared, optional
+        Panel of the model as given.
+    missed : set of str
+        Kinds that were added while a statistic in which they must show stood out.
     """
 
     likelihood: Likelihood
@@ -82,6 +87,8 @@ class Way:
     first: tuple[Candidate, ...] = ()
     aliases: list[tuple[Candidate, ...]] = field(default_factory=list)
     begun: Candidate | None = None
+    before: Compared | None = None
+    missed: set[str] = field(default_factory=set)
 
 
 def held_out(likelihood: Likelihood, settings: Settings) -> Part:

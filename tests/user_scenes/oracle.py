@@ -1,0 +1,275 @@
+"""What can be known of a case at all: the sets of kinds that explain it as well as the truth, by noise-free predictions.
+
+What the truth adds to the given model is, for each pixel that sees one surface, a bias in each tenth of the time and a
+change of the noise's width. Of a set of kinds it is fitted what their laws, linear in small numbers, make of these; the
+model's own errors (each surface's place and tilts to 0.1 sigma, the noise to 1 %) are fitted too, at a price. What is left
+is the expected loss against the truth, in nats. This module uses the simulator's predictions and nothing of reconcile.
+
+Kinds that act in another way (random values, a memory, bursts, a lattice, each pixel's own bias, leaking neighbours) stand
+for themselves: none of the others does what they do. Of leaking neighbours, that they do something is asked.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.model import Model
+from tofmix.simulation.prediction import Prediction, predict
+from user_scenes.cases import FRAMES, RATE_HZ, Case
+
+KNOWN_NATS = 20.0
+"""Loss of the best wrong set, from which a case is identifiable."""
+
+TRACE_NATS = 10.0
+"""Gain of a member of the truth, below which it leaves no trace."""
+
+TENTHS = 10
+_ALONE = 0.95  # share of the beam
+_TOLERANCE, _NOISE = 0.1, 0.01  # errors of the model: of poses, sigma; of the noise
+_SMALL = 0.01
+_MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
+_BY_THEMSELVES = (
+    "outliers", "temporal_correlation", "interference", "quantisation", "fixed_pattern", "pixel_crosstalk"
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Known:
+    """What the oracle says of a case.
+
+    Parameters
+    ----------
+    traces : tuple of str
+        Kinds of the truth that leave a trace, sorted.
+    identifiable : bool
+        Whether every other set of as many kinds or fewer loses more than `KNOWN_NATS`.
+    aliases : tuple of tuple of str
+        Sets of kinds that do not, the best first.
+    """
+
+    traces: tuple[str, ...]
+    identifiable: bool
+    aliases: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Seen:
+    """Of pixels that see one surface: biases (tenth, pixel), mm, and log widths (pixel,), with their information."""
+
+    use: np.ndarray
+    surface: np.ndarray
+    sigma: FloatArray
+    bias: FloatArray
+    information: FloatArray
+    width: FloatArray
+    width_information: FloatArray
+
+
+def known(case: Case) -> Known:
+    """Say what can be known of a case with effects, or with a moved surface."""
+    static = tuple(e for e in case.hidden if e.kind not in _BY_THEMSELVES)
+    own = [e.kind for e in case.hidden if e.kind in _BY_THEMSELVES and _shows(case.given, e)]
+    truth = sorted({e.kind for e in static})
+    laws = _Laws(case.given)
+    true = case.true if case.sort == "pose" else replace(case.given, effects=static)
+    seen = laws.seen(true, slower=_memory(case.hidden))
+    traces = [k for k in truth if laws.loss(seen, [t for t in truth if t != k]) > TRACE_NATS]
+    aliases: list[tuple[float, tuple[str, ...]]] = []
+    if traces:
+        for size in range(1, len(traces) + 1):
+            for kinds in combinations(laws.kinds, size):
+                smaller = any(set(s) < set(kinds) for _, s in aliases)
+                if set(kinds) >= set(traces) or smaller:
+                    continue
+                loss = laws.loss(seen, kinds)
+                if loss <= KNOWN_NATS:
+                    aliases.append((loss, kinds))
+    aliases.sort()
+    return Known(
+        traces=tuple(sorted([*traces, *own])), identifiable=not aliases,
+        aliases=tuple(tuple(sorted([*kinds, *own])) for _, kinds in aliases),
+    )  # fmt: skip
+
+
+def _memory(hidden: Sequence[Effect]) -> float:
+    """By how much a memory makes samples fewer."""
+    rho = next((float(e.coefficient) for e in hidden if e.kind == "temporal_correlation"), 0.0)  # type: ignore[attr-defined]
+    return (1 + rho) / (1 - rho)
+
+
+def _shows(model: Model, effect: Effect) -> bool:
+    """Whether an effect that stands for itself does anything: leaking needs neighbours that see something else."""
+    if effect.kind != "pixel_crosstalk":
+        return True
+    before, after = predict(model), predict(replace(model, effects=(effect,)))
+    moved = np.abs(_mean(after) - _mean(before)) / np.sqrt(_spread(before))
+    wider = np.abs(_spread(after) / _spread(before) - 1)
+    return float((FRAMES / 2 * (moved**2 + wider**2 / 2)).sum()) > TRACE_NATS
+
+
+def _mean(p: Prediction) -> FloatArray:
+    return np.asarray((p.weight * p.range_mm).sum(axis=0) / p.weight.sum(axis=0))
+
+
+def _spread(p: Prediction) -> FloatArray:
+    square = (p.weight * (p.range_mm**2 + p.sigma_mm**2)).sum(axis=0) / p.weight.sum(axis=0)
+    return np.asarray(np.maximum(square - _mean(p) ** 2, 1e-6))
+
+
+_Column = tuple[FloatArray, FloatArray]
+"""What one number does to the biases (tenth, pixel) and the log widths (pixel,)."""
+
+
+class _Laws:
+    """The kinds' laws about a given model, as columns."""
+
+    def __init__(self, given: Model) -> None:
+        self.given = given
+        self.at_rest = predict(given, cast_scene(given))
+        self.now = (np.arange(TENTHS) + 0.5) * FRAMES / TENTHS / RATE_HZ
+        self.laws: dict[str, list[list[_Column]]] = {}
+        for kind in _COLUMNS:
+            if kind != "multipath" or len(given.surfaces) > 1:
+                self.laws[kind] = list(_COLUMNS[kind](self))
+        self.kinds = tuple(self.laws)
+
+    def change(self, model: Model, time_s: float = 0.0) -> tuple[FloatArray, FloatArray]:
+        """What another model does to mean and log width (pixel,) of each pixel's main surface."""
+        return _difference(self.at_rest, predict(model, time_s=time_s))
+
+    def of(self, size: float, kind: str, **values: Any) -> _Column:  # noqa: ANN401  parameters
+        """A column: an effect over its size, the same at all times."""
+        mean, width = self.change(replace(self.given, effects=(_MAKE[kind](**values),)))
+        return np.tile(mean / size, (TENTHS, 1)), width / size
+
+    def seen(self, true: Model, *, slower: float) -> _Seen:
+        """What the truth does."""
+        main = self.at_rest.weight.argmax(axis=0)[None]
+        use = np.take_along_axis(self.at_rest.weight, main, axis=0)[0] > _ALONE * self.at_rest.weight.sum(axis=0)
+        surface = np.take_along_axis(self.at_rest.surface, main, axis=0)[0]
+        after = predict(true)
+        use &= (surface >= 0) & (after.weight.max(axis=0) > _ALONE * after.weight.sum(axis=0))
+        use &= np.take_along_axis(after.surface, after.weight.argmax(axis=0)[None], axis=0)[0] == surface
+        each = [self.change(true, float(t)) for t in self.now]
+        sigma = np.take_along_axis(self.at_rest.sigma_mm, main, axis=0)[0]
+        true_sigma = sigma * np.exp(each[0][1])
+        n = FRAMES / TENTHS / slower
+        return _Seen(
+            use=use, surface=surface, sigma=sigma, bias=np.stack([b for b, _ in each]),
+            information=np.tile(n / true_sigma**2, (TENTHS, 1)), width=each[0][1],
+            width_information=np.full(sigma.size, 2.0 * FRAMES / slower),
+        )  # fmt: skip
+
+    def loss(self, seen: _Seen, kinds: Sequence[str]) -> float:
+        """Nats that the best set of laws of some kinds is behind the truth."""
+        least = math.inf
+        choices: list[list[list[_Column]]] = [self.laws[kind] for kind in kinds]
+        for chosen in _products(choices):
+            least = min(least, _left(seen, [c for law in chosen for c in law], self.given))
+        return least
+
+
+def _products(choices: list[list[list[_Column]]]) -> Iterator[list[list[_Column]]]:
+    if not choices:
+        yield []
+        return
+    for first in choices[0]:
+        for rest in _products(choices[1:]):
+            yield [first, *rest]
+
+
+def _difference(before: Prediction, after: Prediction) -> tuple[FloatArray, FloatArray]:
+    first, then = before.weight.argmax(axis=0)[None], after.weight.argmax(axis=0)[None]
+    mean = np.take_along_axis(after.range_mm, then, axis=0)[0] - np.take_along_axis(before.range_mm, first, axis=0)[0]
+    ratio = np.take_along_axis(after.sigma_mm, then, axis=0)[0] / np.take_along_axis(before.sigma_mm, first, axis=0)[0]
+    return mean, np.log(ratio)
+
+
+def _left(seen: _Seen, columns: Sequence[_Column], given: Model) -> float:
+    """Half of the weighted squares that the columns leave, the model's own errors fitted too."""
+    use = seen.use
+    nothing = np.zeros((TENTHS, use.size))
+    rows, cols = given.sensor.shape
+    row, col = np.divmod(np.arange(use.size), cols)
+    free: list[tuple[FloatArray, FloatArray, float]] = [(*c, 0.0) for c in columns]
+    free.append((nothing, np.ones(use.size), 1.0 / _NOISE))
+    for number in range(len(given.surfaces)):
+        own = use & (seen.surface == number)
+        if own.any():
+            error = _TOLERANCE * float(np.median(seen.sigma[own]))
+            for law in (np.ones(use.size), 2 * col / cols - 1, 2 * row / rows - 1):
+                free.append((np.tile(np.where(own, law, 0.0), (TENTHS, 1)), np.zeros(use.size), 1.0 / error))
+    root, wide = np.sqrt(seen.information[:, use]), np.sqrt(seen.width_information[use])
+    design = np.stack([np.concatenate([(b[:, use] * root).ravel(), w[use] * wide]) for b, w, _ in free], axis=1)
+    wanted = np.concatenate([(seen.bias[:, use] * root).ravel(), seen.width[use] * wide])
+    gram = design.T @ design + np.diag([p**2 for *_, p in free])
+    pull = design.T @ wanted
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
+    found = np.linalg.lstsq(gram / scale[:, None] / scale, pull / scale, rcond=1e-12)[0] / scale
+    return 0.5 * float(wanted @ wanted - 2 * pull @ found + found @ gram @ found)
+
+
+def _per_surface(laws: _Laws, make: Callable[[str], list[_Column]]) -> Iterator[list[_Column]]:
+    for surface in laws.given.surfaces:
+        yield make(surface.name)
+
+
+def _pose(laws: _Laws) -> Iterator[list[_Column]]:
+    def of(name: str) -> list[_Column]:
+        turns = [laws.of(_SMALL, "surface_pose", surface=name, shift_mm=0.0, **{n: _SMALL}) for n in ("yaw_deg", "pitch_deg")]  # fmt: skip
+        return [laws.of(1.0, "surface_pose", surface=name, shift_mm=1.0), *turns]
+
+    return _per_surface(laws, of)
+
+
+def _motion(laws: _Laws) -> Iterator[list[_Column]]:
+    def of(name: str) -> list[_Column]:
+        mean, width = laws.of(1.0, "surface_pose", surface=name, shift_mm=1.0)
+        return [(mean * laws.now[:, None], width)]
+
+    return _per_surface(laws, of)
+
+
+def _multipath(laws: _Laws) -> Iterator[list[_Column]]:
+    turn = laws.given.sensor.turn_mm("the oracle")
+
+    def of(name: str) -> list[_Column]:
+        return [laws.of(_SMALL, "multipath", surface=name, share=_SMALL, extra_path_mm=p * turn) for p in (2.0, 0.5)]
+
+    return _per_surface(laws, of)
+
+
+def _wiggling(laws: _Laws) -> Iterator[list[_Column]]:
+    yield [laws.of(1.0, "wiggling", amplitude_mm=1.0, phase_rad=p) for p in (0.0, math.pi / 2)]
+
+
+def _walk(laws: _Laws) -> Iterator[list[_Column]]:
+    for exponent in (0.3, 0.6, 1.0, 1.6, 2.5):
+        yield [laws.of(1.0, "amplitude_walk", scale_mm=1.0, reference_amplitude=100.0, exponent=exponent)]
+
+
+def _drift(laws: _Laws) -> Iterator[list[_Column]]:
+    mean, width = laws.of(1.0, "range_offset", offset_mm=1.0)
+    for tau_s in (0.3, 0.6, 1.0, 1.6, 2.5, 5.0):
+        yield [(mean * -np.expm1(-laws.now[:, None] / tau_s), width)]
+
+
+_COLUMNS: dict[str, Callable[[_Laws], Iterator[list[_Column]]]] = {
+    "range_offset": lambda laws: iter([[laws.of(1.0, "range_offset", offset_mm=1.0)]]),
+    "surface_pose": _pose,
+    "motion": _motion,
+    "multipath": _multipath,
+    "wiggling": _wiggling,
+    "amplitude_walk": _walk,
+    "temperature_drift": _drift,
+    "scattering": lambda laws: iter([[laws.of(_SMALL, "scattering", share=_SMALL)]]),
+    "excess_noise": lambda laws: iter([[laws.of(_SMALL, "excess_noise", factor=math.exp(_SMALL))]]),
+    "vignetting": lambda laws: iter([[laws.of(_SMALL, "vignetting", corner_factor=math.exp(_SMALL))]]),
+}
