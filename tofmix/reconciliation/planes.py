@@ -90,7 +90,8 @@ def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, info
     rows, wanted = beams * root[:, None], (1 / measured - 1 / expected) * root
     use = np.isfinite(wanted)
     shift = float(np.median(bias_mm[use])) if use.any() else 0.0
-    left, change = np.where(use, (bias_mm - shift) * np.sqrt(information), np.inf), np.zeros(3)
+    left: FloatArray = np.where(use, (bias_mm - shift) * np.sqrt(information), np.inf)
+    change: FloatArray = np.zeros(3)
     for _ in range(_PASSES):  # least absolute values, which a third of the pixels may be far from
         weight = np.where(use, 1.0 / np.sqrt(np.maximum(np.abs(left), 1.0)), 0.0)
         change = np.linalg.lstsq(rows[use] * weight[use, None], wanted[use] * weight[use], rcond=None)[0]
