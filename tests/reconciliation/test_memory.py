@@ -85,3 +85,13 @@ def test_noise_averaged_over_frames_is_an_unexplained_memory(small: Model, frame
     )
     assert result.verified.verdict == "unexplained"
     assert result.where[0].statistic == "memory"
+
+
+def test_memory_beside_random_values_is_found_and_leaves_no_gap(model: Model) -> None:
+    """Random values are not remembered, while the memory of the noise runs on below them."""
+    hidden = MAKE["temporal_correlation"](coefficient=0.4), MAKE["outliers"](probability=0.02)
+    result = reconciled(model, *hidden, kinds=("temporal_correlation", "outliers", "fixed_pattern", "excess_noise"))
+    assert [n.effect.kind for n in result.named] == ["outliers", "temporal_correlation"]
+    memory = result.named[1]
+    assert abs(memory.parameters["coefficient"] - 0.4) < 3.5 * memory.stderr["coefficient"]
+    assert result.verified.floor.gap < 1.6

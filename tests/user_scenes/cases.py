@@ -192,7 +192,7 @@ def _enough_bursts(model: Model, seed: int) -> bool:
     small = replace(quiet, sensor=replace(quiet.sensor, rows=4, cols=4))
     samples = record(small, seed).astype(np.float64)
     spread = np.nanstd(samples - np.nanmedian(samples, axis=0), axis=(1, 2))
-    loud = spread > 1.5 * np.median(spread)  # noqa: PLR2004  half of the least that is drawn, on the noisiest scene
+    loud = spread > 1.5 * np.median(spread)  # half of the least that is drawn, on the noisiest scene
     return int((np.diff(loud.astype(int), prepend=0) == 1).sum()) >= _LEAST_BURSTS
 
 

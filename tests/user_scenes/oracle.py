@@ -1,12 +1,12 @@
-"""What can be known of a case at all: the sets of kinds that explain it as well as the truth, by noise-free predictions.
+"""What can be known of a case at all: the sets of kinds that explain it as well as the truth, without noise.
 
 What the truth adds to the given model is, for each pixel that sees one surface, a bias in each tenth of the time and a
-change of the noise's width. Of a set of kinds it is fitted what their laws, linear in small numbers, make of these; the
-model's own errors (each surface's place and tilts to 0.1 sigma, the noise to 1 %) are fitted too, at a price. What is left
-is the expected loss against the truth, in nats. This module uses the simulator's predictions and nothing of reconcile.
+change of the noise's width. A set of kinds is fitted to these by its laws, linear in small numbers; the model's own
+errors (each surface's place and tilts to 0.1 sigma, the noise to 1 %) are fitted too, at a price. The rest is the
+expected loss against the truth, in nats. This module uses the simulator's predictions and nothing of reconcile.
 
-Kinds that act in another way (random values, a memory, bursts, a lattice, each pixel's own bias, leaking neighbours) stand
-for themselves: none of the others does what they do. Of leaking neighbours, that they do something is asked.
+Kinds that act in another way (random values, a memory, bursts, a lattice, each pixel's own bias, leaking neighbours)
+stand for themselves: none of the others does what they do. Leaking neighbours must do something at all.
 """
 
 import math
@@ -80,7 +80,7 @@ def known(case: Case) -> Known:
     laws = _Laws(case.given)
     true = case.true if case.sort == "pose" else replace(case.given, effects=static)
     seen = laws.seen(true, slower=_memory(case.hidden))
-    traces = [k for k in truth if laws.loss(seen, [t for t in truth if t != k]) > TRACE_NATS]
+    traces = _needed(truth, lambda kinds: laws.loss(seen, kinds))
     aliases: list[tuple[float, tuple[str, ...]]] = []
     if traces:
         for size in range(1, len(traces) + 1):
@@ -96,6 +96,18 @@ def known(case: Case) -> Known:
         traces=tuple(sorted([*traces, *own])), identifiable=not aliases,
         aliases=tuple(tuple(sorted([*kinds, *own])) for _, kinds in aliases),
     )  # fmt: skip
+
+
+def _needed(truth: Sequence[str], loss: Callable[[Sequence[str]], float]) -> list[str]:
+    """The members of the truth without those that leave no trace beside the rest, the faintest left out first."""
+    kept = list(truth)
+    while kept:
+        gains = {k: loss([t for t in kept if t != k]) - loss(kept) for k in kept}
+        faintest = min(gains, key=lambda k: gains[k])
+        if gains[faintest] > TRACE_NATS:
+            break
+        kept.remove(faintest)
+    return kept
 
 
 def _memory(hidden: Sequence[Effect]) -> float:
@@ -135,9 +147,9 @@ class _Laws:
         self.at_rest = predict(given, cast_scene(given))
         self.now = (np.arange(TENTHS) + 0.5) * FRAMES / TENTHS / RATE_HZ
         self.laws: dict[str, list[list[_Column]]] = {}
-        for kind in _COLUMNS:
+        for kind, columns in _COLUMNS.items():
             if kind != "multipath" or len(given.surfaces) > 1:
-                self.laws[kind] = list(_COLUMNS[kind](self))
+                self.laws[kind] = list(columns(self))
         self.kinds = tuple(self.laws)
 
     def change(self, model: Model, time_s: float = 0.0) -> tuple[FloatArray, FloatArray]:
@@ -204,8 +216,9 @@ def _left(seen: _Seen, columns: Sequence[_Column], given: Model) -> float:
         own = use & (seen.surface == number)
         if own.any():
             error = _TOLERANCE * float(np.median(seen.sigma[own]))
-            for law in (np.ones(use.size), 2 * col / cols - 1, 2 * row / rows - 1):
-                free.append((np.tile(np.where(own, law, 0.0), (TENTHS, 1)), np.zeros(use.size), 1.0 / error))
+            laws = (np.ones(use.size), 2 * col / cols - 1, 2 * row / rows - 1)
+            moves = (np.tile(np.where(own, law, 0.0), (TENTHS, 1)) for law in laws)
+            free += [(move, np.zeros(use.size), 1.0 / error) for move in moves]
     root, wide = np.sqrt(seen.information[:, use]), np.sqrt(seen.width_information[use])
     design = np.stack([np.concatenate([(b[:, use] * root).ravel(), w[use] * wide]) for b, w, _ in free], axis=1)
     wanted = np.concatenate([(seen.bias[:, use] * root).ravel(), seen.width[use] * wide])
@@ -223,7 +236,10 @@ def _per_surface(laws: _Laws, make: Callable[[str], list[_Column]]) -> Iterator[
 
 def _pose(laws: _Laws) -> Iterator[list[_Column]]:
     def of(name: str) -> list[_Column]:
-        turns = [laws.of(_SMALL, "surface_pose", surface=name, shift_mm=0.0, **{n: _SMALL}) for n in ("yaw_deg", "pitch_deg")]  # fmt: skip
+        turns = [
+            laws.of(_SMALL, "surface_pose", surface=name, shift_mm=0.0, **{turn: _SMALL})
+            for turn in ("yaw_deg", "pitch_deg")
+        ]
         return [laws.of(1.0, "surface_pose", surface=name, shift_mm=1.0), *turns]
 
     return _per_surface(laws, of)

@@ -56,8 +56,8 @@ def heavy_tails(samples: Float32Array, rng: np.random.Generator) -> Float32Array
 def hopping(samples: Float32Array, rng: np.random.Generator) -> Float32Array:
     """Every fifth pixel hops between two delays, each by itself: random telegraph noise."""
     frames, rows, cols = samples.shape
-    state = np.cumsum(rng.random((frames, rows, cols)) < 0.1, axis=0) % 2  # noqa: PLR2004
-    some = rng.random((rows, cols)) < 0.2  # noqa: PLR2004
+    state = np.cumsum(rng.random((frames, rows, cols)) < 0.1, axis=0) % 2
+    some = rng.random((rows, cols)) < 0.2
     return _whole(samples + state * some * rng.uniform(25, 50))
 
 

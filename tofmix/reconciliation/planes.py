@@ -94,10 +94,10 @@ def measured_pose(surface: Surface, beams: FloatArray, bias_mm: FloatArray, info
     change: FloatArray = np.zeros(3)
     for _ in range(_PASSES):  # least absolute values, which a third of the pixels may be far from
         weight = np.where(use, 1.0 / np.sqrt(np.maximum(np.abs(left), 1.0)), 0.0)
-        change = np.linalg.lstsq(rows[use] * weight[use, None], wanted[use] * weight[use], rcond=None)[0]
+        change = np.asarray(np.linalg.lstsq(rows[use] * weight[use, None], wanted[use] * weight[use], rcond=None)[0])
         left = np.where(use, wanted - rows @ change, np.inf)
     use = np.abs(left) <= _FAR * max(float(np.median(np.abs(left))), 1.0)
-    change = np.linalg.lstsq(rows[use], wanted[use], rcond=None)[0]
+    change = np.asarray(np.linalg.lstsq(rows[use], wanted[use], rcond=None)[0])
     left = wanted - rows @ change
     normal, center = surface.rotation()[:, 2], np.array(surface.center_mm)
     after = normal / float(normal @ center) + change

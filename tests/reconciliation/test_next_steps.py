@@ -1,0 +1,67 @@
+"""What to do after a verdict."""
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recordings import MAKE, reconciled, recorded
+
+from tofmix.reconciliation.evidence import make_evidence
+from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.workflow import reconcile
+from tofmix.simulation.effects.surface_pose import posed
+from tofmix.simulation.model import Model
+
+
+def test_every_verdict_ends_with_a_step(small: Model) -> None:
+    kinds = ("range_offset", "surface_pose")
+    agree = reconciled(small, kinds=kinds)
+    explained = reconciled(small, MAKE["range_offset"](offset_mm=9.0), kinds=kinds)
+    unexplained = reconciled(small, MAKE["excess_noise"](factor=2.0), kinds=kinds)
+    verdicts = [r.verified.verdict for r in (agree, explained, unexplained)]
+    assert verdicts == ["agree", "explained", "unexplained"]
+    assert all(
+        r.next_steps and r.as_dict()["next_steps"] == list(r.next_steps) for r in (agree, explained, unexplained)
+    )
+    assert "sigma of all samples would have been seen" in agree.next_steps[-1]
+    assert any("--noise auto" in step for step in unexplained.next_steps)
+
+
+def test_a_surface_elsewhere_comes_first_with_the_table_that_moves_it_there(small: Model) -> None:
+    """No effect that moves a surface is asked for, so that the step is all that the user gets."""
+    moved = replace(small, surfaces=(posed(small.surfaces[0], 40.0, 2.0, 0.0), *small.surfaces[1:]))
+    result = reconcile(small, recorded(moved), Settings(kinds=("range_offset", "wiggling")))
+    first = result.next_steps[0]
+    assert result.verified.verdict == "unexplained"
+    assert first.startswith(f'"{small.surfaces[0].name}" is ')
+    table = "\n".join(part.strip() for part in first[first.index("[[effect]]") + 10 :].split(";"))
+    (effect,) = tomllib.loads("[[effect]]\n" + table)["effect"]
+    assert effect["kind"] == "surface_pose"
+    assert effect["shift_mm"] == pytest.approx(40.0, abs=1.0)
+    assert effect["yaw_deg"] == pytest.approx(2.0, abs=0.2)
+
+
+def test_few_samples_are_said_with_the_frames_that_would_do(small: Model) -> None:
+    one = replace(small, sensor=replace(small.sensor, rows=1, cols=1))
+    result = reconcile(one, recorded(one), Settings(kinds=("range_offset",)))
+    assert result.verified.verdict == "unexplained"
+    assert result.next_steps[0].startswith("Too few samples: 40 were held out")
+    assert "Record " in result.next_steps[0]
+
+
+def test_frames_that_a_driver_repeats_are_left_out_and_said(small: Model) -> None:
+    samples = recorded(small).samples.reshape(-1, *small.sensor.shape).astype(np.float32)
+    samples[4::5] = samples[3::5]
+    evidence = make_evidence(small, np.where(samples > 0, samples, np.nan), time_s=np.arange(80) / 10.0)
+    assert evidence.shape[0] == 64
+    result = reconcile(small, evidence, Settings(kinds=("temporal_correlation", "range_offset")))
+    assert result.verified.verdict == "agree"
+    assert result.next_steps[0].startswith("16 frames of 80 repeated the frame before")
+
+
+def test_alternatives_are_said_with_the_recording_that_tells_them_apart(small: Model) -> None:
+    wall = replace(small, surfaces=small.surfaces[2:])
+    hidden = MAKE["range_offset"](offset_mm=9.0)
+    result = reconcile(wall, recorded(wall, hidden), Settings(kinds=("range_offset", "amplitude_walk")))
+    assert any("not told apart" in step and "dark and a bright board" in step for step in result.next_steps)

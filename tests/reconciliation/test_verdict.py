@@ -1,0 +1,104 @@
+"""Verdicts: what is called explained, and what is not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recordings import MAKE
+
+from tofmix.reconciliation.compare import Compared
+from tofmix.reconciliation.likelihood import State
+from tofmix.reconciliation.name import Candidate
+from tofmix.reconciliation.panel import Curve
+from tofmix.reconciliation.verdict import SIGNATURES, Findings, inexact, judge
+from tofmix.reconciliation.way import EXACT
+from tofmix.simulation.effects import EFFECTS
+
+BINS = 12
+NOTHING: dict[str, float] = {"bias": 0.0, "spread": 0.0, "tails": 0.0}
+
+
+def curve(statistic: str, size: float) -> Curve:
+    """A curve of twelve bins, each of 10,000 samples, that all lie at `size` sigma."""
+    ones = np.ones(BINS)
+    return Curve(
+        statistic=statistic, axis="range", lower=ones, upper=ones, value=size * ones, variance=1e-4 * ones, unit="mm",
+        scale_mm=ones,
+    )  # fmt: skip
+
+
+def panel(**sizes: float) -> Compared:
+    nothing = np.zeros(0, dtype=np.int64)
+    curves = tuple(curve(name, size) for name, size in (NOTHING | sizes).items())
+    return Compared(curves=curves, pattern=np.zeros((1, 1)), part=(nothing, nothing))
+
+
+def chosen(kind: str = "range_offset", gain: float = 60_000.0, **values: float) -> Candidate:
+    nothing = np.zeros(1)
+    state = State(
+        effects=(), given=(), pixel_bias=nothing, pixel_variance=nothing, stuck_mm=nothing, disturbed=nothing,
+        log_width=nothing, log_width_error=nothing,
+    )  # fmt: skip
+    return Candidate(effect=MAKE[kind](**(values or {"offset_mm": 9.0})), gain=gain, parameters=1, state=state)
+
+
+def findings(before: Compared, near: Compared, *effects: Candidate, samples: int = 100_000) -> Findings:
+    return Findings(chosen=effects, before=before, after=near, floor=panel(), near=near, alpha=0.01, samples=samples)
+
+
+def test_nothing_that_stands_out_is_agreement_and_a_bias_is_none() -> None:
+    assert judge(findings(panel(), panel())) == "agree"
+    assert judge(findings(panel(bias=0.5), panel(bias=0.5))) == "unexplained"
+
+
+def test_too_few_samples_to_see_half_a_sigma_never_agree() -> None:
+    """Half a sigma is 3 standard errors of 40 samples: the limit of this panel is 2.7, and 1.6 more is asked."""
+    few = findings(panel(), panel(), samples=40)
+    assert few.few
+    assert judge(few) == "unexplained"
+    assert not findings(panel(), panel(), samples=120).few
+
+
+def test_explained_only_if_nothing_stands_out_whatever_the_gap() -> None:
+    before = panel(bias=2.0, spread=0.3)
+    assert judge(findings(before, panel(), chosen())) == "explained"
+    left = findings(before, panel(spread=0.3), chosen())
+    assert [c.statistic for c in left.open] == ["spread"]
+    assert judge(left) == "partly_explained"  # it was there before, and the offset does not touch it
+
+
+@pytest.mark.parametrize(("left", "verdict"), [(0.15, "explained"), (0.3, "partly_explained")])
+def test_a_tenth_of_what_an_effect_moves_may_be_its_law(left: float, verdict: str) -> None:
+    assert judge(findings(panel(bias=2.0), panel(bias=left), chosen(gain=240_000.0))) == verdict
+
+
+def test_tails_and_skew_of_one_law_go_together_and_bias_goes_alone() -> None:
+    before = panel(tails=1.0, skew=0.1, bias=0.1)
+    assert inexact(curve("skew", 0.05), before) == pytest.approx(0.1, rel=0.01)
+    assert inexact(curve("bias", 0.05), before) == pytest.approx(0.02)
+
+
+AGAINST: tuple[dict[str, object], ...] = (
+    {"law": "range"}, {"own": MAKE["range_offset"](offset_mm=3.0)}, {"bound": True}, {"echo": True}, {"shaped": True}
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("against", AGAINST, ids=str)
+def test_what_speaks_against_an_effect_makes_it_unexplained(against: dict[str, object]) -> None:
+    found = findings(panel(bias=2.0), panel(), chosen())
+    assert judge(found) == "explained"
+    assert judge(replace(found, **against)) == "unexplained"  # type: ignore[arg-type]
+
+
+def test_change_in_time_that_is_left_makes_it_a_part() -> None:
+    found = findings(panel(bias=2.0), panel(), chosen())
+    assert judge(replace(found, in_time=True)) == "partly_explained"
+
+
+def test_simulation_far_from_its_own_prediction_explains_nothing() -> None:
+    found = findings(panel(bias=0.2), panel(), chosen())
+    assert judge(replace(found, floor=panel(bias=0.9))) == "unexplained"
+
+
+def test_every_kind_has_statistics_in_which_it_must_show_or_an_exact_law() -> None:
+    assert set(EFFECTS) == set(SIGNATURES) | set(EXACT)
