@@ -114,7 +114,8 @@ def _or_better(way: Way, added: Added) -> Added:
         return part
     better = added.sets.better(larger=stands_out)
     other = None if better is None else _from_set(way, added, better)
-    best = added if other is None or not _leads(way, other, added) else other
+    same = other is not None and {name_of(c) for c in other.chosen} == {name_of(c) for c in added.chosen}
+    best = added if other is None or same or not _leads(way, other, added) else other
     likelihood.scene.anchor(best.state.effects)
     return best
 

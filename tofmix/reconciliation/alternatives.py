@@ -48,9 +48,12 @@ class Alternatives:
 
     @property
     def aliases(self) -> tuple[Explained, ...]:
-        """Sets that are as good as what was found, but for chance, and of which no part is."""
+        """Sets that are as good as what was found, but for chance, and of which no part is.
+
+        Parts of what was found are none: the panel stood out without the rest.
+        """
         near = [s for s in self.sets if s.evidence > self.found.evidence - ALIAS_NATS]
-        near = [s for s in near if not s.names > self.found.names]
+        near = [s for s in near if not s.names > self.found.names and not s.names < self.found.names]
         return tuple(s for s in near if not any(o.names < s.names for o in near))[:MOST_ALIASES]
 
     @property

@@ -5,13 +5,12 @@ out, both in blocks. A model that is right but for a tolerance (poses by a part 
 of that part) competes as the `tolerated` rival: no effect is named for what that explains.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
-from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.arrays import Float32Array, FloatArray
 from tofmix.reconciliation import links
 from tofmix.reconciliation.evidence import BLOCK_FRAMES, Evidence
 from tofmix.reconciliation.fits import Fitted, fit
@@ -21,7 +20,6 @@ from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.memory import fit_memory, memory_gain
 from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.pixel_pattern import marginal_pattern, pixel_biases
-from tofmix.reconciliation.planes import range_slopes
 from tofmix.reconciliation.searches import problems
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.excess_noise import ExcessNoise
@@ -40,8 +38,6 @@ MOVES = ("surface_pose", "motion")
 """Kinds that move a surface, and its edges with it."""
 
 _MANY_FRAMES = 80
-_LEAST_LEVER = 0.1  # mm a degree
-_HARDLY = 1e-3  # of what is known of a pose to the tolerance: no more is known of one that moves nothing
 SLACK = 1.15
 """A tolerance is a typical error, not the largest."""
 
@@ -292,16 +288,16 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
     part : (frames, pixels)
         What the fit may see.
     tolerance : float
-        Error of a pose, of its shift and at its edges, in sigma; that of the noise's scale in tenths.
+        Error of a surface's place, in sigma; that of the noise's scale in tenths. A tilt is none that is tolerated.
     """
     if tolerance <= 0:
         return state
-    poses = np.zeros((len(likelihood.scene.names), 3))
+    shifts = np.zeros(len(likelihood.scene.names))
     kept = state.effects
     for _ in range(2):
-        moved = replace(state, effects=(*kept, *_poses(likelihood, poses)))
-        poses = _newton(likelihood, moved, part, poses, tolerance)
-    best = replace(state, effects=(*kept, *_poses(likelihood, poses)))
+        moved = replace(state, effects=(*kept, *_poses(likelihood, shifts)))
+        shifts = _newton(likelihood, moved, part, shifts, tolerance)
+    best = replace(state, effects=(*kept, *_poses(likelihood, shifts)))
     if any(isinstance(e, ExcessNoise) for e in (*likelihood.scene.effects, *kept)):
         return best
     limit = 0.1 * tolerance * SLACK
@@ -313,59 +309,35 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
     return replace(best, effects=(*best.effects, ExcessNoise(factor=factor)))
 
 
-def _poses(likelihood: Likelihood, poses: FloatArray) -> tuple[Effect, ...]:
-    """Effects that move surfaces by (surface, 3): shift, mm, yaw and pitch, degrees."""
-    return tuple(
-        SurfacePose(surface=name, shift_mm=float(d), yaw_deg=float(yaw), pitch_deg=float(pitch))
-        for name, (d, yaw, pitch) in zip(likelihood.scene.names, poses, strict=True)
-        if d or yaw or pitch
-    )
-
-
-def _newton(likelihood: Likelihood, state: State, part: Part, poses: FloatArray, tolerance: float) -> FloatArray:
-    """One step of Newton's for every surface's pose (surface, 3), within the tolerance.
-
-    Within it are a mean shift of the pixels that see the surface, and tilts about their middle, by no more than the
-    tolerance each.
-    """
-    m = likelihood.mixture(state)
+def _poses(likelihood: Likelihood, shifts: FloatArray) -> tuple[Effect, ...]:
     names = likelihood.scene.names
-    levers: list[list[FloatArray]] = [[] for _ in names]
-    slope, curvature = np.zeros(poses.shape), np.zeros((*poses.shape, 3))
+    return tuple(SurfacePose(surface=n, shift_mm=float(d)) for n, d in zip(names, shifts, strict=True) if d)
+
+
+def _newton(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray, tolerance: float) -> FloatArray:
+    m = likelihood.mixture(state)
+    slope, information = np.zeros(shifts.size), np.zeros(shifts.size)
     for view in views(likelihood, m, part):
         sums = likelihood.sums(m, state, view.part_of_all).by_pixel
-        for number, own, along in _seen_alone(likelihood, view, sums):
-            levers[number].append(along)
-            slope[number] += along.T @ sums[own, 1]
-            curvature[number] += (along * sums[own, 2:3]).T @ along
-    out = poses.copy()
+        _add_slopes(likelihood, view, sums, slope, information)
+    out = shifts.copy()
     noise = likelihood.scene.model.sensor.noise_at(likelihood.scene.model.sensor.integration_time_ms)
-    for number in (k for k, own in enumerate(levers) if own):
-        error = SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
-        moves = _as_moves(np.concatenate(levers[number]))
-        there = np.linalg.inv(moves)  # moves of error each, as a pose
-        bent = there.T @ curvature[number] @ there + np.eye(3) * (_HARDLY / error) ** 2  # a line has one tilt
-        wanted = moves @ poses[number] + np.linalg.solve(bent, there.T @ slope[number])
-        root = np.linalg.cholesky(bent).T
-        out[number] = there @ lsq_linear(root, root @ wanted, bounds=(-error, error)).x
+    for number in np.flatnonzero(information > 0):
+        step = slope[number] / information[number]
+        limit = SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
+        out[number] = float(np.clip(shifts[number] + step, -limit, limit))
     return out
 
 
-def _as_moves(levers: FloatArray) -> FloatArray:
-    """A pose's three numbers (3, 3) as what they move some pixels by: their mean, mm, and most beyond it by each tilt.
-
-    A tilt that hardly moves any of them counts as if it moved one by a little.
-    """
-    middle = levers.mean(axis=0)
-    most = np.maximum(np.abs(levers - middle).max(axis=0), _LEAST_LEVER)
-    return np.array([middle, [0.0, most[1], 0.0], [0.0, 0.0, most[2]]])
-
-
-def _seen_alone(likelihood: Likelihood, view: View, sums: FloatArray) -> Iterator[tuple[int, BoolArray, FloatArray]]:
-    """Of each surface that pixels see by themselves: its number, these pixels, and how a pose moves their ranges."""
+def _add_slopes(
+    likelihood: Likelihood, view: View, sums: FloatArray, slope: FloatArray, information: FloatArray
+) -> None:
+    """Add what one recording says of the surfaces' shifts."""
     m = view.mixture
     surface, single = m.of_main(m.surface), m.of_main(m.weight) > 0.9 * m.told
-    for own_number, (name, given) in enumerate(zip(view.scene.names, view.scene.model.surfaces, strict=True)):
-        own = single & (surface == own_number) & (sums[:, 2] > 0)
-        if own.any():
-            yield likelihood.scene.names.index(name), own, range_slopes(given, view.scene.beams[own])
+    for own_number, name in enumerate(view.scene.names):
+        own = single & (surface == own_number)
+        number = likelihood.scene.names.index(name)
+        lever = m.of_main(m.true_range)[own] / likelihood.scene.distance[number]
+        information[number] += float((sums[own, 2] * lever**2).sum())
+        slope[number] += float((sums[own, 1] * lever).sum())

@@ -17,7 +17,7 @@ from tofmix.reconciliation.columns import Column, Term
 from tofmix.reconciliation.summaries import Summary, surfaces_of
 
 _SMOOTH = 3  # functions along each side of a surface
-_DISCREPANCY = 0.25  # of the tolerance: a smooth error of a surface's ranges
+_DISCREPANCY = 0.25  # of the tolerance: a tilt, or a smooth error of a surface's ranges
 _MOST = 4000  # sets that are looked at
 
 
@@ -172,9 +172,8 @@ def _tolerated(seen: Sequence[Summary], tolerance: float) -> Iterator[Column]:
         for _, own in surfaces_of(s):
             error = tolerance * float(np.median(sigma[own]))
             u, v = _across(col, own), _across(row, own)
-            for law in (np.ones(own.size), u, v):
-                yield alone(np.where(own, law, 0.0), error)
-            for smooth in _hats(u, v):
+            yield alone(own.astype(np.float64), error)
+            for smooth in (u, v, *_hats(u, v)):
                 yield alone(np.where(own, smooth, 0.0), _DISCREPANCY * error)
 
 
