@@ -1,0 +1,124 @@
+"""`tofmix reconcile` on scenes that users have: how often it is right, wrong or silent, beside what can be known.
+
+    PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output RESULTS
+    PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output RESULTS --cases 240 --seed 7 --jobs 2
+    PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output RESULTS --summary
+
+Each case is a line of `RESULTS/results.jsonl`; a case that has a line is not done again, so that the command may be
+stopped and started at will. What a case is, and what counts as right, is in docs/user-scenes.md.
+"""
+
+import argparse
+import json
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+from user_scenes.cases import FRAMES, RATE_HZ, Case, draw, recorded
+from user_scenes.oracle import known
+from user_scenes.score import score
+
+from tofmix.reconciliation.evidence import make_evidence
+from tofmix.reconciliation.name import KINDS
+from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.workflow import reconcile
+
+SEED = 20261124
+RESULTS = ("right", "wrong", "open")
+
+
+def judged(number: int, seed: int) -> dict[str, Any]:
+    """One case: drawn, recorded, reconciled and scored."""
+    case = draw(seed, number)
+    evidence = make_evidence(case.given, recorded(case), time_s=np.arange(FRAMES) / RATE_HZ)
+    start = time.perf_counter()
+    gap = reconcile(case.given, evidence, Settings(kinds=KINDS)).as_dict()
+    seconds = time.perf_counter() - start
+    oracle = known(case) if case.hidden else None
+    outcome = score(case, gap, oracle)
+    return {
+        "number": number, "name": case.name, "scene": case.scene, "sort": case.sort, "kinds": list(case.kinds),
+        "result": outcome.result, "why": outcome.why, "verdict": gap["verdict"],
+        "named": sorted(e["kind"] for e in gap["effects"]), "aliases": [a["kinds"] for a in gap["aliases"]],
+        "identifiable": None if oracle is None else oracle.identifiable, "seconds": round(seconds, 1),
+    }  # fmt: skip
+
+
+def run(numbers: Sequence[int], seed: int, output: Path, jobs: int) -> None:
+    """Do what is not done yet, and note each case as it ends."""
+    output.mkdir(parents=True, exist_ok=True)
+    done = {line["number"] for line in lines(output)}
+    with (
+        ProcessPoolExecutor(jobs, mp_context=get_context("forkserver")) as pool,
+        (output / "results.jsonl").open("a", encoding="utf-8") as file,
+    ):
+        for line in pool.map(partial(judged, seed=seed), [n for n in numbers if n not in done]):
+            file.write(json.dumps(line) + "\n")
+            file.flush()
+            print(f"{line['name']}: {line['result']} {line['why']}", flush=True)
+
+
+def lines(output: Path) -> list[dict[str, Any]]:
+    """What is done."""
+    path = output / "results.jsonl"
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
+
+
+def summary(done: Sequence[dict[str, Any]]) -> Iterator[str]:
+    """Tables by sort, scene and kind, and what was not right."""
+    groups: dict[str, dict[str, list[dict[str, Any]]]] = {n: defaultdict(list) for n in ("sort", "scene", "kind")}
+    for line in done:
+        groups["sort"]["all"].append(line)
+        groups["sort"][line["sort"]].append(line)
+        groups["scene"][line["scene"]].append(line)
+        for kind in line["kinds"]:
+            groups["kind"][kind].append(line)
+    for name, group in groups.items():
+        yield f"| {name} | cases | right | wrong | open | can be known | seconds |"
+        yield "|---|---|---|---|---|---|---|"
+        for key, members in sorted(group.items(), key=lambda item: (item[0] != "all", item[0])):
+            count = Counter(m["result"] for m in members)
+            sure = sum(m["identifiable"] is not False for m in members)
+            shown = " | ".join(str(count[r]) for r in RESULTS)
+            yield f"| {key} | {len(members)} | {shown} | {sure} | {median(m['seconds'] for m in members):.1f} |"
+        yield ""
+    for line in sorted(done, key=lambda member: member["number"]):
+        if line["result"] != "right":
+            yield f"{line['result']}: {line['name']}: {line['verdict']}; {line['why']}"
+
+
+def chosen(options: argparse.Namespace) -> list[int]:
+    """Numbers of the cases that are asked for."""
+    numbers = range(0, options.cases, options.every)
+    return [n for n in numbers if options.select in _name(draw(options.seed, n))] if options.select else list(numbers)
+
+
+def _name(case: Case) -> str:
+    return case.name
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Do what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, required=True)
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--cases", type=int, default=240)
+    parser.add_argument("--every", type=int, default=1, help="take each so-many-th case")
+    parser.add_argument("--select", default="", help="a part of the cases' names")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--summary", action="store_true", help="print the tables of what is done, and do nothing")
+    options = parser.parse_args(arguments)
+    if not options.summary:
+        run(chosen(options), options.seed, options.output, options.jobs)
+    print("\n".join(summary(lines(options.output))))
+
+
+if __name__ == "__main__":
+    main()

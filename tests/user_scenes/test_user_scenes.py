@@ -1,0 +1,121 @@
+"""The bench of users' scenes: what it draws, what its oracle knows, how it scores; and three cases of it."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from recordings import MAKE
+
+from tofmix.reconciliation.evidence import make_evidence
+from tofmix.reconciliation.name import KINDS
+from tofmix.reconciliation.way import Settings
+from tofmix.reconciliation.workflow import reconcile
+from tofmix.simulation.effects import Effect
+from user_scenes.cases import MAGNITUDES, SCENES, Case, draw, recorded
+from user_scenes.oracle import Known, known
+from user_scenes.score import alternatives, score
+
+SEED = 3
+
+
+def case(scene: str, *hidden: Effect) -> Case:
+    """A case of a scene with these effects."""
+    any_one = next(c for c in (draw(SEED, n) for n in range(200)) if c.scene == scene)
+    given = replace(any_one.given, effects=())
+    return replace(any_one, sort="effects", given=given, true=replace(given, effects=hidden), hidden=hidden)
+
+
+def test_cases_are_the_same_in_any_order_and_each_sort_comes_as_often_as_it_shall() -> None:
+    cases = [draw(SEED, n) for n in range(120)]
+    assert draw(SEED, 77).name == cases[77].name
+    sorts = [c.sort for c in cases]
+    assert sorts.count("stranger") == 10
+    assert sorts.count("none") + sorts.count("nearly") == 10
+    assert sorts.count("pose") == 10
+    counts = [len(c.hidden) for c in cases if c.sort == "effects"]
+    assert (counts.count(1), counts.count(2), counts.count(3)) == (20, 60, 10)
+    assert {c.scene for c in cases} == set(SCENES)
+    assert {e.kind for c in cases for e in c.hidden} == set(MAGNITUDES)
+    assert not any(e.kind == "multipath" and len(c.given.surfaces) == 1 for c in cases for e in c.hidden)
+
+
+def test_a_stranger_changes_the_samples_and_a_seed_repeats_them() -> None:
+    strange = next(c for c in (draw(SEED, n) for n in range(12)) if c.stranger is not None)
+    first, again, other = recorded(strange), recorded(strange), recorded(strange, seed=9)
+    assert np.array_equal(first, again, equal_nan=True)
+    assert not np.array_equal(first, other, equal_nan=True)
+    assert not np.array_equal(first, recorded(replace(strange, stranger=None)), equal_nan=True)
+
+
+def test_offset_and_pose_of_one_wall_are_aliases_and_of_a_wall_and_a_box_are_not() -> None:
+    offset = MAKE["range_offset"](offset_mm=9.0)
+    wall, both = known(case("wall", offset)), known(case("wall and box", offset))
+    assert wall.traces == both.traces == ("range_offset",)
+    assert ("surface_pose",) in wall.aliases
+    assert both.identifiable
+
+
+def test_noise_and_offset_of_a_wall_and_a_box_are_known_and_scattering_beside_them_too() -> None:
+    hidden = MAKE["excess_noise"](factor=1.3), MAKE["scattering"](share=0.02)
+    assert known(case("wall and box", *hidden)).identifiable
+
+
+def test_a_member_without_a_trace_is_none_of_the_truth() -> None:
+    faint = MAKE["range_offset"](offset_mm=9.0), MAKE["pixel_crosstalk"](share=0.03)
+    assert known(case("wall", *faint)).traces == ("range_offset",)  # no neighbours that see anything else
+    assert known(case("steps", *faint)).traces == ("pixel_crosstalk", "range_offset")
+
+
+def gap(verdict: str, *kinds: str, aliases: tuple[tuple[str, ...], ...] = ()) -> dict[str, Any]:
+    effects = [{"kind": kind, "parameters": {}, "stderr": {}} for kind in kinds]
+    return {"verdict": verdict, "effects": effects, "aliases": [{"kinds": list(a)} for a in aliases]}
+
+
+def test_the_truth_is_right_a_false_name_wrong_and_silence_open() -> None:
+    one = case("wall and box", MAKE["range_offset"](offset_mm=9.0))
+    sure = Known(traces=("range_offset",), identifiable=True, aliases=())
+    assert score(one, gap("explained", "range_offset"), sure).result == "right"
+    assert score(one, gap("explained", "wiggling"), sure).result == "wrong"
+    assert score(one, gap("partly_explained", "range_offset", "wiggling"), sure).result == "wrong"
+    assert score(one, gap("unexplained"), sure).result == "open"
+
+
+def test_an_alias_is_right_only_with_the_truth_among_at_most_four_alternatives() -> None:
+    one = case("wall", MAKE["range_offset"](offset_mm=9.0))
+    unsure = Known(traces=("range_offset",), identifiable=False, aliases=(("surface_pose",),))
+    alone, listed = (
+        gap("explained", "surface_pose"),
+        gap("explained", "surface_pose", aliases=(("surface_pose", "range_offset", "wiggling"),)),
+    )
+    assert score(one, alone, unsure).result == "open"
+    assert score(one, listed, unsure).result == "right"
+    assert alternatives(listed) == [{"surface_pose"}, {"range_offset"}, {"wiggling"}]
+    many = gap("explained", "surface_pose", aliases=(("surface_pose", "range_offset", "a", "b", "c"),))
+    assert score(one, many, unsure).result == "open"
+
+
+def test_nothing_hidden_is_right_where_it_agrees_and_a_stranger_where_it_has_no_name() -> None:
+    cases = [draw(SEED, n) for n in range(40)]
+    plain = next(c for c in cases if c.sort in ("none", "nearly"))
+    strange = next(c for c in cases if c.sort == "stranger")
+    assert score(plain, gap("agree"), None).result == "right"
+    assert score(strange, gap("unexplained"), None).result == "right"
+    assert score(strange, gap("partly_explained", "wiggling"), None).result == "wrong"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        (MAKE["scattering"](share=0.02), MAKE["range_offset"](offset_mm=6.0)),
+        (MAKE["temporal_correlation"](coefficient=0.4), MAKE["outliers"](probability=0.02)),
+        (MAKE["surface_pose"](surface="box", shift_mm=-40.0, yaw_deg=1.6, pitch_deg=-1.2),),
+    ],
+    ids=lambda hidden: "+".join(e.kind for e in hidden),
+)
+def test_reconcile_is_right_on_a_wall_and_a_box(hidden: tuple[Effect, ...]) -> None:
+    one = case("wall and box", *hidden)
+    evidence = make_evidence(one.given, recorded(one), time_s=np.arange(120) / 25.0)
+    found = reconcile(one.given, evidence, Settings(kinds=KINDS)).as_dict()
+    assert score(one, found, known(one)).result == "right", found["effects"]
