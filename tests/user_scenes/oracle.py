@@ -61,7 +61,10 @@ class Known:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Seen:
-    """Of pixels that see one surface: biases (tenth, pixel), mm, and log widths (pixel,), with their information."""
+    """Of pixels that see one surface: biases (tenth, pixel), mm, and log widths (pixel,), with their information.
+
+    And the standard deviation of each pixel's own bias, which hides what is static.
+    """
 
     use: np.ndarray
     surface: np.ndarray
@@ -70,6 +73,7 @@ class _Seen:
     information: FloatArray
     width: FloatArray
     width_information: FloatArray
+    pattern_mm: float = 0.0
 
 
 def known(case: Case) -> Known:
@@ -79,7 +83,8 @@ def known(case: Case) -> Known:
     truth = sorted({e.kind for e in static})
     laws = _Laws(case.given)
     true = case.true if case.sort == "pose" else replace(case.given, effects=static)
-    seen = laws.seen(true, slower=_memory(case.hidden))
+    own_bias = next((float(e.pixel_sigma_mm) for e in case.hidden if e.kind == "fixed_pattern"), 0.0)  # type: ignore[attr-defined]
+    seen = replace(laws.seen(true, slower=_memory(case.hidden)), pattern_mm=own_bias)
     traces = _needed(truth, lambda kinds: laws.loss(seen, kinds))
     aliases: list[tuple[float, tuple[str, ...]]] = []
     if traces:
@@ -219,9 +224,17 @@ def _left(seen: _Seen, columns: Sequence[_Column], given: Model) -> float:
             laws = (np.ones(use.size), 2 * col / cols - 1, 2 * row / rows - 1)
             moves = (np.tile(np.where(own, law, 0.0), (TENTHS, 1)) for law in laws)
             free += [(move, np.zeros(use.size), 1.0 / error) for move in moves]
-    root, wide = np.sqrt(seen.information[:, use]), np.sqrt(seen.width_information[use])
-    design = np.stack([np.concatenate([(b[:, use] * root).ravel(), w[use] * wide]) for b, w, _ in free], axis=1)
-    wanted = np.concatenate([(seen.bias[:, use] * root).ravel(), seen.width[use] * wide])
+    information = seen.information[:, use]
+    whole = information.sum(axis=0)
+    root, wide = np.sqrt(information), np.sqrt(seen.width_information[use])
+    of_mean = np.sqrt(whole / (1 + whole * seen.pattern_mm**2))  # each pixel's own bias is integrated out
+
+    def weighed(bias: FloatArray, width: FloatArray) -> FloatArray:
+        mean = bias[:, use].mean(axis=0)
+        return np.concatenate([((bias[:, use] - mean) * root).ravel(), mean * of_mean, width[use] * wide])
+
+    design = np.stack([weighed(b, w) for b, w, _ in free], axis=1)
+    wanted = weighed(seen.bias, seen.width)
     gram = design.T @ design + np.diag([p**2 for *_, p in free])
     pull = design.T @ wanted
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
