@@ -52,7 +52,8 @@ class Alternatives:
 
         Parts of what was found are none: the panel stood out without the rest.
         """
-        near = [s for s in self.sets if s.evidence > self.found.evidence - ALIAS_NATS]
+        least = max(self.found.evidence - ALIAS_NATS, 0.0)  # an explanation is better than none
+        near = [s for s in self.sets if s.evidence > least]
         near = [s for s in near if not s.names > self.found.names and not s.names < self.found.names]
         return tuple(s for s in near if not any(o.names < s.names for o in near))[:MOST_ALIASES]
 
