@@ -77,7 +77,8 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
     """Ways of adding effects until the panel agrees, nothing gains, or there are enough; each when it is asked for.
 
     The first is the greedy one, or what all sets of effects together show to be better: a set of no more numbers, or of
-    any size where the greedy way leaves something to be explained. The second begins with another effect.
+    any size where the greedy way leaves something to be explained. Then the set of any size that explains most; then
+    one that begins with another effect.
 
     Parameters
     ----------
@@ -94,7 +95,12 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
     if not added.chosen and not disagreements(added.panel, settings.alpha):
         yield added
         return
-    yield _or_better(best, added)
+    first = _or_better(best, added)
+    yield first
+    larger = None if first.sets is None else first.sets.better(larger=True)
+    other = None if larger is None else _from_set(best, first, larger)
+    if other is not None:
+        yield other
     beginning = _beginning(best)
     if beginning is not None:
         way = Way(likelihood, settings, tick, start, first=best.first)
@@ -105,18 +111,17 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
 
 def _or_better(way: Way, added: Added) -> Added:
     """What was added, or a part of it that is enough, or another set of effects that explains more."""
-    likelihood, settings = way.likelihood, way.settings
     if added.sets is None:
         return added
-    stands_out = bool(disagreements(added.panel, settings.alpha))
+    stands_out = bool(_open(way, added.panel))
     part = None if stands_out or added.sets.enough is None else _from_set(way, added, added.sets.enough)
-    if part is not None and not disagreements(part.panel, settings.alpha):
+    if part is not None and not _open(way, part.panel):
         return part
     better = added.sets.better(larger=stands_out)
     other = None if better is None else _from_set(way, added, better)
     same = other is not None and {name_of(c) for c in other.chosen} == {name_of(c) for c in added.chosen}
     best = added if other is None or same or not _leads(way, other, added) else other
-    likelihood.scene.anchor(best.state.effects)
+    way.likelihood.scene.anchor(best.state.effects)
     return best
 
 

@@ -253,14 +253,17 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
     """The first way of adding effects that explains the recording; where none does, the best verdict's first.
 
     Where a law that no effect is has beaten one way, no other way is tried: names only come nearer to it by chance.
-    But one that has beaten a fixed pattern alone only says that there is more.
+    But one that has beaten a fixed pattern alone only says that there is more; and a set of effects that explains
+    clearly more is tried.
     """
     tried: list[tuple[Added, Verified]] = []
     for added in ways(likelihood, settings, tick):
         tried.append((added, verify(likelihood, added, settings)))
         if tried[-1][1].verdict in DONE:
             return tried[-1]
-        if tried[-1][1].law is not None and any(c.kind != FixedPattern.kind for c in added.chosen):
+        set_is_left = len(tried) == 1 and added.sets is not None and added.sets.better(larger=True) is not None
+        patterned = all(c.kind == FixedPattern.kind for c in added.chosen)
+        if tried[-1][1].law is not None and not patterned and not set_is_left:
             break
     best = next((way for way in tried if way[1].verdict == "partly_explained"), tried[0])
     likelihood.scene.anchor(best[0].state.effects)
