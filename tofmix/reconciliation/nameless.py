@@ -40,7 +40,13 @@ _ALONE = 0.98  # share of the beam of a surface that a pixel sees by itself
 
 
 def better_law(
-    likelihood: Likelihood, state: State, chosen: Sequence[Candidate], parts: tuple[Part, Part], tolerance: float
+    likelihood: Likelihood,
+    state: State,
+    chosen: Sequence[Candidate],
+    parts: tuple[Part, Part],
+    tolerance: float,
+    *,
+    stood: bool = False,
 ) -> str | None:
     """The axis of a smooth law that beats the static effects that were named; None if none does.
 
@@ -56,6 +62,9 @@ def better_law(
         What fits may see, and what they may not, of all pixels: laws of few numbers need none held out.
     tolerance : float
         Of the model: a law must beat whatever is taken as right beside the effects, too.
+    stood : bool
+        Whether a law has beaten fewer effects before: more of them come nearer to it by their number alone, so that
+        it is they that must be better.
     """
     duration = float(likelihood.evidence.time_s.max())
     static = [c for c in chosen if _stays(c.effect, duration)]
@@ -72,11 +81,11 @@ def better_law(
     near = settled_within(likelihood, named, others, parts[0], tolerance)
     moved = _KNOWN * PRICE_NATS * (len(near.effects) - len(named.effects))  # each one's tilts hardly count
     at, about = (worth(likelihood, s, likelihood.mixture(s), parts, patterned=patterned) for s in (named, near))
-    stood = max(at, about - moved) - price
+    explain = max(at, about - moved) - price
     likelihood.scene.anchor(rest.effects)  # a pose that is left out takes its edges with it
     mixture = likelihood.mixture(rest)
     nothing = worth(likelihood, rest, mixture, parts, patterned=False)
-    needed = stood + max(CLEARLY_NATS, CLEARLY_SHARE * (stood - nothing))
+    needed = explain if stood else explain + max(CLEARLY_NATS, CLEARLY_SHARE * (explain - nothing))
     found = []
     for axis, law in _LAWS:
         bent = law(likelihood, rest, mixture, parts[0])

@@ -80,7 +80,9 @@ class Verified:
         return share_closed(self.before, self.after, self.floor)
 
 
-def verify(likelihood: Likelihood, added: Added, settings: Settings, own: Effect | None = None) -> Verified:
+def verify(
+    likelihood: Likelihood, added: Added, settings: Settings, own: Effect | None = None, *, law_stood: bool = False
+) -> Verified:
     """Judge what was added.
 
     Parameters
@@ -93,6 +95,8 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings, own: Effect
         How.
     own : Effect, optional
         The model's own effect with other numbers, if that is better than what was added.
+    law_stood : bool
+        Whether a law that no effect is has beaten an earlier way of adding effects.
     """
     held = held_out(likelihood, settings)
     likelihood.scene.anchor(())  # edges where the model as given has them, not where a pose put them
@@ -107,7 +111,8 @@ def verify(likelihood: Likelihood, added: Added, settings: Settings, own: Effect
         samples=int((likelihood.evidence.samples[held[0]][:, held[1]] > 0).sum()),
         judged=len(held[0]) * len(held[1]) / max(len(part[0]) * len(part[1]), 1),
         law=better_law(
-            likelihood, added.state, added.chosen, (fit_part(likelihood, settings), held), settings.tolerance
+            likelihood, added.state, added.chosen, (fit_part(likelihood, settings), held), settings.tolerance,
+            stood=law_stood,
         ),
         own=own, bound=any(c.fitted is not None and c.fitted.at_a_bound for c in added.chosen),
         echo=_echoes(likelihood, added.state, settings), shaped=_shaped(likelihood, added.state, held),

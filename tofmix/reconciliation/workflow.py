@@ -227,7 +227,7 @@ def reconcile(
         stands = likelihood.value(added.state, test), added.chosen
         own = better_own(recordings, likelihood, stands, settings)
         if own is not None:
-            verified = verify(likelihood, added, settings, own)
+            verified = verify(likelihood, added, settings, own, law_stood=verified.law is not None)
     where = tuple(localise(verified.before, settings.alpha)) if verified.verdict != "agree" else ()
     left = tuple(localise(added.panel, settings.alpha)) if verified.verdict != "agree" else ()
     if verified.verdict == "partly_explained":
@@ -254,11 +254,12 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
 
     Where a law that no effect is has beaten one way, no other way is tried: names only come nearer to it by chance.
     But one that has beaten a fixed pattern alone only says that there is more; and a set of effects that explains
-    clearly more is tried.
+    clearly more is tried, which must then beat the law.
     """
     tried: list[tuple[Added, Verified]] = []
     for added in ways(likelihood, settings, tick):
-        tried.append((added, verify(likelihood, added, settings)))
+        stood = any(v.law is not None for _, v in tried)
+        tried.append((added, verify(likelihood, added, settings, law_stood=stood)))
         if tried[-1][1].verdict in DONE:
             return tried[-1]
         set_is_left = len(tried) == 1 and added.sets is not None and added.sets.better(larger=True) is not None
