@@ -3,8 +3,9 @@
 Use `two_samples` beside `blind.panel`, whose statistics are much like those of the command that it judges. One test is
 the energy distance of each pixel's samples, the other asks how well a classifier tells the samples of the recordings
 apart from what one sample, the one before it and its neighbours say. Both have a null by permutation: the recordings
-swap whole blocks of frames, all pixels at once. So what pixels of a frame share, what lasts for some frames and what
-both recordings do at the same time belong to the null. A memory that is longer than a block does not.
+swap whole blocks of frames, all pixels at once, and where noise has a memory the first frames of each block are left
+out. So what pixels of a frame share, what lasts for some frames and what both recordings do at the same time belong to
+the null. What lasts longer than a twentieth of the recording does not.
 
 Use them not to say what differs, and not where fewer than 32 frames are there.
 
@@ -74,16 +75,21 @@ def two_samples(a: Recording, b: Recording, *, seed: int = 0, permutations: int 
     rng = np.random.default_rng([seed, 72])
     pair = np.stack([a.range_mm[:frames], b.range_mm[:frames]]).astype(np.float32)
     residual, valid, middle = _residuals(pair)
-    block = np.arange(frames) // block_length(residual)
+    length, gap = blocks_of(residual)
+    block = np.arange(frames) // length
     swaps = np.ones((permutations + 1, int(block[-1]) + 1), dtype=np.int8)  # row 0: the recordings as they are
     swaps[1:] = rng.choice(np.array([-1, 1], dtype=np.int8), size=swaps[1:].shape)
-    return [*_energy(pair, valid, middle, block, swaps), _classifier(residual, valid, middle, block, swaps, rng)]
+    apart = np.arange(frames) % length >= gap
+    tests = list(_energy(pair[:, apart], valid[:, apart], middle, block[apart], swaps))
+    inside = np.flatnonzero(np.arange(frames) % length >= max(gap, 1))  # the frame before is of the same block
+    return [*tests, _classifier(residual, valid, middle, inside, block[inside], swaps, rng)]
 
 
-def block_length(residual: Array) -> int:
-    """Frames after which the difference of two recordings' residuals (2, frame, row, col) has forgotten itself.
+def blocks_of(residual: Array) -> tuple[int, int]:
+    """Length of the blocks, frames, and how many frames at the begin of each are left out.
 
-    Looked at are the samples themselves, and the frames' mean and mean magnitude, for what pixels share.
+    These are as many as the difference of two recordings' residuals (2, frame, row, col) remembers, so that blocks are
+    independent. Looked at are the samples themselves, and the frames' mean and mean magnitude, for what pixels share.
     """
     frames = residual.shape[1]
     difference = (residual[0] - residual[1]).reshape(frames, -1)
@@ -95,7 +101,8 @@ def block_length(residual: Array) -> int:
     ]
     longest = max(2, frames // _BLOCKS)
     lag = max(_memory(values, limit, longest) for values, limit in series)
-    return int(min(longest, max(_LEAST_BLOCK, frames // _MOST_BLOCKS, 2 * lag)))
+    length = min(longest, max(_LEAST_BLOCK, frames // _MOST_BLOCKS, 3 * lag))
+    return length, min(lag, length // 2)
 
 
 def _memory(values: Array, limit: float, longest: int) -> int:
@@ -131,15 +138,15 @@ def _energy(pair: Array, valid: Array, middle: Array, block: Array, swaps: Array
     """Energy distances of all pixels under all swaps.
 
     In one dimension the energy distance is twice the integral of the squared difference of the distribution functions,
-    which is a quadratic form in the signs of the blocks. Products of a block with itself and with the next are left
-    out: the others have the mean 0 by chance, also where noise has a memory of up to a block. A lost sample stands at
-    the pixel's median and adds the distance of the shares that are lost.
+    which is a quadratic form in the signs of the blocks. Squares of the signs are left out, as no swap changes them:
+    what remains has the mean 0 by chance. A lost sample stands at the pixel's median and adds the distance of the
+    shares that are lost.
     """
     frames, blocks = pair.shape[1], swaps.shape[1]
     samples = np.where(valid, pair, middle).reshape(2 * frames, -1).T
     lost = np.repeat([1, -1], frames)[:, None] * (~valid).reshape(2 * frames, -1)
     lost = np.stack([lost[np.tile(block == k, 2)].sum(axis=0) for k in range(blocks)]).astype(np.float32)
-    first, second = np.triu_indices(blocks, 2)
+    first, second = np.triu_indices(blocks, 1)
     both = (swaps[:, first] * swaps[:, second]).astype(np.float32)
     distance = np.empty((len(swaps), len(samples)), np.float32)
     for start in range(0, len(samples), _CHUNK):
@@ -178,13 +185,19 @@ def _result(name: str, values: Array, *, unit: float = 1.0) -> Test:
 
 
 def _classifier(
-    residual: Array, valid: Array, middle: Array, block: Array, swaps: Array, rng: np.random.Generator
+    residual: Array,
+    valid: Array,
+    middle: Array,
+    inside: Array,
+    block: Array,
+    swaps: Array,
+    rng: np.random.Generator,
 ) -> Test:
     """Area under the curve of a logistic regression, in blocks of frames that it has not seen.
 
-    It is one Newton step from zero, which is Fisher's discriminant: a swap of labels costs no new fit.
+    `inside` are the frames whose samples it sees, `block` is which block each of them is of. The regression is one
+    Newton step from zero, which is Fisher's discriminant: a swap of labels costs no new fit.
     """
-    inside = np.flatnonzero(np.diff(block, prepend=-1) == 0)  # a block's first frame has no frame before it
     count = min(middle.size, max(1, _SAMPLES // (2 * inside.size)))
     chosen = np.sort(rng.choice(middle.size, count, replace=False))
     seen_by = features(residual, valid, middle, chosen)
@@ -192,18 +205,17 @@ def _classifier(
     kinds = x.shape[-1]
     x -= x.mean(axis=(0, 1, 2))
     x /= np.maximum(x.std(axis=(0, 1, 2)), 1e-6)
-    of = block[inside]
     change = x[0].sum(axis=1) - x[1].sum(axis=1)  # (frame, feature)
-    sums = np.stack([change[of == k].sum(axis=0) for k in range(swaps.shape[1])])
+    sums = np.stack([change[block == k].sum(axis=0) for k in range(swaps.shape[1])])
     area = np.zeros(len(swaps))
     for fold in range(_FOLDS):
-        held = of * _FOLDS // swaps.shape[1] == fold
+        held = block * _FOLDS // swaps.shape[1] == fold
         seen = x[:, ~held].reshape(-1, kinds)
         gram = (seen.T @ seen).astype(np.float64) + _RIDGE * len(seen) * np.eye(kinds)
         towards = (swaps * (np.arange(swaps.shape[1]) * _FOLDS // swaps.shape[1] != fold)).astype(np.float64) @ sums
         weights = np.linalg.solve(gram, towards.T).astype(np.float32)
         score = (x[:, held].reshape(-1, kinds) @ weights).T
-        label = np.repeat(swaps[:, of[held]], count, axis=1) > 0
+        label = np.repeat(swaps[:, block[held]], count, axis=1) > 0
         label = np.concatenate([label, ~label], axis=1)
         area += [_area(*swap) for swap in zip(score, label, strict=True)]
     area /= _FOLDS
