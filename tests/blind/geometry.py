@@ -92,6 +92,17 @@ class Lens:
         out: Array = ray / np.sqrt((ray**2).sum(axis=0))
         return out
 
+    def solid_angle(self, x: Array, y: Array) -> Array:
+        """Solid angle per area of the image at places of it, sr per squared tangent."""
+        k1, k2, k3 = self.radial
+        imaged = np.hypot(x, y)
+        radius = self.undistorted(imaged)
+        s = radius**2
+        growth = 1 + s * (3 * k1 + s * (5 * k2 + s * 7 * k3))  # of the imaged radius with the undistorted one
+        across = np.where(imaged > 0, radius / np.where(imaged > 0, imaged, 1.0), 1.0)
+        out: Array = across / growth / (1 + s) ** 1.5
+        return out
+
     def pixels(self, rows: int, cols: int) -> tuple[float, float, float, float]:
         """Fx, fy, cx, cy in pixels; the centre of pixel (0, 0) is at 0, 0."""
         return (
@@ -106,7 +117,8 @@ class Lens:
 class View:
     """The image: rows and columns of equal cells, and how far the camera sees.
 
-    The cells are angular; with a `lens` they are squares on its image plane, and the fields of view say nothing.
+    The cells are angular; with a `lens` they are squares on its image plane, in which beams count by solid
+    angle, and the fields of view say nothing.
     """
 
     rows: int
@@ -217,16 +229,29 @@ class _Sums:
     def __init__(self, surfaces: list[Surface], view: View) -> None:
         self.surfaces, self.view = surfaces, view
         self.total = np.zeros((3, len(surfaces) * view.pixels))
+        self.whole = np.zeros(view.pixels)
 
     def hit(self, x: Array, y: Array) -> tuple[Array, ...]:
         return first_along(self.surfaces, self.view.direction(x, y), self.view.range_max_mm)
 
-    def add(self, pixel: Array, hits: tuple[Array, ...], share: float) -> None:
+    def add(self, pixel: Array, x: Array, y: Array, hits: tuple[Array, ...], share: float) -> None:
+        """Add cells of a size, `share` of a pixel each; behind a lens each counts by its solid angle."""
         number, away, cosine = hits
         met = number >= 0
         index = number[met] * self.view.pixels + pixel[met]
-        for row, weight in enumerate((np.ones(index.size), away[met], cosine[met])):
+        size = np.ones(index.size)
+        if self.view.lens is not None:
+            solid = self.view.lens.solid_angle(x, y)
+            self.whole += share * np.bincount(pixel.ravel(), solid.ravel(), self.whole.size)
+            size = solid[met]
+        for row, value in enumerate((None, away, cosine)):
+            weight = size if value is None else size * value[met]
             self.total[row] += share * np.bincount(index, weight, self.total.shape[1])
+
+    def shares(self) -> Array:
+        """The sums (3, surface, pixel) as shares of each pixel."""
+        total = self.total.reshape(3, len(self.surfaces), self.view.pixels)
+        return total if self.view.lens is None else total / self.whole
 
 
 def cast(surfaces: list[Surface], view: View) -> Beams:
@@ -245,11 +270,11 @@ def _cast(surfaces: tuple[Surface, ...], view: View) -> Beams:
         mixed = np.zeros(pixel.size, dtype=bool)
         for i, j in ((-0.5, -0.5), (-0.5, 0.5), (0.5, -0.5), (0.5, 0.5)):
             mixed |= sums.hit(x + i * wide / cells, y + j * high / cells)[0] != center[0]
-        sums.add(pixel[~mixed], tuple(part[~mixed] for part in center), cells**-2)
+        sums.add(pixel[~mixed], x[~mixed], y[~mixed], tuple(part[~mixed] for part in center), cells**-2)
         pixel, x, y = _divided(view, pixel[mixed], x[mixed], y[mixed], cells)
         cells *= 2
-    sums.add(pixel, sums.hit(x, y), cells**-2)
-    return _sorted_beams(sums.total.reshape(3, len(surfaces), view.pixels))
+    sums.add(pixel, x, y, sums.hit(x, y), cells**-2)
+    return _sorted_beams(sums.shares())
 
 
 def _first_cells(sums: _Sums) -> tuple[Array, Array, Array]:
@@ -269,7 +294,7 @@ def _first_cells(sums: _Sums) -> tuple[Array, Array, Array]:
         mixed |= part != center[0]
     row, col = np.indices(x.shape) // FIRST_CELLS
     pixel = row * view.cols + col
-    sums.add(pixel[~mixed], tuple(part[~mixed] for part in center), FIRST_CELLS**-2)
+    sums.add(pixel[~mixed], x[~mixed], y[~mixed], tuple(part[~mixed] for part in center), FIRST_CELLS**-2)
     return _divided(view, pixel[mixed], x[mixed], y[mixed], FIRST_CELLS)
 
 
