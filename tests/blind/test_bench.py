@@ -86,10 +86,13 @@ def test_each_beginning_of_the_order_has_the_shares_of_all_cases() -> None:
         counted = Counter((case.half, case.sort, case.level) for case, _ in some)
         return {stratum: count / len(some) for stratum, count in counted.items()}
 
+    ordinary = [pair for pair in ordered if pair[0].setting == "ordinary"]
     for length in (200, 400):
-        assert shares(ordered[:length]) == pytest.approx(
-            shares(cases), abs=0.03
+        assert shares(ordinary[:length]) == pytest.approx(
+            shares(ordinary), abs=0.03
         )  # kinds have seven or eight cases each, and take turns
+        others = sum(case.setting != "ordinary" for case, _ in ordered[:length]) / length
+        assert others == pytest.approx(1 - len(ordinary) / len(ordered), abs=0.03)
 
 
 def test_summary_has_a_section_and_two_sample_columns_for_each_setting() -> None:

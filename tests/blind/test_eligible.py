@@ -33,7 +33,7 @@ def _sigma(trial: Trial) -> Array:
     """Sigma (pixel,) of the nearest surface of each beam, mm."""
     beams = trial.beams
     gloss = np.array([s.reflectivity for s in trial.scene])[beams.surface[0]] * beams.cosine[0]
-    return trial.device.sigma(np.maximum(beams.range_mm[0], 1.0), gloss)
+    return np.asarray(trial.device.sigma(np.maximum(beams.range_mm[0], 1.0), gloss))
 
 
 def _template(trial: Trial, kind: str, size: float, seed: int, place: Place) -> Array:
