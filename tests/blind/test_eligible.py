@@ -39,7 +39,9 @@ def _sigma(trial: Trial) -> Array:
 def _template(trial: Trial, kind: str, size: float, seed: int, place: Place) -> Array:
     """Bias (pixel,) in units of the surfaces' own sigma."""
     by_range = trial.noise.sigma(np.maximum(trial.beams.range_mm[0], 1.0))
-    return template(trial, make(kind, size, np.random.default_rng(seed), place))[0] * by_range / _sigma(trial)
+    return np.asarray(
+        template(trial, make(kind, size, np.random.default_rng(seed), place))[0] * by_range / _sigma(trial)
+    )
 
 
 def _rivals(trial: Trial, place: Place, kind: str) -> dict[str, Array]:
