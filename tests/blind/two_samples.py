@@ -48,8 +48,8 @@ class Test:
     name : str
         `energy`: mean over the pixels; `energy_pixel`: the pixel that differs most; `classifier`.
     value : float
-        Energy distances: without bias (0 by chance), in standard deviations of the null for `energy`, and of the
-        pixel's own by chance and otherwise for `energy_pixel`. The classifier's area under the curve (0.5).
+        Energy distances: without bias (0 by chance), in standard deviations of the null for `energy`, in median
+        magnitudes under the swaps for `energy_pixel`. The classifier's area under the curve (0.5).
     limit : float
         99 % quantile of the null, in the same unit.
     p : float
@@ -153,7 +153,7 @@ def _energy(pair: Array, valid: Array, middle: Array, block: Array, swaps: Array
         part = slice(start, start + _CHUNK)
         form = _forms(samples[part], block, blocks)[:, first, second] + (lost[first, part] * lost[second, part]).T
         distance[:, part] = both @ form.T
-    spread = np.sqrt((distance**2).mean(axis=0))
+    spread = np.median(np.abs(distance), axis=0)  # of all swaps: one that stands out does not hide itself
     some = spread > _NOTHING
     ratio = distance[:, some] / spread[some] if some.any() else np.zeros((len(swaps), 1))
     yield _result("energy", ratio.mean(axis=1), unit=float(ratio[1:].mean(axis=1).std()))
