@@ -149,7 +149,7 @@ def test_frames_left_out_between_blocks_are_as_many_as_the_memory(rng: np.random
     held = np.stack([_noise(rng, shape[1:], 0.5) for _ in range(2)])
     shared = np.stack([np.broadcast_to(_noise(rng, (300, 1, 1), 0.6), shape[1:]) for _ in range(2)])
     assert blocks_of(fresh)[1] == 0
-    assert blocks_of(held)[1] == 4  # 0.5^4 is about 0.05
+    assert 5 <= blocks_of(held)[1] <= 6  # 0.5^6 is below 0.02
     assert blocks_of(held)[0] > blocks_of(fresh)[0]
     assert blocks_of(fresh + shared)[1] > 1
 
