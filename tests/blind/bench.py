@@ -77,8 +77,8 @@ def fair_order(cases: Iterable[tuple[Case, int]]) -> list[tuple[Case, int]]:
     """Order cases with their master seeds so that any beginning holds the same share of each sort, kind and level."""
     strata = defaultdict(list)
     for case, master in cases:
-        kinds = case.kinds if case.sort == "single" else ()
-        strata[case.half, case.sort, kinds, case.level].append((case, master))
+        kinds = case.kinds if case.sort == "single" and case.setting == "ordinary" else ()
+        strata[case.setting, case.half, case.sort, kinds, case.level].append((case, master))
     placed = []
     for members in strata.values():
         drawn = sorted((_lot(case), case.name, (case, master)) for case, master in members)

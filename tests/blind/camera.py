@@ -5,10 +5,11 @@ light of one surface of the beam arrives (which one is drawn by area share, as t
 correlation samples of electrons are taken a quarter period apart, each with the shot noise of all the light in it and
 with read-out noise, and the phase of the four is the range. Nothing here knows the package or its files.
 
-One concession to the model files, whose sigma depends on the range alone: the ambient light on a surface grows with
-the square of its reflectivity times the cosine of incidence (`Device.charge`), so that a dark board is not noisier than
-a bright one at the same place. All else that changes the amplitude (falling illumination, a second bounce, leaking
-neighbours) changes the noise as physics has it.
+The ambient light is of one of two kinds (`Device.charge`). Without `room_electrons` it grows with the square of
+reflectivity times the cosine of incidence, so that sigma depends on the range alone and a dark board is not noisier
+than a bright one at the same place: a concession to model files without noise by amplitude. With `room_electrons` it is
+alike on all surfaces, and sigma depends on the amplitude alone. All else that changes the amplitude (falling
+illumination, a second bounce, leaking neighbours) changes the noise as physics has it.
 """
 
 from collections.abc import Sequence
@@ -16,18 +17,20 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from blind.geometry import Array, Beams, Surface, View, cast
+from blind.geometry import Array, Beams, Lens, Surface, View, cast
 
 LIGHT_MM_S = 2.99792458e11  # speed of light
 READ_OUT = 60.0  # electrons, each tap
+STANDARD_GLOSS = 0.5  # reflectivity times cosine of the board that stands for a range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Device:
     """One camera: image, light, clock and noise.
 
-    Its noise, as designed, is sigma(r)^2 = (`noise_linear` r)^2 + (`noise_square` r^2)^2, r in m and sigma in mm;
-    what it measures is found on flat fields (`blind.calibrate`).
+    Its noise, as designed, is sigma(r)^2 = (`noise_linear` r)^2 + (`noise_square` r^2)^2, r in m and sigma in mm, or
+    with `room_electrons` that of so many ambient electrons a tap, whatever the surface; what it measures is found on
+    flat fields (`blind.calibrate`). With a `lens` the fields of view say nothing.
     """
 
     name: str
@@ -45,6 +48,8 @@ class Device:
     noise_linear: float = 2.0
     noise_square: float = 1.5
     electrons: float = 2.0e7  # amplitude from 1 m, reflectivity 1, head-on
+    room_electrons: float | None = None
+    lens: Lens | None = None
 
     @property
     def unambiguous_mm(self) -> float:
@@ -60,6 +65,7 @@ class Device:
             fov_horizontal_deg=self.fov_horizontal_deg,
             fov_vertical_deg=self.fov_vertical_deg,
             range_max_mm=self.range_max_mm,
+            lens=self.lens,
         )
 
     @property
@@ -68,9 +74,20 @@ class Device:
         return 1000.0 * self.integration_time_ms / 1.2 / self.electrons
 
     def design_sigma(self, range_mm: Array | float) -> Array:
-        """The noise it is built for, mm."""
+        """The noise it is built for, mm; under room light, that of a board of reflectivity 0.5 that faces it."""
+        if self.room_electrons is not None:
+            return self.sigma(np.asarray(range_mm, dtype=np.float64), np.array(STANDARD_GLOSS))
         r = np.asarray(range_mm) / 1000.0
         sigma: Array = np.hypot(self.noise_linear * r, self.noise_square * r**2)
+        return sigma
+
+    def sigma(self, range_mm: Array, gloss: Array) -> Array:
+        """The noise it is built for on surfaces of a `gloss`, reflectivity times cosine of incidence, mm."""
+        if self.room_electrons is None:
+            return self.design_sigma(range_mm)
+        amplitude = self.amplitude(range_mm, np.maximum(gloss, 1e-6))
+        phase_noise = np.sqrt((self.charge(range_mm, gloss) + READ_OUT**2) / 2) / amplitude
+        sigma: Array = phase_noise * self.unambiguous_mm / (2 * np.pi)
         return sigma
 
     def amplitude(self, range_mm: Array, gloss: Array) -> Array:
@@ -79,7 +96,10 @@ class Device:
         return amplitude
 
     def charge(self, range_mm: Array, gloss: Array) -> Array:
-        """Mean electrons of a tap, signal included, so that the phase noise is that of `design_sigma`."""
+        """Mean electrons of a tap, signal included, so that the phase noise is that of `sigma`."""
+        if self.room_electrons is not None:
+            lit: Array = self.room_electrons + self.amplitude(range_mm, gloss)
+            return lit
         phase_noise = self.design_sigma(range_mm) * 2 * np.pi / self.unambiguous_mm
         charge: Array = 2 * (phase_noise * self.amplitude(range_mm, gloss)) ** 2 - READ_OUT**2
         return charge
@@ -240,7 +260,7 @@ def expose(device: Device, surfaces: list[Surface], mechanisms: Sequence[Mechani
     z = (device.amplitude(true_mm, gloss) * device.phasor(true_mm)).astype(np.complex64)
     z[layer < 0] = 0
     charge = device.charge(true_mm, gloss).astype(np.float32)
-    charge[layer < 0] = device.charge(np.array(device.range_max_mm), np.array(0.5))
+    charge[layer < 0] = device.charge(np.array(device.range_max_mm), np.array(STANDARD_GLOSS))
     return Exposure(
         device=device, surfaces=surfaces, time_s=time_s, rng=np.random.default_rng([seed, 2]), key_beams=key_beams,
         key=key, layer=layer, surface=surface, true_mm=true_mm, z=z, charge=charge, lost=np.zeros(shape, dtype=bool),

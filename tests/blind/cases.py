@@ -1,6 +1,8 @@
 """The list of cases, and how one is built: a pure function of its name and the half's master seed.
 
-A case's name says what it is (`wiggling-clear-2-4`: kind, level, scene slot, seed), and `build` draws everything else.
+A case's name says what it is (`wiggling-clear-2-4`: kind, level, scene slot, seed; `pinhole-wiggling-clear-1`: setting,
+kind, level, number), and `build` draws everything else. Settings other than the ordinary one draw from random streams
+of their own, so that ordinary cases do not change by them.
 Half of the names belong to the open half, half to the sealed one.
 """
 
@@ -15,16 +17,21 @@ from zlib import crc32
 import numpy as np
 
 from blind.calibrate import calibrated
-from blind.camera import Device, Mechanism, Recording, record
+from blind.camera import STANDARD_GLOSS, Device, Mechanism, Recording, record
 from blind.effects import Effect, Place, SecondCamera
-from blind.eligible import CLOSED, EVERY, FAMILIES
-from blind.geometry import Array, Surface, cast
+from blind.eligible import CLOSED, EVERY, FAMILIES, ROOM_LIGHT
+from blind.eligible import MISSING_OBJECT as MISSING_OBJECT_FAMILIES
+from blind.geometry import Array, Lens, Surface, cast
 from blind.reference import NoiseTable
-from blind.scenes import draw_scene
-from blind.strangers import STRANGERS, make_stranger
+from blind.scenes import draw_scene, with_object
+from blind.strangers import MISSING_OBJECT, MISSING_OBJECT_AXES, STRANGERS, make_stranger
 from blind.strength import KINDS, make
 
 OPEN_SEED = 20080922
+SETTINGS = ("room_light", "pinhole", MISSING_OBJECT)
+OF_EACH = 4  # cases of a kind and setting
+NONE_OF_EACH = 8  # without an effect
+OBJECTS = 12
 DEVICES = 10
 PAIRS: tuple[tuple[str, str], ...] = (
     ("wiggling", "temperature_drift"), ("range_offset", "excess_noise"), ("wiggling", "stuck_pixels"),
@@ -48,6 +55,7 @@ class Case:
     slot: int
     seed: int
     half: str
+    setting: str = "ordinary"  # or one of SETTINGS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,15 +96,25 @@ class Built:
             "case": self.case.name, "sort": self.case.sort, "level": self.case.level, "half": self.case.half,
             "kinds": list(self.case.kinds), "effects": effects, "scenes": list(self.families),
         }  # fmt: skip
+        if self.case.setting != "ordinary":
+            out["setting"] = self.case.setting
         for effect, mechanism in zip(effects, self.mechanisms, strict=False):
             if isinstance(mechanism, SecondCamera):  # few bursts: what came, not what was to be expected
                 effect["parameters"]["probability"] = float(mechanism.bursts(self.device.frames, self.seeds[0]).mean())
-        if self.case.sort == "stranger":
+        if self.case.setting == MISSING_OBJECT:
+            out["stranger"] = {"name": MISSING_OBJECT, "axes": list(MISSING_OBJECT_AXES), "size": self._object_share()}
+            out["kinds"] = []
+        elif self.case.sort == "stranger":
             (stranger,) = self.mechanisms
             out["stranger"] = {"name": self.case.kinds[0], "axes": list(getattr(stranger, "axes", ())),
                                "size": getattr(stranger, "size", 0.0)}  # fmt: skip
             out["kinds"] = []
         return out
+
+    def _object_share(self) -> float:
+        """Share of the image that the object fills which the model lacks."""
+        beams = self.place().beams
+        return float((beams.share * (beams.surface == len(self.scenes[0]) - 1)).sum() / self.device.view.pixels)
 
     def maps(self) -> dict[str, Array]:
         """The device's own maps (row, col) by kind."""
@@ -131,6 +149,28 @@ def all_cases() -> list[Case]:
         for name in STRANGERS
         for k in range(4)
     ]
+    return out + _other_settings()
+
+
+def _other_settings() -> list[Case]:
+    """Clear effects and none under room light and behind a lens, and objects that the model lacks."""
+    out = []
+    for setting, eligible in (("room_light", ROOM_LIGHT), ("pinhole", FAMILIES)):
+        out += [
+            Case(name=f"{setting}-{kind}-clear-{k}", sort="single", kinds=(kind,), level="clear", slot=k, seed=k,
+                 half=_half(k), setting=setting)
+            for kind in KINDS if kind in eligible for k in range(OF_EACH)
+        ]  # fmt: skip
+        out += [
+            Case(name=f"{setting}-none-{k}", sort="none", kinds=(), level="", slot=k, seed=k, half=_half(k),
+                 setting=setting)
+            for k in range(NONE_OF_EACH)
+        ]  # fmt: skip
+    out += [
+        Case(name=f"{MISSING_OBJECT}-{k}", sort="stranger", kinds=(MISSING_OBJECT,), level="clear", slot=k, seed=k,
+             half=_half(k), setting=MISSING_OBJECT)
+        for k in range(OBJECTS)
+    ]  # fmt: skip
     return out
 
 
@@ -163,8 +203,13 @@ def _families(case: Case, rng: np.random.Generator) -> tuple[str, str]:
         return "far_gate" if case.level == "faint" else "far_hall", "far_hall"
     static = case.kinds[:1] in (("other_period",), ("kink",), ("dark_noise",))
     fit: tuple[str, ...] = CLOSED if static else EVERY
-    for kind in case.kinds:
-        fit = tuple(f for f in fit if f in FAMILIES.get(kind, fit))
+    if case.setting == "room_light":
+        fit = ROOM_LIGHT[case.kinds[0]] if case.kinds else ROOM_LIGHT["outliers"]
+    elif case.setting == MISSING_OBJECT:
+        fit = MISSING_OBJECT_FAMILIES
+    else:
+        for kind in case.kinds:
+            fit = tuple(f for f in fit if f in FAMILIES.get(kind, fit))
     start = int(rng.integers(len(fit)))
     if case.sort == "single":  # three scenes a kind, as far apart in the list as can be
         start = case.slot * max(1, len(fit) // 3) + case.seed // 3
@@ -182,24 +227,59 @@ def build(case: Case, master: int, *, strength: float | None = None, camera: Map
     device = draw_device(master, int(rng.integers(DEVICES)) % (3 if far else DEVICES), far=far)
     if "temperature_drift" in case.kinds:
         device = replace(device, frame_rate_hz=float(rng.choice([0.5, 1.0, 2.0])))
+    device = _fitted(device, case.setting, np.random.default_rng([*key, 42]))
     device = replace(device, **(camera or {}))
     families = _families(case, rng)
     scenes = [draw_scene(family, [*key, k], device.view).surfaces for k, family in enumerate(families)]
-    noise = calibrated(replace(device, name="", frame_rate_hz=25.0, frames=1))
-    mechanisms = tuple(_mechanisms(case, rng, device, scenes[0], strength))
+    noise = calibrated(replace(device, name="", frame_rate_hz=25.0, frames=1, lens=None))
     models = (scenes[0], scenes[1])
+    if case.setting == MISSING_OBJECT:
+        scenes[0] = with_object(scenes[0], device.view, [*key, 0])
+    mechanisms = tuple(_mechanisms(case, rng, device, scenes[0], strength))
     if case.sort == "nearly":
         models = (nearly(scenes[0], device, rng), nearly(scenes[1], device, rng))
-        noise = NoiseTable(range_mm=noise.range_mm, sigma_mm=noise.sigma_mm * (1 + 0.01 * float(rng.choice([-1, 1]))))
+        noise = replace(noise, sigma_mm=noise.sigma_mm * (1 + 0.01 * float(rng.choice([-1, 1]))))
     return Built(
         case=case, device=device, noise=noise, scenes=(scenes[0], scenes[1]), models=models, families=families,
         mechanisms=mechanisms, seeds=tuple(int(s) for s in rng.integers(2**31, size=6)),
     )  # fmt: skip
 
 
+def _fitted(device: Device, setting: str, rng: np.random.Generator) -> Device:
+    """The camera under room light, or with a lens."""
+    if setting == "room_light":
+        return in_room_light(device, sigma_mm=float(rng.uniform(28, 36)))
+    if setting == "pinhole":
+        return replace(device, lens=draw_lens(device, rng))
+    return device
+
+
+def in_room_light(device: Device, *, sigma_mm: float) -> Device:
+    """A camera with a stronger lamp in a room so bright that a board of reflectivity 0.5 has this noise at 5 m.
+
+    The lamp is stronger so that the signal's own electrons are few beside the room's, and twice the light is noise of
+    a factor root 2 everywhere.
+    """
+    bright = replace(device, electrons=1.0e8)
+    amplitude = float(bright.amplitude(np.array(5000.0), np.array(STANDARD_GLOSS)))
+    return replace(bright, room_electrons=2 * (sigma_mm * 2 * np.pi / device.unambiguous_mm * amplitude) ** 2)
+
+
+def draw_lens(device: Device, rng: np.random.Generator) -> Lens:
+    """A lens with the device's fields of view at the image's middle lines, barrel distortion and an axis off centre."""
+    half = np.radians(device.fov_horizontal_deg) / 2, np.radians(device.fov_vertical_deg) / 2
+    focal = float(0.5 / np.tan(half[0])), float(0.5 / np.tan(half[1]))
+    return Lens(
+        focal=focal, off_center=(float(rng.uniform(-0.03, 0.03)), float(rng.uniform(-0.03, 0.03))),
+        radial=(float(rng.uniform(-0.25, -0.12)), float(rng.uniform(0.02, 0.05)), float(rng.uniform(-0.005, 0.005))),
+    )  # fmt: skip
+
+
 def _mechanisms(
     case: Case, rng: np.random.Generator, device: Device, surfaces: list[Surface], strength: float | None
 ) -> list[Mechanism]:
+    if case.setting == MISSING_OBJECT:
+        return []
     if case.sort == "stranger":
         return [make_stranger(case.kinds[0], int(rng.integers(2**31)))]
     place = Place(device=device, surfaces=surfaces, beams=cast(surfaces, device.view))

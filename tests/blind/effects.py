@@ -33,7 +33,12 @@ class Place:
 
     def sigmas(self) -> Array:
         """Their standard deviations, mm."""
-        return np.asarray(self.device.design_sigma(self.beams.range_mm[self.beams.share > 0.5]))
+        return np.asarray(self.sigma_map()[self.beams.share > 0.5])
+
+    def sigma_map(self) -> Array:
+        """Standard deviation (L, pixel) of each surface of a beam, mm."""
+        reflectivity = np.array([s.reflectivity for s in self.surfaces])
+        return self.device.sigma(self.beams.range_mm, reflectivity[self.beams.surface] * self.beams.cosine)
 
 
 class Effect(Mechanism):
@@ -365,10 +370,9 @@ class LostSamples(Effect):
         """The measured amplitude's own noise at the threshold adds to the comparator's."""
         if self.threshold <= 0:
             return {"probability": self.packet_loss, "threshold": 0.0, "threshold_noise": 0.0}
-        beams, device = place.beams, place.device
-        main = beams.share > 0.5
+        device = place.device
         near = np.argsort(np.abs(np.log(place.amplitudes() / self.threshold)))[:200]
-        phase_noise = device.design_sigma(beams.range_mm[main][near]) * 2 * np.pi / device.unambiguous_mm
+        phase_noise = place.sigmas()[near] * 2 * np.pi / device.unambiguous_mm
         own = self.threshold * float(np.sqrt(np.mean(phase_noise**2)))
         return {
             "probability": self.packet_loss,

@@ -33,6 +33,19 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     "pixel_crosstalk": ("boards", "near_far", "stairs", "room"),
 }
 
+# Under room light: no surface so near and bright that its noise is below a millimetre, none so dark and far that its
+# phase is lost; and a scene in which dark and bright boards stand side by side.
+ROOM_LIGHT: dict[str, tuple[str, ...]] = {
+    kind: tuple(
+        family if family != "near_far" else "dark_and_bright"
+        for family in families
+        if family not in ("corridor", "open_hall")
+    )
+    for kind, families in FAMILIES.items()
+    if kind != "phase_wrapping"  # beyond a turn dark surfaces are too noisy
+}
+MISSING_OBJECT = ("boards", "slanted_wall", "corner", "stairs", "room", "open_hall")
+
 # What no recording of such a scene can tell apart; such cases are not in the bench.
 INSEPARABLE: tuple[tuple[str, str, str], ...] = (
     ("range_offset", "surface_pose", "one flat surface that faces the camera: its place and a delay are one number"),

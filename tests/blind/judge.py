@@ -176,7 +176,7 @@ def _map(m: _Match) -> tuple[bool, float]:
         return off == 0, off
     main = (m.place.beams.share[0] > 0.99).reshape(wanted.shape)
     rest = (seen - wanted)[main] - (seen - wanted)[main].mean()
-    noise = device.design_sigma(m.place.beams.range_mm[0]).reshape(wanted.shape)[main] / math.sqrt(device.frames)
+    noise = m.place.sigma_map()[0].reshape(wanted.shape)[main] / math.sqrt(device.frames)
     off = float(np.sqrt((rest**2).mean() / (wanted[main] ** 2).mean()))
     return off <= max(SHARE, 1.3 * float(np.sqrt((noise**2).mean() / (wanted[main] ** 2).mean()))), off
 

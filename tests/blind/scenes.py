@@ -6,11 +6,11 @@ surface that a mechanism of one surface acts on. Which kinds can be told from th
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blind.geometry import Surface, View
+from blind.geometry import Array, Beams, Surface, View, direction
 
 TARGET = "panel"  # every scene has one surface of this name
 
@@ -199,6 +199,22 @@ def far_gate(rng: np.random.Generator) -> list[Surface]:
     ]  # fmt: skip
 
 
+def dark_and_bright(rng: np.random.Generator) -> list[Surface]:
+    """A bright and a dark board side by side at like ranges, and a slanted one, before a dim wall."""
+    side, away, above = float(rng.choice([-1, 1])), _u(rng, 1800, 2300), float(rng.choice([-1, 1]))
+    return [
+        _panel(rng, side, _u(rng, 2700, 3300)),
+        Surface(name="bright board", center_mm=(side * 0.25 * away, above * 0.2 * away, away),
+                size_mm=(_u(rng, 550, 750), _u(rng, 500, 700)), yaw_deg=_u(rng, -20, 20),
+                reflectivity=_u(rng, 0.8, 0.95)),
+        Surface(name="dark board", center_mm=(side * 0.25 * away, -above * 0.2 * away, away * _u(rng, 0.95, 1.05)),
+                size_mm=(_u(rng, 550, 750), _u(rng, 500, 700)), yaw_deg=_u(rng, -20, 20),
+                reflectivity=_u(rng, 0.1, 0.16)),
+        Surface(name="back wall", center_mm=(0.0, 0.0, _u(rng, 4400, 4800)), size_mm=(40000.0, 40000.0),
+                yaw_deg=_u(rng, -6, 6), reflectivity=_u(rng, 0.3, 0.45)),
+    ]  # fmt: skip
+
+
 FAMILIES: dict[str, Callable[[np.random.Generator], list[Surface]]] = {
     "boards": boards,
     "slanted_wall": slanted_wall,
@@ -210,6 +226,7 @@ FAMILIES: dict[str, Callable[[np.random.Generator], list[Surface]]] = {
     "open_hall": open_hall,
     "far_hall": far_hall,
     "far_gate": far_gate,
+    "dark_and_bright": dark_and_bright,
 }
 
 
@@ -226,3 +243,35 @@ def draw_scene(family: str, seed: list[int], view: View) -> Scene:
         if area[target] > 0.1 and area[target] < 0.8 and (np.delete(area, target) > 0.02).sum() >= 2:
             return Scene(family=family, surfaces=surfaces)
     raise RuntimeError(f"{family}: no scene of seed {seed} shows its target")
+
+
+def with_object(surfaces: list[Surface], view: View, seed: list[int]) -> list[Surface]:
+    """The scene with a board more, which fills 5 to 15 % of the image and hides at most half of each other surface."""
+    from blind.geometry import cast, first_hit
+
+    rng = np.random.default_rng([*seed, 22])
+    coarse = replace(view, rows=24, cols=32)
+    whole = _areas(cast(surfaces, coarse), len(surfaces))
+    wide, high = np.radians(view.fov_horizontal_deg), np.radians(view.fov_vertical_deg)
+    for _ in range(200):
+        azimuth, elevation = 0.35 * wide * rng.uniform(-1, 1), 0.35 * high * rng.uniform(-1, 1)
+        number, behind, _ = first_hit(surfaces, np.array([azimuth]), np.array([elevation]), view.range_max_mm)
+        away = float(rng.uniform(0.5, 0.8)) * (float(behind[0]) if number[0] >= 0 else 4000.0)
+        side = away * np.sqrt(wide * high * rng.uniform(0.06, 0.14))
+        shape = float(np.sqrt(rng.uniform(0.7, 1.4)))
+        ray = direction(np.array(azimuth), np.array(elevation)) * away
+        board = Surface(
+            name="object", center_mm=(round(float(ray[0]), 1), round(float(ray[1]), 1), round(float(ray[2]), 1)),
+            size_mm=(round(side * shape, 1), round(side / shape, 1)), yaw_deg=_u(rng, -25, 25),
+            pitch_deg=_u(rng, -15, 15), reflectivity=_u(rng, 0.2, 0.9),
+        )  # fmt: skip
+        area = _areas(cast([*surfaces, board], coarse), len(surfaces) + 1)
+        if 0.05 < area[-1] < 0.15 and (area[:-1] >= 0.5 * whole).all():
+            return [*surfaces, board]
+    raise RuntimeError(f"no place for an object of seed {seed}")
+
+
+def _areas(beams: Beams, surfaces: int) -> Array:
+    """Share (surface,) of the image that each surface fills."""
+    filled = [(beams.share * (beams.surface == k)).sum() / beams.share.shape[1] for k in range(surfaces)]
+    return np.array(filled)

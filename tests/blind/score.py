@@ -23,11 +23,13 @@ from blind.camera import Recording
 from blind.cases import Built
 from blind.judge import judge
 from blind.panel import Statistic, compare, gap
+from blind.two_samples import two_samples
 from blind.write import model_text, read_recording, write_recording
 
 SIMULATE = (sys.executable, "-m", "tofmix", "simulate")
 RECONCILE = (sys.executable, "-m", "tofmix", "reconcile")
 _LIMIT_S = 1800
+_FRESH = 105  # of the simulations that the two-sample tests get
 _SEED = 102  # of the true effect's simulations and of the refined one's: both have the same luck
 # A recording holds few bursts, so that one simulation comes near another recording or not by luck: more are averaged.
 SIMULATIONS = {"interference": 6}
@@ -90,13 +92,13 @@ def score(built: Built, work: Path, plan: Plan) -> dict[str, Any]:
 def _score(built: Built, folder: Path, plan: Plan) -> dict[str, Any]:
     model = folder / "model.toml"
     model.write_text(model_text(built.device, built.models[0], built.noise), encoding="utf-8")
-    third = built.record(2)
+    third, fourth = built.record(2), built.record(3)
     panel = compare(third, plan.simulate(model, 101))
     out: dict[str, Any] = {
         "case": built.case.name, "half": built.case.half, "sort": built.case.sort, "level": built.case.level,
         "truth": built.truth(), "frames": built.device.frames, "image": [built.device.rows, built.device.cols],
         "panel": [[s.statistic, s.axis, round(s.distance, 4), round(s.z, 3)] for s in panel],
-        "before": gap(panel), "floor": gap(compare(third, built.record(3))),
+        "before": gap(panel), "floor": gap(compare(third, fourth)), "setting": built.case.setting,
     }  # fmt: skip
     if plan.ceiling and built.truth()["kinds"]:
         true_model = folder / "true.toml"
@@ -107,6 +109,12 @@ def _score(built: Built, folder: Path, plan: Plan) -> dict[str, Any]:
         out["ceiling_rest"] = _largest(panels[0])
     if plan.reconcile is not None:
         out |= _reconcile(built, folder, plan, third, (out["before"], out["floor"]))
+    refined = folder / "result" / "model.toml"
+    out["two_samples"] = {"before": _two_samples(fourth, model, plan)}
+    if out.get("named") and "failed" not in out:
+        out["two_samples"]["after"] = _two_samples(fourth, refined, plan)
+    elif "verdict" in out:
+        out["two_samples"]["after"] = out["two_samples"]["before"]  # nothing was added to the model
     return out
 
 
@@ -114,6 +122,12 @@ def _panels(measured: Recording, model: Path, built: Built, plan: Plan, *, seed:
     """A recording against simulations of a model, as many as the hidden kinds ask for."""
     times = max((SIMULATIONS.get(kind, 1) for kind in built.case.kinds), default=1)
     return [compare(measured, plan.simulate(model, seed + 100 * number)) for number in range(times)]
+
+
+def _two_samples(measured: Recording, model: Path, plan: Plan) -> dict[str, list[float]]:
+    """Value, limit and p of each two-sample test of a fresh recording against a fresh simulation of a model."""
+    tests = two_samples(measured, plan.simulate(model, _FRESH))
+    return {t.name: [round(t.value, 4), round(t.limit, 4), round(t.p, 4)] for t in tests}
 
 
 def _mean_gap(panels: Sequence[list[Statistic]]) -> float:

@@ -27,6 +27,10 @@ class Stranger(Mechanism):
         return np.random.default_rng([self.seed, 61])
 
 
+MISSING_OBJECT = "missing_object"  # a board that the model lacks: of the scene, not of the camera (`blind.scenes`)
+MISSING_OBJECT_AXES = ("surface", "row", "col", "radius", "range")
+
+
 def _sigma(x: Exposure) -> Array:
     sigma: Array = x.device.design_sigma(np.where(x.empty, x.device.range_max_mm, x.true_mm)).astype(np.float32)
     return sigma

@@ -51,13 +51,12 @@ def main_layers(place: Place) -> tuple[Array, Array, Array]:
 
 def image_sigma(place: Place, quantile: float = 0.5) -> float:
     """Quantile of sigma over the image, mm."""
-    return float(np.quantile(place.device.design_sigma(main_layers(place)[0]), quantile))
+    return float(np.quantile(place.sigmas(), quantile))
 
 
 def _target_sigma(place: Place) -> float:
     number = [s.name for s in place.surfaces].index(TARGET)
-    range_mm, _, surface = main_layers(place)
-    return float(np.median(place.device.design_sigma(range_mm[surface == number])))
+    return float(np.median(place.sigmas()[main_layers(place)[2] == number]))
 
 
 def _sign(rng: np.random.Generator) -> float:
@@ -83,7 +82,7 @@ def _wiggling(size: float, rng: np.random.Generator, place: Place) -> Effect:
 def _walk(size: float, rng: np.random.Generator, place: Place) -> Effect:
     knee = float(np.quantile(place.amplitudes(), 0.1)) * float(rng.uniform(0.1, 0.3))
     unit = fx.ChargeLag(late_mm=1.0, knee_amplitude=knee)
-    relative = unit.bias(place.amplitudes()) / place.device.design_sigma(main_layers(place)[0])
+    relative = unit.bias(place.amplitudes()) / place.sigmas()
     return fx.ChargeLag(late_mm=size / float(np.sqrt((relative**2).mean())), knee_amplitude=knee)
 
 
@@ -105,7 +104,7 @@ def _stray(size: float, rng: np.random.Generator, place: Place) -> Effect:  # no
     z = device.amplitude(range_mm, gloss) * device.phasor(range_mm)
     veil = z.sum() / device.view.pixels
     bias = device.unambiguous_mm / (2 * math.pi) * (veil / z).imag
-    return fx.StrayLight(share=size / float(np.sqrt(((bias / device.design_sigma(range_mm)) ** 2).mean())))
+    return fx.StrayLight(share=size / float(np.sqrt(((bias / place.sigmas()) ** 2).mean())))
 
 
 def _bounce(size: float, rng: np.random.Generator, place: Place) -> Effect:
@@ -155,8 +154,7 @@ def _comparator(share: float, place: Place) -> dict[str, float]:
     from scipy.special import ndtr
 
     amplitude = place.amplitudes()
-    range_mm = main_layers(place)[0]
-    own = amplitude * place.device.design_sigma(range_mm) * 2 * math.pi / place.device.unambiguous_mm
+    own = amplitude * place.sigmas() * 2 * math.pi / place.device.unambiguous_mm
     low, high = 0.0, float(amplitude.max())
     for _ in range(60):
         middle = (low + high) / 2

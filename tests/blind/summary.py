@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from blind.cases import SETTINGS
 from blind.strength import KINDS
 
 Result = dict[str, Any]
@@ -17,10 +18,15 @@ def summary(results: list[Result]) -> str:
     parts = [f"{len(results)} cases, {len(results) - len(good)} broken."]
     parts += [f"broken: {r['case']}: {r['broken']}" for r in results if "broken" in r]
     parts += [z_table(good), ceiling_table(good)]
+    parts += [two_sample_table(good)]
     for half in ("open", "sealed"):
-        said = [r for r in good if r["half"] == half and ("verdict" in r or "failed" in r)]
-        if said:
-            parts += [f"## {half} half", score_table(said), kind_table(said), confusion(said), stranger_table(said)]
+        for setting in ("ordinary", *SETTINGS):
+            said = [
+                r for r in good if r["half"] == half and _setting(r) == setting and ("verdict" in r or "failed" in r)
+            ]
+            if said:
+                title = f"## {half} half" + (f", {setting}" if setting != "ordinary" else "")
+                parts += [title, score_table(said), kind_table(said), confusion(said), stranger_table(said)]
     return "\n\n".join(part for part in parts if part)
 
 
@@ -40,6 +46,10 @@ def _share(items: list[Result], test: Callable[[Result], bool]) -> str:
 
 def _median(values: list[float]) -> str:
     return f"{np.median(values):.3f}" if values else "-"
+
+
+def _setting(result: Result) -> str:
+    return str(result.get("setting", "ordinary"))
 
 
 def strongest(result: Result) -> tuple[float, str]:
@@ -82,6 +92,32 @@ def _chance(none: list[Result]) -> str:
         f"standard deviation {z.std():.2f}; gap {min(r['before'] for r in none):.2f} to "
         f"{max(r['before'] for r in none):.2f}."
     )
+
+
+TESTS = ("energy", "energy_pixel", "classifier")
+
+
+def two_sample_table(results: list[Result]) -> str:
+    """How many cases the two-sample tests tell from their simulation at 1 %, before and after, and by how much."""
+    rows = []
+    groups: dict[tuple[str, ...], list[Result]] = defaultdict(list)
+    for r in results:
+        if "two_samples" in r:
+            groups[_setting(r), r["sort"], r["level"], str(r.get("verdict", "-"))].append(r)
+    for key, of in sorted(groups.items()):
+        row: list[Any] = [*key, len(of)]
+        for when in ("before", "after"):
+            tests = [r["two_samples"][when] for r in of if when in r["two_samples"]]
+            for name in TESTS:
+                values = [t[name] for t in tests]
+                differ = sum(value > limit for value, limit, _ in values)
+                row.append(f"{differ}/{len(values)} ({np.median([v[0] for v in values]):.3g})" if values else "-")
+        rows.append(row)
+    head = ["setting", "sort", "level", "verdict", "cases", *(f"{name} before" for name in TESTS), *TESTS]
+    note = (
+        "Cases that differ from a fresh simulation at the level of 1 %, and the median statistic; by chance energy is 0"
+    )
+    return f"### Two-sample tests\n\n{note} and the classifier's area 0.5.\n\n" + table(head, rows) if rows else ""
 
 
 def ceiling_table(results: list[Result]) -> str:

@@ -13,6 +13,7 @@ from blind import bench
 from blind.cases import Case, build
 from blind.generate import selected
 from blind.score import RECONCILE, Plan, true_effects
+from blind.summary import summary
 
 TESTS = Path(__file__).parents[1]
 
@@ -85,7 +86,26 @@ def test_each_beginning_of_the_order_has_the_shares_of_all_cases() -> None:
         counted = Counter((case.half, case.sort, case.level) for case, _ in some)
         return {stratum: count / len(some) for stratum, count in counted.items()}
 
+    ordinary = [pair for pair in ordered if pair[0].setting == "ordinary"]
     for length in (200, 400):
-        assert shares(ordered[:length]) == pytest.approx(
-            shares(cases), abs=0.03
+        assert shares(ordinary[:length]) == pytest.approx(
+            shares(ordinary), abs=0.03
         )  # kinds have seven or eight cases each, and take turns
+        others = sum(case.setting != "ordinary" for case, _ in ordered[:length]) / length
+        assert others == pytest.approx(1 - len(ordinary) / len(ordered), abs=0.03)
+
+
+def test_summary_has_a_section_and_two_sample_columns_for_each_setting() -> None:
+    line = {
+        "case": "pinhole-none-0", "half": "open", "sort": "none", "level": "", "setting": "pinhole", "verdict": "agree",
+        "named": [], "before": 1.0, "seconds": 1.0, "truth": {"kinds": []}, "panel": [["bias", "all", 1.0, 0.5]],
+        "two_samples": {when: {"energy": [0.3, 2.4, 0.4], "energy_pixel": [9.0, 8.0, 0.01],
+                               "classifier": [0.501, 0.505, 0.3]} for when in ("before", "after")},
+    }  # fmt: skip
+    said = summary([line, {**line, "case": "none-0", "setting": "ordinary"}])
+    assert "## open half, pinhole" in said
+    assert "## open half\n" in said
+    assert (
+        "| pinhole | none |  | agree | 1 | 0/1 (0.3) | 1/1 (9) | 0/1 (0.501) | 0/1 (0.3) | 1/1 (9) | 0/1 (0.501) |"
+        in said
+    )

@@ -1,10 +1,12 @@
+import hashlib
 import json
 import runpy
 import tomllib
 from collections import Counter
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -19,6 +21,20 @@ from tofmix.simulation.effects.registry import EFFECTS
 
 pytestmark = pytest.mark.usefixtures("quick_calibration")
 CAMERA = {"rows": 16, "cols": 20, "frames": 40}
+DRAWN = {
+    "wiggling-clear-0-0": "429c096b8e4220f9",
+    "pair-0": "70d36a4f7ebc3bb7",
+    "nearly-2": "3e11b7f553dca417",
+    "dark_noise-0": "3bc74a6f022836ce",
+    "flying_pixels-clear-0-0": "5836d9191c8864d4",
+    "phase_wrapping-clear-0-0": "6f49985d834a1449",
+    "dropout-clear-1-1": "0171931d15ac6733",
+    "amplitude_walk-faint-0-1": "bbaa4f4cd0b6c6f7",
+    "scattering-clear-2-4": "0b089cfb87f79067",
+    "saturation-clear-0-0": "e87fa47a21210c4f",
+    "none-0": "10917c6534ccf555",
+    "interference-faint-1-2": "499a2d1f57bcd749",
+}
 CONTRACT = Path(__file__).parents[3] / "shared" / "check_contract.py"
 
 
@@ -28,8 +44,9 @@ def _small(name: str) -> Built:
 
 
 def test_list_of_cases_has_each_kind_level_and_half_as_often_as_said() -> None:
-    cases = all_cases()
-    assert len({c.name for c in cases}) == len(cases)
+    assert len({c.name for c in all_cases()}) == len(all_cases())
+    cases = [c for c in all_cases() if c.setting == "ordinary"]
+    assert cases == all_cases()[: len(cases)]
     assert Counter(c.sort for c in cases) == {
         "single": len(KINDS) * 2 * 5 * 3, "pair": 20, "none": 30, "nearly": 30, "stranger": 4 * len(STRANGERS),
     }  # fmt: skip
@@ -65,7 +82,72 @@ def test_case_is_a_function_of_its_name_and_the_master_seed() -> None:
     assert one.scenes != other.scenes
 
 
-@pytest.mark.parametrize("name", ["fixed_pattern-clear-0-0", "pair-0", "nearly-1", "tripod-2", "dropout-clear-2-0"])
+def test_other_settings_have_each_kind_as_often_in_either_half() -> None:
+    cases = [c for c in all_cases() if c.setting != "ordinary"]
+    assert Counter((c.setting, c.sort) for c in cases) == {
+        ("room_light", "single"): 4 * (len(KINDS) - 1), ("room_light", "none"): 8,
+        ("pinhole", "single"): 4 * len(KINDS), ("pinhole", "none"): 8, ("missing_object", "stranger"): 12,
+    }  # fmt: skip
+    assert 2 * Counter(c.half for c in cases)["open"] == len(cases)
+    assert {k for c in cases for k in c.kinds if c.setting == "room_light"} == set(KINDS) - {"phase_wrapping"}
+
+
+@pytest.mark.parametrize(("name", "drawn"), DRAWN.items())
+def test_ordinary_case_is_drawn_as_before_there_were_other_settings(name: str, drawn: str) -> None:
+    """Digests of what 21faa3d drew: camera, scenes, models, truth and the seeds of the recordings."""
+    built = _small(name)
+    what = [built.truth(), [asdict(s) for s in (*built.scenes[0], *built.models[1])], built.seeds, built.families]
+    what += [getattr(built.device, key) for key in ("name", "frequency_hz", "frame_rate_hz", "noise_square")]
+    rounded = json.loads(json.dumps(what), parse_float=lambda text: f"{float(text):.8g}")
+    assert hashlib.sha256(json.dumps(rounded).encode()).hexdigest()[:16] == drawn
+
+
+def test_lens_is_in_model_and_recording_in_the_contracts_terms(tmp_path: Path) -> None:
+    built = _small("pinhole-wiggling-clear-0")
+    write_case(tmp_path, built)
+    sensor = tomllib.loads((tmp_path / "model.toml").read_text())["sensor"]
+    assert sensor["projection"] == "pinhole"
+    assert "fov_horizontal_deg" not in sensor
+    assert built.device.lens is not None
+    k1, k2, k3 = built.device.lens.radial
+    assert sensor["distortion"] == [k1, k2, 0.0, 0.0, k3]
+    assert [sensor[key] for key in ("fx", "fy", "cx", "cy")] == list(built.device.lens.pixels(16, 20))
+    with h5py.File(tmp_path / "measured.h5") as root:
+        for key in ("fx", "fy", "cx", "cy"):
+            assert root["sensor"].attrs[key] == sensor[key]
+        assert list(root["sensor"].attrs["distortion"]) == sensor["distortion"]
+
+
+def test_noise_by_amplitude_is_in_model_and_recording(tmp_path: Path) -> None:
+    built = _small("room_light-wiggling-clear-0")
+    write_case(tmp_path, built)
+    noise = tomllib.loads((tmp_path / "model.toml").read_text())["sensor"]["noise"]
+    assert len(noise["reference_amplitude"]) == len(noise["range_mm"]) == len(noise["sigma_mm"])
+    assert len(noise["amplitude"]) == len(noise["amplitude_factor"])
+    with h5py.File(tmp_path / "measured.h5") as root:
+        for key in ("reference_amplitude", "amplitude", "amplitude_factor"):
+            np.testing.assert_array_equal(root["sensor"][f"noise_{key}"][...], noise[key])
+    assert max(map(len, (tmp_path / "model.toml").read_text().splitlines())) < 1000
+
+
+@pytest.mark.parametrize("master", [OPEN_SEED, pytest.param(7, marks=pytest.mark.slow)])
+def test_missing_object_is_in_the_scene_and_not_in_the_model(master: int) -> None:
+    for case in [c for c in all_cases() if c.setting == "missing_object"][:: 3 if master == OPEN_SEED else 1]:
+        built = build(case, master, camera=CAMERA)
+        assert built.scenes[0][:-1] == built.models[0]
+        assert built.scenes[0][-1].name not in {s.name for s in built.models[0]}
+        assert built.scenes[1] == built.models[1]
+        truth = built.truth()
+        assert 0.04 < truth["stranger"]["size"] < 0.16
+        assert truth["kinds"] == truth["effects"] == []
+        assert {"row", "col", "surface"} <= set(truth["stranger"]["axes"])
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["fixed_pattern-clear-0-0", "pair-0", "nearly-1", "tripod-2", "dropout-clear-2-0", "room_light-none-1",
+     "room_light-dropout-clear-1", "pinhole-multipath-clear-3", "missing_object-2"],
+)  # fmt: skip
 def test_folder_of_a_case_fits_the_contract_and_hides_its_truth(name: str, tmp_path: Path) -> None:
     built = _small(name)
     write_case(tmp_path, built)

@@ -10,6 +10,8 @@ from blind.camera import Device, Recording
 from blind.geometry import Surface
 from blind.reference import NoiseTable
 
+_A_LINE = 64  # numbers: the package reads no lines of more than 1000 characters
+
 
 def _toml(value: Any) -> str:  # noqa: ANN401  any TOML value
     if isinstance(value, str):
@@ -20,7 +22,10 @@ def _toml(value: Any) -> str:  # noqa: ANN401  any TOML value
         return str(int(value))
     if isinstance(value, float | np.floating):
         return repr(float(value))
-    return "[" + ", ".join(_toml(item) for item in value) + "]"
+    if len(value) <= _A_LINE:
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    lines = [value[start : start + _A_LINE] for start in range(0, len(value), _A_LINE)]
+    return "[\n" + "".join("  " + ", ".join(_toml(item) for item in line) + ",\n" for line in lines) + "]"
 
 
 def _table(head: str, values: dict[str, Any]) -> str:
@@ -37,8 +42,7 @@ def model_text(
 ) -> str:
     """A model file of the ideal camera before a scene; `effects` are [[effect]] tables."""
     sensor = {
-        "profile": "sr3000", "rows": device.rows, "cols": device.cols,
-        "fov_horizontal_deg": device.fov_horizontal_deg, "fov_vertical_deg": device.fov_vertical_deg,
+        "profile": "sr3000", "rows": device.rows, "cols": device.cols, **_optics(device),
         "range_min_mm": device.range_min_mm, "range_max_mm": device.range_max_mm,
         "modulation_frequency_hz": device.frequency_hz, "integration_time_ms": device.integration_time_ms,
         "outlier_probability": device.outlier_probability,
@@ -48,6 +52,7 @@ def model_text(
         "sigma_mm": [round(float(s), 5) for s in noise.sigma_mm],
         "reference_integration_time_ms": device.integration_time_ms,
         "exponent": 0.5,
+        **_by_amplitude(noise),
     }
     recording = {"frames": device.frames, "frame_rate_hz": device.frame_rate_hz, "seed": seed}
     parts = [_table("[sensor]", sensor), _table("[sensor.noise]", curve), _table("[recording]", recording)]
@@ -56,6 +61,24 @@ def model_text(
                   "pitch_deg": s.pitch_deg, "reflectivity": s.reflectivity}  # fmt: skip
         parts.append(_table("[[surface]]", values))
     return "\n".join([*parts, effect_tables(effects or [])])
+
+
+def _optics(device: Device) -> dict[str, Any]:
+    """Where the pixels look, in the contract's terms."""
+    if device.lens is None:
+        return {"fov_horizontal_deg": device.fov_horizontal_deg, "fov_vertical_deg": device.fov_vertical_deg}
+    k1, k2, k3 = device.lens.radial
+    intrinsics = zip(("fx", "fy", "cx", "cy"), device.lens.pixels(device.rows, device.cols), strict=True)
+    return {"projection": "pinhole", **dict(intrinsics), "distortion": [k1, k2, 0.0, 0.0, k3]}
+
+
+def _by_amplitude(noise: NoiseTable) -> dict[str, list[float]]:
+    """The three lists of noise by amplitude, if the camera has it."""
+    table = noise.by_amplitude
+    if table is None:
+        return {}
+    lists = {"reference_amplitude": table.reference, "amplitude": table.amplitude, "amplitude_factor": table.factor}
+    return {key: [float(f"{value:.8g}") for value in values] for key, values in lists.items()}
 
 
 def effect_tables(effects: list[dict[str, Any]]) -> str:
@@ -112,12 +135,13 @@ def _write_sensor(group: h5py.Group, device: Device, noise: NoiseTable) -> None:
         {
             "name": device.name, "modulation_frequency_hz": device.frequency_hz,
             "integration_time_ms": device.integration_time_ms, "range_min_mm": device.range_min_mm,
-            "range_max_mm": device.range_max_mm, "fov_horizontal_deg": device.fov_horizontal_deg,
-            "fov_vertical_deg": device.fov_vertical_deg, "outlier_probability": device.outlier_probability,
+            "range_max_mm": device.range_max_mm, **_optics(device), "outlier_probability": device.outlier_probability,
         }
     )  # fmt: skip
     for name, values in (("noise_range", noise.range_mm), ("noise_sigma", noise.sigma_mm)):
         group.create_dataset(name, data=values).attrs["units"] = "mm"
+    for key, numbers in _by_amplitude(noise).items():
+        group.create_dataset(f"noise_{key}", data=np.array(numbers)).attrs["units"] = "1"
 
 
 def read_recording(path: Path) -> Recording:
