@@ -153,7 +153,6 @@ def _fit(likelihood: Likelihood, effects: tuple[Effect, ...], beside: tuple[Effe
         fitted = _one(likelihood, effect, state, part)
         state = replace(state, effects=(*state.effects, fitted.effect))
         fits[number] = fitted
-    likelihood.scene.anchor(state.effects)
     return settle(Numbers(likelihood=likelihood, state=state, fits=fits, part=part))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from recordings import MAKE, Record, recorded
 
-from tofmix.reconciliation.add import Added, ways
+from tofmix.reconciliation.add import ways
 from tofmix.reconciliation.compare import compare
 from tofmix.reconciliation.likelihood import Likelihood
 from tofmix.reconciliation.mixture import Scene
@@ -21,19 +21,6 @@ from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.model import Model
 
 SETTINGS = Settings(kinds=("range_offset",))
-
-
-def test_pose_that_was_tried_leaves_no_trace_in_the_gaps(model: Model, record: Record) -> None:
-    evidence = record()
-    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
-    start = likelihood.start()
-    panel = compare(likelihood, start, held_out(likelihood, SETTINGS), seed=SETTINGS.seed)
-    added = Added(state=start, chosen=(), first=(), aliases=(), panel=panel)
-    straight = verify(likelihood, added, SETTINGS)
-    likelihood.scene.anchor((MAKE["surface_pose"](surface="near", shift_mm=200.0),))
-    after_a_trial = verify(likelihood, added, SETTINGS)
-    assert after_a_trial.before.gap == straight.before.gap
-    assert after_a_trial.floor.gap == straight.floor.gap
 
 
 def test_panel_of_held_out_frames_does_not_depend_on_the_fitted_ones(model: Model, record: Record) -> None:

@@ -56,11 +56,13 @@ def test_offset_and_pose_of_one_wall_are_aliases_and_of_a_wall_and_a_box_are_not
     assert both.identifiable
 
 
+@pytest.mark.slow
 def test_noise_and_offset_of_a_wall_and_a_box_are_known_and_scattering_beside_them_too() -> None:
     hidden = MAKE["excess_noise"](factor=1.3), MAKE["scattering"](share=0.02)
     assert known(case("wall and box", *hidden)).identifiable
 
 
+@pytest.mark.slow
 def test_a_member_without_a_trace_is_none_of_the_truth() -> None:
     faint = MAKE["range_offset"](offset_mm=9.0), MAKE["pixel_crosstalk"](share=0.03)
     assert known(case("wall", *faint)).traces == ("range_offset",)  # no neighbours that see anything else

@@ -23,7 +23,7 @@ from tofmix.reconciliation.drop import drop, exchange
 from tofmix.reconciliation.joint import views
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.localise import disagreements
-from tofmix.reconciliation.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, recast, tolerated
+from tofmix.reconciliation.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, tolerated
 from tofmix.reconciliation.refit import begin, refit, without
 from tofmix.reconciliation.static_fits import STATIC
 from tofmix.reconciliation.subsets import Explained
@@ -104,7 +104,6 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
     beginning = _beginning(best)
     if beginning is not None:
         way = Way(likelihood, settings, tick, start, first=best.first)
-        likelihood.scene.anchor(way.state.effects)
         _take(way, _Taken((beginning,), _near(beginning, best.first)), best.first)
         yield _followed(way)
 
@@ -120,9 +119,7 @@ def _or_better(way: Way, added: Added) -> Added:
     better = added.sets.better(larger=stands_out)
     other = None if better is None else _from_set(way, added, better)
     same = other is not None and {name_of(c) for c in other.chosen} == {name_of(c) for c in added.chosen}
-    best = added if other is None or same or not _leads(way, other, added) else other
-    way.likelihood.scene.anchor(best.state.effects)
-    return best
+    return added if other is None or same or not _leads(way, other, added) else other
 
 
 def _leads(way: Way, one: Added, other: Added) -> bool:
@@ -133,7 +130,6 @@ def _leads(way: Way, one: Added, other: Added) -> bool:
     test, part = held_out(likelihood, settings), fit_part(likelihood, settings)
     values = []
     for each in (other, one):
-        likelihood.scene.anchor(each.state.effects)
         # A law of more numbers follows the errors of poses: all may move within the tolerance
         near = settled_within(likelihood, each.state, each.chosen, part, settings.tolerance)
         price = PRICE_NATS * sum(c.parameters for c in each.chosen)
@@ -151,7 +147,6 @@ def _from_set(way: Way, added: Added, better: Explained) -> Added | None:
         state = replace(state, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
     if len(kept) + len(better.terms) > settings.max_effects:
         return None
-    likelihood.scene.anchor(state.effects)
     new = as_candidates(likelihood, state, better, part)
     if not new:
         return None
@@ -176,9 +171,7 @@ def _with_gains(way: Way, chosen: Sequence[Candidate]) -> list[Candidate]:
             out.append(candidate)
             continue
         rest = without(way.state, k)
-        likelihood.scene.anchor(rest.effects)
         out.append(replace(candidate, gain=whole - likelihood.value(rest, test)))
-    likelihood.scene.anchor(way.state.effects)
     return out
 
 
@@ -252,7 +245,7 @@ def _round(way: Way, open_: set[str]) -> bool:
     near = tolerated(likelihood, way.state, fit_part(likelihood, settings), settings.tolerance)
     allowed = max(0.0, likelihood.value(near, trial.test_part) - trial.base)
     tried = candidates(trial, settings.kinds, way.tick)
-    found = _recast(trial, with_the_others(trial, way.chosen, tried))
+    found = with_the_others(trial, way.chosen, tried)
     chance = math.log(max(len(found), 1) / settings.alpha)
     crumb = CRUMB * sum(c.gain for c in way.chosen if c.kind not in (*EXACT, *LOST))
     lost = CRUMB * sum(c.gain for c in way.chosen if c.kind not in EXACT)
@@ -308,7 +301,6 @@ def _with_partner(way: Way, trial: Trial, taken: _Taken, needed: float) -> _Take
     first, likelihood = taken.best[0], trial.likelihood
     if len(taken.best) > 1 or first.kind not in _PARTNER or first.fitted is None:
         return taken
-    likelihood.scene.anchor(first.state.effects)
     mixture = likelihood.mixture(first.state)
     base = likelihood.value(first.state, trial.test_part, mixture)
     now = replace(trial, state=first.state, mixture=mixture, base=base)
@@ -317,19 +309,11 @@ def _with_partner(way: Way, trial: Trial, taken: _Taken, needed: float) -> _Take
     both = [together(now, [*(first.others or way.chosen), first], c) for c in found]
     near = tolerated(likelihood, first.state, fit_part(likelihood, way.settings), way.settings.tolerance)
     allowed = max(0.0, likelihood.value(near, trial.test_part) - base)
-    likelihood.scene.anchor(trial.state.effects)
     if not both or not both[0].others or both[0].score <= allowed + needed:
         return taken
     *others, first = both[0].others
     state = replace(both[0].state, effects=both[0].state.effects[:-1])
     return _Taken((replace(first, state=state, others=tuple(others)), both[0]), taken.aliases)
-
-
-def _recast(trial: Trial, found: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates, best first, those that move a surface with its edges, if they are among the best."""
-    fair = max((_FAIR * c.score for c in found[:1]), default=0.0)
-    cast_ = [recast(trial, c) if c.score > fair else c for c in found]
-    return sorted(cast_, key=lambda c: -c.score)
 
 
 def _tolerant(way: Way, trial: Trial, found: list[Candidate], near: State) -> tuple[list[Candidate], float]:
@@ -347,10 +331,8 @@ def _tolerant(way: Way, trial: Trial, found: list[Candidate], near: State) -> tu
     offset = [c for c in simple[_TRIED:] if c.kind == RangeOffset.kind]
     scored = []
     for c in (*simple[:_TRIED], *offset):
-        likelihood.scene.anchor(c.state.effects)
         moved = settled_within(likelihood, c.state, [*way.chosen, c], part, tolerance)
         scored.append((likelihood.value(moved, test) - PRICE_NATS * c.parameters, c))
-    likelihood.scene.anchor(trial.state.effects)
     if not scored:
         return found, -math.inf
     score, best = max(scored, key=lambda pair: pair[0])
@@ -406,12 +388,10 @@ def _second(
 ) -> Candidate:
     """What goes with an effect that a fixed pattern hides: another effect that gains beside both, or the pattern."""
     likelihood = trial.likelihood
-    likelihood.scene.anchor(first.state.effects)
     now = replace(trial, state=first.state, mixture=likelihood.mixture(first.state))
     near = tolerated(likelihood, first.state, parts[0], way.settings.tolerance)
     rest = [c for c in found if c.kind in STATIC and name_of(c) != name_of(first)]
     beside = best_beside(now, [*way.chosen, first], rest, parts, near)
-    likelihood.scene.anchor(trial.state.effects)
     return found[0] if beside is None else beside.first
 
 

@@ -117,12 +117,10 @@ def best_beside(
     for other in _worth_a_look(others, fits):
         price = PRICE_NATS * other.parameters
         needed = price + _CLEAR_NATS + _CLEAR_SHARE * max(alone - nothing, 0.0)
-        likelihood.scene.anchor(other.state.effects)  # a pose has edges of its own
         mixture = likelihood.mixture(other.state)
         value = worth(likelihood, other.state, mixture, unseen, patterned=True)
         if value - alone > needed and value - price > tolerable:
             tried.append((value - price, other))
-    likelihood.scene.anchor(trial.state.effects)
     if not tried:
         return None
     top, first = max(tried, key=lambda pair: pair[0])
@@ -133,12 +131,10 @@ def best_beside(
 def _still_gains(trial: Trial, other: Candidate, unseen: tuple[Part, Part]) -> bool:
     """Whether a pattern clearly gains beside an effect, which has the numbers for that."""
     likelihood = trial.likelihood
-    likelihood.scene.anchor(other.state.effects)
     mixture = likelihood.mixture(other.state)
     without, with_ = (
         worth(likelihood, other.state, mixture, unseen, patterned=patterned) for patterned in (False, True)
     )
-    likelihood.scene.anchor(trial.state.effects)
     return with_ - without > 3 * PRICE_NATS + _CLEAR_NATS
 
 
@@ -276,7 +272,6 @@ def together(trial: Trial, chosen: Sequence[Candidate], candidate: Candidate) ->
         if drift is None:
             break
         now[drift] = _begun_anew(trial, now, drift)
-    likelihood.scene.anchor(trial.state.effects)
     return best
 
 

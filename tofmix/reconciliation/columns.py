@@ -156,18 +156,19 @@ class _Maker:
         bias, width, times = [], [], []
         for s in self.seen:
             before, after = self.base.of_frames(s.view.frames), changed.of_frames(s.view.frames)
-            main = before.main[None]
-            moved = _of(after, "mean", main) - _of(before, "mean", main)
-            wider = np.log(_of(after, "sigma", main) / _of(before, "sigma", main))
-            bias.append(np.where(s.used, moved, 0.0) / size)
-            width.append(np.where(s.used, wider, 0.0) / size)
+            place = after.main_of(before)
+            seen = s.used & (place >= 0)  # of a surface that is out of the pixel, nothing is known
+            moved = _of(after, "mean", place) - before.of_main(before.mean)
+            wider = np.log(_of(after, "sigma", place) / before.of_main(before.sigma))
+            bias.append(np.where(seen, moved, 0.0) / size)
+            width.append(np.where(seen, wider, 0.0) / size)
             times.append(np.ones(s.elapsed_s.size) if profile is None else profile(s.elapsed_s))
         return Column(bias_mm=tuple(bias), profile=tuple(times), width=tuple(width), prior=prior)
 
 
-def _of(m: Mixture, name: str, main: IntArray) -> FloatArray:
+def _of(m: Mixture, name: str, component: IntArray) -> FloatArray:
     values: FloatArray = getattr(m, name)[0]
-    return np.asarray(np.take_along_axis(values, main, axis=0)[0])
+    return np.asarray(np.take_along_axis(values, np.maximum(component, 0)[None], axis=0)[0])
 
 
 def _with(state: State, effect: Effect) -> State:

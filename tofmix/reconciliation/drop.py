@@ -29,7 +29,6 @@ def exchange(way: Way, part: Part) -> None:
             state, trial = refit(likelihood, replace(way.state, effects=effects), trial, part)
             if likelihood.value(state, test) - PRICE_NATS * rival.parameters > stood + needed:
                 way.state, way.chosen = state, trial
-            likelihood.scene.anchor(way.state.effects)
 
 
 def _worth_a_trial(way: Way, number: int) -> list[tuple[Candidate, float]]:
@@ -75,12 +74,10 @@ def drop(way: Way) -> None:
         if candidate.fitted is None:
             continue
         rest = without(way.state, k)
-        likelihood.scene.anchor(rest.effects)  # a pose that goes takes its edges with it
         worth_ = likelihood.value(rest, part)
         if whole - worth_ < max(PRICE_NATS * candidate.parameters, _crumb(way, k)) or _is_pattern(way, k):
             way.state, whole = rest, worth_
             del way.chosen[k], way.rivals[k]
-    likelihood.scene.anchor(way.state.effects)
 
 
 def _crumb(way: Way, number: int) -> float:
@@ -103,7 +100,6 @@ def _bare(state: State, pattern: int) -> State:
 def _pattern_gains(way: Way, number: int) -> bool:
     """Whether a fixed pattern, its values integrated out, still gains beside all else."""
     bare, likelihood = _bare(way.state, number), way.likelihood
-    likelihood.scene.anchor(bare.effects)
     unseen = held_out(likelihood, way.settings)
     mixture = likelihood.mixture(bare)
     alone, patterned = (
@@ -126,7 +122,6 @@ def _is_pattern(way: Way, number: int) -> bool:
     unseen = held_out(likelihood, way.settings)
     values = []
     for each in (bare, rest):
-        likelihood.scene.anchor(each.effects)
         mixture = likelihood.mixture(each)
         values.append(worth(likelihood, each, mixture, (unseen, unseen), patterned=True))
     return values[0] - values[1] < PRICE_NATS * candidate.parameters

@@ -59,11 +59,6 @@ class Scenes:
             found |= {e.kind: e for e in member.links if e.kind not in found}
         return tuple(found.values())
 
-    def anchor(self, effects: tuple[Effect, ...]) -> None:
-        """As `Scene.anchor`, for each."""
-        for member in self.members:
-            member.anchor(effects)
-
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
         """What the models and these effects predict for all frames."""
         parts = [member.mixture(effects) for member in self.members]

@@ -4,6 +4,7 @@ Use `Scene.mixture` with the effects to be tried. What links samples (frames of 
 biases, stuck pixels, memory) is left to `tofmix.reconciliation.likelihood`; all else is the registry's own prediction.
 """
 
+from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,28 +16,23 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.projection import beam_directions_of
 from tofmix.reconciliation.error_shape import GAUSSIAN, ShapeTable, shape_table
-from tofmix.reconciliation.planes import ranges_to
-from tofmix.simulation.cast import cast_scene
-from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.base import Effect, Level
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.saturation import Saturation
-from tofmix.simulation.effects.surface_pose import SurfacePose, posed
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
-from tofmix.simulation.model import Model
+from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.polygon_cast import PolygonCaster
 from tofmix.simulation.prediction import Prediction, predict
 from tofmix.simulation.truth import Truth
-
-Poses = tuple[tuple[float, float, float], ...]
-"""Of each surface, by which it stands elsewhere: shift along its normal, mm; yaw and pitch, degrees."""
 
 LINKS = ("interference", "fixed_pattern", "stuck_pixels", "temporal_correlation")
 """Kinds that link samples: no part of the mixture."""
 
-_IN_TIME = ("temperature_drift", "motion")  # kinds of which `predict` knows one time
-
-_TIMES, _MOST_TIMES = 8, 32  # at which a moving scene is worked out
+_TIMES = (4, 8, 16, 32)  # at how many a moving scene is worked out
 _STEP_MM = 15.0  # that a surface moves from one to the next, if there are enough of them
+_SOON_S = 1e-3  # over which a surface's velocity is taken
+_KEPT_BYTES, _KEPT = 1 << 26, 2 * _TIMES[-1]  # of casts: at most so much memory, at least so many
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -121,13 +117,25 @@ class Mixture:
         """The heaviest component (pixel,) at the first time."""
         return np.asarray(self.weight[0].argmax(axis=0))
 
+    def main_of(self, other: "Mixture") -> IntArray:
+        """The component (pixel,) that shows the heaviest one's surface in another mixture of the scene.
+
+        It is of the first time. -1 where the surface is out of the pixel.
+        """
+        here = self.surface[0] == other.of_main(other.surface)
+        same = np.minimum(other.main, len(here) - 1)
+        kept = np.take_along_axis(here, same[None], axis=0)[0]
+        return np.where(kept, same, np.where(here.any(axis=0), here.argmax(axis=0), -1))
+
     def of_main(self, values: NDArray[Any]) -> NDArray[Any]:
         """Values (time, component, pixel) of the heaviest component, (pixel,)."""
         return np.asarray(np.take_along_axis(values[0], self.main[None], axis=0)[0])
 
 
 class Scene:
-    """A model's scene, cast once for each place of its surfaces.
+    """A model's scene, cast wherever effects put its surfaces.
+
+    What it predicts depends on the effects alone. Casts are kept, the last ones used, as fits come back to them.
 
     Effects of a surface that the model has not are none of its own: they are of another recording's scene. What the
     model has already acts in every mixture, but for what links samples, which is in `links`.
@@ -138,6 +146,11 @@ class Scene:
         The model, with the effects it has already.
     time_s : (frame,) float64
         Times of the frames.
+
+    Attributes
+    ----------
+    beams : (pixel, 3) float64
+        Unit vectors along the beams of the pixels' centres.
     """
 
     def __init__(self, model: Model, time_s: FloatArray) -> None:
@@ -146,100 +159,82 @@ class Scene:
         self.names = tuple(surface.name for surface in model.surfaces)
         self.members: tuple[Scene, ...] = (self,)
         self.links = tuple(e for e in model.effects if e.kind in LINKS and not _mapped_bias(e))
-        self._moving = tuple(e for e in model.effects if e.kind in _IN_TIME)
-        rest = tuple(e for e in model.effects if e not in (*self.links, *self._moving))
+        self._apart = tuple(e for e in model.effects if _stands_apart(e))
+        rest = tuple(e for e in model.effects if e not in (*self.links, *self._apart))
         alike = replace(model.sensor.noise, width_spread=0.0)  # widths are the recording's: a state has them
         self._still = replace(model, effects=rest, sensor=replace(model.sensor, noise=alike))
         self._table = shape_table(model.sensor.noise.shape)
-        self._at_rest: Poses = ((0.0, 0.0, 0.0),) * len(self.names)
-        self._cast: dict[Poses, Truth] = {}
-        self._anchor: list[Poses] = [self._at_rest]
-        self._count = _TIMES
-        self.distance = np.array([_plane_distance(s) for s in model.surfaces])
+        self._caster = PolygonCaster(model.sensor)
         self.beams = beam_directions_of(model.sensor.optics, model.sensor.shape).reshape(-1, 3)
-        self.truth(self._at_rest)
+        self._casts: OrderedDict[tuple[Surface, ...], Truth] = OrderedDict()
+        self.distance = np.array([_plane_distance(s) for s in model.surfaces])
 
     @property
     def effects(self) -> tuple[Effect, ...]:
         """What the model has already."""
         return self.model.effects
 
+    def surface(self, name: str) -> Surface:
+        """A surface as the model has it."""
+        return self.model.surfaces[self.names.index(name)]
+
     def own(self, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
         """Those of some effects that act in this scene."""
         return tuple(e for e in effects if getattr(e, "surface", None) in (None, *self.names))
 
-    def truth(self, poses: Poses) -> Truth:
-        """The scene cast with its surfaces in these poses; kept."""
-        if poses not in self._cast:
-            moved = tuple(posed(s, *p) if any(p) else s for s, p in zip(self._still.surfaces, poses, strict=True))
-            self._cast[poses] = cast_scene(replace(self._still, surfaces=moved))
-        return self._cast[poses]
-
-    def anchor(self, effects: tuple[Effect, ...]) -> None:
-        """Cast the scene where these effects put it; nearby places are then reached by shifting ranges alone."""
-        effects = (*self._moving, *self.own(effects))
-        fastest = max((abs(e.velocity_mm_s) for e in effects if isinstance(e, Motion)), default=0.0)
-        way_mm = fastest * float(self.time_s[-1])
-        self._count = int(np.clip(np.ceil(way_mm / _STEP_MM), _TIMES, _MOST_TIMES))
-        times = self._times(effects)
-        self._anchor = [_rounded(self._poses(effects, t)) for t in times]
-        self._cast = {a: self.truth(a) for a in [self._at_rest, *self._anchor]}
+    def _truth(self, surfaces: tuple[Surface, ...]) -> Truth:
+        """The scene cast with its surfaces where they are."""
+        truth = self._casts.pop(surfaces, None)
+        if truth is None:
+            truth = self._caster.cast(replace(self._still, surfaces=surfaces))
+            most = max(_KEPT, _KEPT_BYTES // max(_size(truth), 1))
+            while len(self._casts) >= most:
+                self._casts.popitem(last=False)
+        self._casts[surfaces] = truth  # as the last one used
+        return truth
 
     def _times(self, effects: tuple[Effect, ...]) -> FloatArray:
         if not any(isinstance(e, Motion) for e in effects):
             return np.zeros(1)
-        edges = np.linspace(0.0, float(self.time_s[-1]), self._count + 1)
+        way_mm = max(abs(e.velocity_mm_s) for e in effects if isinstance(e, Motion)) * float(self.time_s[-1])
+        count = next((n for n in _TIMES if n * _STEP_MM >= way_mm), _TIMES[-1])
+        edges = np.linspace(0.0, float(self.time_s[-1]), count + 1)
         return np.asarray((edges[1:] + edges[:-1]) / 2)
 
-    def _poses(self, effects: tuple[Effect, ...], time_s: float) -> FloatArray:
-        """Shift, mm, yaw and pitch, degrees (surface, 3), by which surfaces stand elsewhere at a time."""
-        pose = np.zeros((len(self.names), 3))
-        for e in effects:
-            if isinstance(e, SurfacePose):
-                pose[self.names.index(e.surface)] += e.shift_mm, e.yaw_deg, e.pitch_deg
-            elif isinstance(e, Motion):
-                pose[self.names.index(e.surface), 0] += e.velocity_mm_s * time_s
-        return pose
+    def _placed(self, effects: tuple[Effect, ...], time_s: float) -> tuple[Surface, ...]:
+        """The surfaces where effects put them at a time."""
+        surfaces = self.model.surfaces
+        for effect in effects:
+            if effect.level is Level.GEOMETRY:
+                surfaces = tuple(effect.place(surface, time_s) for surface in surfaces)
+        return surfaces
 
-    def _near(self, wanted: FloatArray, number: int) -> Truth:
-        """The scene with surfaces in wanted poses: ranges of there, shares and edges from the anchor."""
-        from_ = self._anchor[number] if number < len(self._anchor) else self._anchor[0]
-        truth = self.truth(from_)
-        change = wanted - np.array(from_)
-        if not change.any():
-            return truth
-        ratio = np.ones((len(self.names) + 1, len(self.beams)))  # the last is for no surface, number -1
-        for k, surface in enumerate(self._still.surfaces):
-            if change[k, 1:].any():
-                there, here = (ranges_to(posed(surface, *p), self.beams) for p in (wanted[k], from_[k]))
-                with np.errstate(invalid="ignore"):
-                    ratio[k] = np.where(np.isfinite(there / here), there / here, 1.0)
-            elif change[k, 0]:
-                ratio[k] += change[k, 0] / (self.distance[k] + from_[k][0])
-        pixel = np.arange(len(self.beams)).reshape(*truth.surface.shape[:2], 1)
-        scaled = (truth.range_true * ratio[truth.surface, pixel]).astype(np.float32)
-        return replace(truth, range_true=scaled)
+    def _velocities(self, effects: tuple[Effect, ...], time_s: float) -> FloatArray:
+        """Change of the rays to each surface (surface + 1,), per mm of their length and second; 0 for no surface."""
+        out = np.zeros(len(self.names) + 1)
+        if any(isinstance(e, Motion) for e in effects):
+            now, soon = (
+                np.array([_plane_distance(s) for s in self._placed(effects, t)]) for t in (time_s, time_s + _SOON_S)
+            )
+            out[:-1] = (soon / now - 1.0) / _SOON_S
+        return out
 
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
         """What the model and these effects predict, but for the kinds in `LINKS`."""
-        effects = (*self._moving, *self.own(effects))
+        effects = (*self._apart, *self.own(effects))
         times = self._times(effects)
-        drifts = [e for e in effects if isinstance(e, TemperatureDrift)]
         wells = [e for e in effects if isinstance(e, Saturation)]
         acting = tuple(
-            e for e in effects
-            if e.kind not in LINKS and not isinstance(e, TemperatureDrift | Saturation | SurfacePose | Motion)
-        )  # fmt: skip
+            e for e in effects if e.kind not in LINKS and not _stands_apart(e) and not isinstance(e, Saturation)
+        )
         model = replace(self._still, effects=(*self._still.effects, *acting))
-        parts = [predict(model, self._near(self._poses(effects, float(t)), k)) for k, t in enumerate(times)]
+        parts = [predict(model, self._truth(self._placed(effects, float(t)))) for t in times]
         for part in parts:
             for well in wells:
                 _saturate(part, well)
-        return self._stack(parts, times, effects, drifts)
+        return self._stack(parts, times, effects)
 
-    def _stack(
-        self, parts: list[Prediction], times: FloatArray, effects: tuple[Effect, ...], drifts: list[TemperatureDrift]
-    ) -> Mixture:
+    def _stack(self, parts: list[Prediction], times: FloatArray, effects: tuple[Effect, ...]) -> Mixture:
         most, pixels = max(len(p.weight) for p in parts), parts[0].weight.shape[1]
 
         def stack(name: str, fill: float) -> FloatArray:
@@ -249,17 +244,12 @@ class Scene:
             return out
 
         surface = stack("surface", -1).astype(np.int64)
-        velocity = np.zeros((len(times), len(self.names) + 1))  # of each ray, per mm of its length
-        for e in effects:
-            if isinstance(e, Motion):
-                moved = np.array([self._poses(effects, float(t))[:, 0] for t in times])
-                at = self.names.index(e.surface)
-                velocity[:, at] += e.velocity_mm_s / (self.distance[at] + moved[:, at])
+        velocity = np.stack([self._velocities(effects, float(t)) for t in times])
         key = np.clip(
             (self.time_s * len(times) / max(float(self.time_s[-1]), 1e-9)).astype(np.int64), 0, len(times) - 1
         )
         bias = np.zeros(len(self.time_s))
-        for drift in drifts:
+        for drift in (e for e in effects if isinstance(e, TemperatureDrift)):
             bias += drift.amplitude_mm * -np.expm1(-self.time_s / drift.time_constant_s)
         first, true_range = parts[0], stack("true_range_mm", 1.0)
         sensor = self.model.sensor
@@ -276,20 +266,24 @@ class Scene:
         )  # fmt: skip
 
 
-def _rounded(poses: FloatArray) -> Poses:
-    """Poses as keys: to a micrometre and a tenth of a millidegree."""
-    return tuple((round(float(d), 3), round(float(y), 4), round(float(p), 4)) for d, y, p in poses)
-
-
 def _mapped_bias(effect: Effect) -> bool:
     """Whether an effect is a pattern that is known pixel by pixel."""
     return isinstance(effect, FixedPattern) and effect.map is not None
 
 
-def _plane_distance(surface: object) -> float:
+def _stands_apart(effect: Effect) -> bool:
+    """Whether `predict` does not know of an effect: where surfaces stand, and what changes from frame to frame."""
+    return effect.level is Level.GEOMETRY or isinstance(effect, TemperatureDrift)
+
+
+def _size(truth: Truth) -> int:
+    """Bytes of a cast."""
+    return sum(getattr(truth, name).nbytes for name in Truth.__dataclass_fields__)
+
+
+def _plane_distance(surface: Surface) -> float:
     """Distance of a surface's plane from the camera along its normal, signed, mm; never 0."""
-    normal = surface.rotation()[:, 2]  # type: ignore[attr-defined]
-    distance = float(normal @ np.array(surface.center_mm))  # type: ignore[attr-defined]
+    distance = float(surface.rotation()[:, 2] @ np.array(surface.center_mm))
     return distance if abs(distance) > 1.0 else 1.0
 
 

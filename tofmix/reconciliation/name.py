@@ -34,9 +34,6 @@ PRICE_NATS = 3.0  # of each free parameter
 RIVALS = ("range_offset", "surface_pose")
 """Simple explanations that always compete."""
 
-MOVES = ("surface_pose", "motion")
-"""Kinds that move a surface, and its edges with it."""
-
 _MANY_FRAMES = 80
 SLACK = 1.15
 """A tolerance is a typical error, not the largest."""
@@ -180,24 +177,6 @@ def _shifts(trial: Trial, state: State, gain: float) -> bool:
     unmoved = replace(mixture, mean=trial.mixture.mean)
     noise_alone = trial.likelihood.value(state, trial.test_part, unmoved) - trial.base
     return gain - noise_alone > 2 * PRICE_NATS
-
-
-def recast(trial: Trial, candidate: Candidate) -> Candidate:
-    """A candidate that moves a surface, its edges cast where it puts them, its numbers fitted and scored with these.
-
-    Elsewhere a moved surface keeps its edges where they were, which is quick, and right for small moves alone.
-    """
-    if candidate.kind not in MOVES or candidate.fitted is None:
-        return candidate
-    likelihood = trial.likelihood
-    likelihood.scene.anchor(candidate.state.effects)
-    problem, start = candidate.fitted.problem, candidate.fitted.vector
-    others = candidate.state.effects[:-1]
-    fitted = fit(problem, likelihood, replace(candidate.state, effects=others), trial.fit_part, start=start)
-    state = replace(candidate.state, effects=(*others, fitted.effect))
-    gain = likelihood.value(state, trial.test_part) - trial.base
-    likelihood.scene.anchor(trial.state.effects)
-    return replace(candidate, effect=fitted.effect, gain=gain, state=state, fitted=fitted)
 
 
 def _stuck(trial: Trial) -> Candidate | None:

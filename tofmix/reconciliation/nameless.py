@@ -82,7 +82,6 @@ def better_law(
     moved = _KNOWN * PRICE_NATS * (len(near.effects) - len(named.effects))  # each one's tilts hardly count
     at, about = (worth(likelihood, s, likelihood.mixture(s), parts, patterned=patterned) for s in (named, near))
     explain = max(at, about - moved) - price
-    likelihood.scene.anchor(rest.effects)  # a pose that is left out takes its edges with it
     mixture = likelihood.mixture(rest)
     nothing = worth(likelihood, rest, mixture, parts, patterned=False)
     needed = explain if stood else explain + max(CLEARLY_NATS, CLEARLY_SHARE * (explain - nothing))
@@ -91,7 +90,6 @@ def better_law(
         bent = law(likelihood, rest, mixture, parts[0])
         if bent is not None:
             found.append((worth(likelihood, *bent[:2], parts, patterned=patterned) - each * bent[2], axis))
-    likelihood.scene.anchor(state.effects)
     value, best = max(found)
     return best if value > needed else None
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from tofmix.reconciliation.joint import Recording, joint_likelihood
 from tofmix.reconciliation.likelihood import Likelihood
-from tofmix.reconciliation.name import PRICE_NATS, Candidate, begin_trial, candidates, recast
+from tofmix.reconciliation.name import PRICE_NATS, Candidate, begin_trial, candidates
 from tofmix.reconciliation.nameless import CLEARLY_NATS
 from tofmix.reconciliation.refit import begin
 from tofmix.reconciliation.searches import PROBLEMS
@@ -45,10 +45,9 @@ def better_own(
         for candidate in candidates(trial, (effect.kind,)):
             if name_of(candidate) != (effect.kind, getattr(effect, "surface", "")):
                 continue
-            found = recast(trial, candidate)
-            score = trial.base + found.score
+            score = trial.base + candidate.score
             if score > top:
-                best, top = found.effect, score
+                best, top = candidate.effect, score
     return best
 
 

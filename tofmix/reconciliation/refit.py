@@ -41,11 +41,9 @@ def refit(
         if candidate.fitted is None or not candidate.fitted.problem.steps:
             continue
         rest = without(state, k)
-        likelihood.scene.anchor(state.effects)
         fitted = fit(candidate.fitted.problem, likelihood, rest, part, start=candidate.fitted.vector)
         chosen[k] = replace(candidate, effect=fitted.effect, fitted=fitted)
         state = replace(state, effects=(*rest.effects[:k], fitted.effect, *rest.effects[k:]))
-    likelihood.scene.anchor(state.effects)
     state = latent_states(likelihood, state, part[0])
     last = settle(numbers(likelihood, state, chosen, part))
     ends = [replace(c, fitted=last.fits.get(k, c.fitted)) for k, c in enumerate(chosen)]
@@ -61,7 +59,6 @@ def settle(numbers: Numbers) -> Numbers:
         last = polish(numbers)
         if last is numbers:
             break
-        last.likelihood.scene.anchor(last.state.effects)
         numbers = replace(last, state=latent_states(last.likelihood, last.state, last.part[0]))
         if pattern_of(numbers.state) is None:
             break
@@ -92,7 +89,6 @@ def begin(likelihood: Likelihood, frames: IntArray, tolerance: float) -> State:
         Error of a map that the model has, in sigma: it was measured, in a recording as short as this one may be.
     """
     state = likelihood.start()
-    likelihood.scene.anchor(state.effects)
     if any(isinstance(e, FixedPattern) and e.map is not None for e in likelihood.scene.effects):
         mixture = likelihood.scene.mixture()
         state = replace(state, pixel_variance=(SLACK * tolerance * mixture.of_main(mixture.sigma)) ** 2)

@@ -58,7 +58,7 @@ class StaticFits:
         seen = list(views(likelihood, mixture, part))
         found = [pixel_biases(likelihood, mixture, state, view.part_of_all) for view in seen]
         self._frames = [view.frames for view in seen]
-        self._main = [view.mixture.main for view in seen]
+        self._mixtures = [view.mixture for view in seen]
         self._use = [np.flatnonzero(f.information > 0) for f in found]
         self._pixel = np.concatenate(self._use)
         self._weight = np.concatenate([f.information[use] for f, use in zip(found, self._use, strict=True)])
@@ -118,14 +118,14 @@ class StaticFits:
         except ValueError:
             return None
         effects = dict(enumerate(self._effects)) | dict(zip(places, made, strict=True))
-        return self._means(tuple(effects.values())) - self._at_rest
+        moves = self._means(tuple(effects.values())) - self._at_rest
+        return np.asarray(np.nan_to_num(moves))  # of a surface that is out of the pixel, nothing is known
 
     def _means(self, effects: tuple[Effect, ...]) -> FloatArray:
         mixture = self._scene.mixture(effects)
         means = []
-        for frames, main, use in zip(self._frames, self._main, self._use, strict=True):
-            mean = mixture.of_frames(frames).mean[0]
-            means.append(np.take_along_axis(mean, main[None], axis=0)[0][use])
+        for frames, other, use in zip(self._frames, self._mixtures, self._use, strict=True):
+            means.append(_means_of(mixture.of_frames(frames), other)[use])
         return np.concatenate(means)
 
     def _left(self, places: Sequence[int], fits: Sequence[Fitted], x: FloatArray) -> float:
@@ -165,6 +165,13 @@ class StaticFits:
             pulled = np.stack([self._lines.sums(w) for w in weighted], axis=1)
             products -= pulled.T @ self._root.solve(pulled)
         return np.asarray(products)
+
+
+def _means_of(mixture: Mixture, other: Mixture) -> FloatArray:
+    """Mean (pixel,) of the surface that another mixture shows most, wherever its edges have moved; NaN for none."""
+    place = mixture.main_of(other)
+    mean = np.take_along_axis(mixture.mean[0], np.maximum(place, 0)[None], axis=0)[0]
+    return np.asarray(np.where(place < 0, np.nan, mean))
 
 
 def _cut(fits: Sequence[Fitted], x: FloatArray) -> list[FloatArray]:

@@ -99,10 +99,8 @@ def verify(
         Whether a law that no effect is has beaten an earlier way of adding effects.
     """
     held = held_out(likelihood, settings)
-    likelihood.scene.anchor(())  # edges where the model as given has them, not where a pose put them
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
     before = compare(likelihood, start, held, seed=settings.seed)
-    likelihood.scene.anchor(added.state.effects)
     after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
     floor = _floor(likelihood, added.state, settings)
     part = likelihood.evidence.part(fit=False, split=settings.split)
@@ -127,9 +125,7 @@ def verify(
 
 def revoked(likelihood: Likelihood, found: Verified, settings: Settings) -> Verified:
     """What verification says where no effect stands: the model as given."""
-    likelihood.scene.anchor(())
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
-    likelihood.scene.anchor(start.effects)
     return replace(found, state=start, after=found.before, floor=_floor(likelihood, start, settings))
 
 

@@ -9,6 +9,7 @@ from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.joint import joint_likelihood
 from tofmix.reconciliation.memory import RandomValues, memory_gain, predicted_noise
 from tofmix.simulation.model import Model
+from tofmix.simulation.polygon_cast import PolygonCaster
 
 _FRAMES = 20
 
@@ -21,6 +22,7 @@ def warm_up(model: Model) -> None:
     model : Model
         Any one.
     """
+    PolygonCaster(model.sensor).cast(model)  # 6 x 6 pixels are too wide for it
     model = replace(model, sensor=replace(model.sensor, rows=6, cols=6))
     range_mm = np.random.default_rng(1).normal(1500.0, 10.0, (_FRAMES, 6, 6)).astype(np.float32)
     likelihood = joint_likelihood([(model, make_evidence(model, range_mm))])

@@ -222,7 +222,6 @@ def reconcile(
     likelihood = joint_likelihood(recordings)
     added, verified = _searched(likelihood, settings, tick)
     if verified.verdict != "agree":
-        likelihood.scene.anchor(added.state.effects)
         test = likelihood.evidence.part(fit=False, split=settings.split)
         stands = likelihood.value(added.state, test), added.chosen
         own = better_own(recordings, likelihood, stands, settings)
@@ -266,9 +265,7 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
         patterned = all(c.kind == FixedPattern.kind for c in added.chosen)
         if tried[-1][1].law is not None and not patterned and not set_is_left:
             break
-    best = next((way for way in tried if way[1].verdict == "partly_explained"), tried[0])
-    likelihood.scene.anchor(best[0].state.effects)
-    return best
+    return next((way for way in tried if way[1].verdict == "partly_explained"), tried[0])
 
 
 def _placed(named: NamedEffect, likelihood: Likelihood, models: tuple[Model, ...]) -> NamedEffect:

@@ -66,7 +66,7 @@ def cast_scene(model: Model, *, time_s: float = 0.0) -> Truth:
     if model.moves:
         return MovingCaster(model).cast(time_s)
     placed = _placed(model, time_s)
-    return _truth(placed, _cast(placed))
+    return truth_of(placed, _cast(placed))
 
 
 class MovingCaster:
@@ -105,9 +105,9 @@ class MovingCaster:
         reached = _reached(model, self._moving)
         fresh = _cast(model, reached)
         kept = ~reached.ravel()[still.pixel]
-        truth = _truth(
+        truth = truth_of(
             model,
-            _Seen(
+            Seen(
                 pixel=np.concatenate([fresh.pixel, still.pixel[kept]]),
                 surface=np.concatenate([fresh.surface, still.surface[kept]]),
                 share=np.concatenate([fresh.share, still.share[kept]]),
@@ -126,7 +126,7 @@ def _placed(model: Model, time_s: float) -> Model:
     return replace(model, surfaces=model.placed(time_s)) if model.effects else model
 
 
-class _Seen(NamedTuple):
+class Seen(NamedTuple):
     """One entry for each surface that a pixel sees, and the pixels' shares without a surface."""
 
     pixel: IntArray
@@ -137,7 +137,7 @@ class _Seen(NamedTuple):
     nothing: FloatArray
 
 
-def _cast(model: Model, wanted: BoolArray | None = None) -> _Seen:
+def _cast(model: Model, wanted: BoolArray | None = None) -> Seen:
     """Cast row by row, so that memory does not grow with pixels times surfaces; only the pixels (row, col) wanted."""
     sensor, scene = model.sensor, scene_arrays(model)
     if wanted is None:
@@ -147,8 +147,8 @@ def _cast(model: Model, wanted: BoolArray | None = None) -> _Seen:
     for row in range(sensor.rows):
         sums = np.zeros((sensor.cols, len(model.surfaces), 3))
         cast(row, wanted[row], sums)
-        rows.append(_sift(sums, row * sensor.cols))
-    return _Seen(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+        rows.append(sift(sums, row * sensor.cols))
+    return Seen(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
 
 
 def _row_caster(sensor: SensorProfile, scene: SceneArrays) -> Callable[[int, BoolArray, FloatArray], None]:
@@ -185,7 +185,7 @@ def _angles(sensor: SensorProfile, optics: Equiangular) -> tuple[FloatArray, Flo
     return azimuths, (np.arange(sensor.rows, dtype=np.float64) - (sensor.rows - 1) / 2) * height
 
 
-def _sift(sums: FloatArray, first_pixel: int) -> _Seen:
+def sift(sums: FloatArray, first_pixel: int) -> Seen:
     """What a row's pixels see, without shares below `MIN_SHARE`; the others fill the pixel."""
     share = sums[:, :, 0]
     nothing = 1.0 - share.sum(axis=1)
@@ -194,7 +194,7 @@ def _sift(sums: FloatArray, first_pixel: int) -> _Seen:
     whole = share.sum(axis=1) + nothing
     col, surface = np.nonzero(share)
     weight, weighted_range, weighted_cosine = sums[col, surface].T
-    return _Seen(
+    return Seen(
         pixel=first_pixel + col,
         surface=surface,
         share=share[col, surface] / whole[col],
@@ -204,7 +204,7 @@ def _sift(sums: FloatArray, first_pixel: int) -> _Seen:
     )
 
 
-def _truth(model: Model, seen: _Seen) -> Truth:
+def truth_of(model: Model, seen: Seen) -> Truth:
     """Sort what each pixel sees from near to far."""
     sensor = model.sensor
     counts = np.bincount(seen.pixel, minlength=sensor.rows * sensor.cols)
@@ -235,7 +235,7 @@ def _truth(model: Model, seen: _Seen) -> Truth:
     )
 
 
-def _amplitude(model: Model, seen: _Seen) -> FloatArray:
+def _amplitude(model: Model, seen: Seen) -> FloatArray:
     """``1000 * reflectivity * cos(incidence) * (1000 / r_mm)^2 * tau_ms / 1.2`` of each entry."""
     reflectivity = np.array([surface.reflectivity for surface in model.surfaces], dtype=np.float64)[seen.surface]
     gain = 1000.0 * model.sensor.integration_time_ms / 1.2

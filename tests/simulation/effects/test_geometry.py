@@ -6,6 +6,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from effect_bench import Bench, effect
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.cast import MovingCaster, cast_scene
@@ -37,6 +39,30 @@ def test_a_pose_is_a_shift_along_the_normal(bench: Bench, shift: float) -> None:
     np.testing.assert_array_equal(found.n_modes, expected.n_modes)
     np.testing.assert_allclose(found.range_true, expected.range_true, rtol=1e-6)
     np.testing.assert_allclose(found.weight_true, expected.weight_true, atol=1e-6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(shift=st.floats(-500, 500), yaw=st.floats(-60, 60), pitch=st.floats(-60, 60), own=st.floats(-30, 30))
+def test_a_turned_pose_gives_the_cast_of_the_model_with_the_edited_surface(
+    bench: Bench, shift: float, yaw: float, pitch: float, own: float
+) -> None:
+    """The shift is along the normal that the surface has before it is turned."""
+    still = bench.boards(frames=1).model
+    still = replace(still, surfaces=(replace(still.surfaces[0], yaw_deg=own), *still.surfaces[1:]))
+    pose = effect("surface_pose", surface="near", shift_mm=shift, yaw_deg=yaw, pitch_deg=pitch)
+    near = still.surfaces[0]
+    x, y, z = np.array(near.center_mm) + shift * near.rotation()[:, 2]
+    edited = replace(near, center_mm=(x, y, z), yaw_deg=own + yaw, pitch_deg=near.pitch_deg + pitch)
+    same(
+        cast_scene(replace(still, effects=(pose,))), cast_scene(replace(still, surfaces=(edited, *still.surfaces[1:])))
+    )
+
+
+def test_turn_is_said_only_where_there_is_one() -> None:
+    shifted = effect("surface_pose", surface="near", shift_mm=12.0)
+    assert shifted.explain() == '"near" stands +12 mm along its normal from where the model puts it'
+    turned = effect("surface_pose", surface="near", shift_mm=12.0, pitch_deg=-1.5)
+    assert turned.explain() == shifted.explain() + ", turned by -1.5 degrees in pitch"
 
 
 def test_samples_are_those_of_the_moved_scene(bench: Bench) -> None:

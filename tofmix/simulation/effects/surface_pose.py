@@ -41,8 +41,9 @@ class SurfacePose(Effect):
 
     def explain(self) -> str:
         """One sentence."""
-        turned = self.yaw_deg or self.pitch_deg
-        turn = f", turned by {self.yaw_deg:+.4g} degrees of yaw and {self.pitch_deg:+.4g} of pitch" if turned else ""
+        turns = (("yaw", self.yaw_deg), ("pitch", self.pitch_deg))
+        said = " and ".join(f"{angle:+.4g} degrees in {name}" for name, angle in turns if angle)
+        turn = f", turned by {said}" if said else ""
         return f'"{self.surface}" stands {self.shift_mm:+.4g} mm along its normal from where the model puts it{turn}'
 
     def place(self, surface: "Surface", time_s: float) -> "Surface":  # noqa: ARG002
