@@ -10,7 +10,9 @@ from tofmix.reconciliation.fits import fit
 from tofmix.reconciliation.likelihood import Likelihood
 from tofmix.reconciliation.mixture import Scene
 from tofmix.reconciliation.profiles import numeric
-from tofmix.reconciliation.searches import PROBLEMS, problems
+from tofmix.reconciliation.searches import problems
+from tofmix.simulation.effects import EFFECTS
+from tofmix.simulation.effects.base import Latent
 from tofmix.simulation.model import Model
 
 
@@ -33,7 +35,7 @@ def test_drift_has_starts_in_few_frames(model: Model, record: Record, frames: in
         assert problem.make(np.array(start)).kind == "temperature_drift"
 
 
-@pytest.mark.parametrize("kind", PROBLEMS)
+@pytest.mark.parametrize("kind", [kind for kind, effect in EFFECTS.items() if effect.latent is Latent.NONE])
 def test_each_start_of_a_search_is_an_effect_that_the_camera_may_have(
     model: Model, lossy: Likelihood, kind: str
 ) -> None:

@@ -4,15 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE
+from recordings import MAKE, Record
 
-from tofmix.reconciliation.compare import Compared
-from tofmix.reconciliation.likelihood import State
+from tofmix.reconciliation.compare import Compared, compare
+from tofmix.reconciliation.likelihood import Likelihood, State
+from tofmix.reconciliation.mixture import Scene
 from tofmix.reconciliation.name import Candidate
 from tofmix.reconciliation.panel import Curve
-from tofmix.reconciliation.verdict import SIGNATURES, Findings, inexact, judge
-from tofmix.reconciliation.way import EXACT
+from tofmix.reconciliation.verdict import Findings, inexact, judge
+from tofmix.reconciliation.way import Settings, held_out
 from tofmix.simulation.effects import EFFECTS
+from tofmix.simulation.model import Model
 
 BINS = 12
 NOTHING: dict[str, float] = {"bias": 0.0, "spread": 0.0, "tails": 0.0}
@@ -100,5 +102,11 @@ def test_simulation_far_from_its_own_prediction_explains_nothing() -> None:
     assert judge(replace(found, floor=panel(bias=0.9))) == "unexplained"
 
 
-def test_every_kind_has_statistics_in_which_it_must_show_or_an_exact_law() -> None:
-    assert set(EFFECTS) == set(SIGNATURES) | set(EXACT)
+def test_every_kind_shows_in_statistics_of_the_panel_or_has_an_exact_law(model: Model, record: Record) -> None:
+    evidence = record(MAKE["dropout"](probability=0.02))
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    state = replace(likelihood.start(), effects=(MAKE["pixel_crosstalk"](share=0.01),))
+    panel_ = compare(likelihood, state, held_out(likelihood, Settings(kinds=())), seed=1)
+    known = {curve.statistic for curve in panel_.curves}
+    assert [kind for kind, effect in EFFECTS.items() if not (effect.shows_in or effect.exact_law)] == []
+    assert {s for effect in EFFECTS.values() for s in effect.shows_in} - known == set()

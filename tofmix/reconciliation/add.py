@@ -17,7 +17,7 @@ import numpy as np
 
 from tofmix.reconciliation.alternatives import Alternatives, alternatives, apart, as_candidates
 from tofmix.reconciliation.beside import ALIAS_NATS, best_beside, settled_within, together, with_the_others, worth
-from tofmix.reconciliation.columns import TERMS
+from tofmix.reconciliation.columns import summed_up
 from tofmix.reconciliation.compare import Compared, compare
 from tofmix.reconciliation.drop import drop, exchange
 from tofmix.reconciliation.joint import views
@@ -25,18 +25,14 @@ from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.localise import disagreements
 from tofmix.reconciliation.name import PRICE_NATS, Candidate, Trial, begin_trial, candidates, tolerated
 from tofmix.reconciliation.refit import begin, refit, without
-from tofmix.reconciliation.static_fits import STATIC
 from tofmix.reconciliation.subsets import Explained
-from tofmix.reconciliation.verdict import SIGNATURES, inexact
-from tofmix.reconciliation.way import CRUMB, EXACT, LOST, Settings, Way, fit_part, held_out, name_of
+from tofmix.reconciliation.verdict import inexact
+from tofmix.reconciliation.way import CRUMB, Settings, Way, fit_part, held_out, name_of
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.effects.range_offset import RangeOffset
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
-
-_PARTNER = {"temperature_drift": "range_offset", "motion": "surface_pose"}
-"""What is static in an effect that changes in time, by whose numbers it may pass for a part of it."""
 
 _TRIED = 4  # rivals that are looked at with the model within its tolerance
 _FAIR = 0.5  # share of the best candidate's score from which another may begin a way
@@ -141,7 +137,7 @@ def _from_set(way: Way, added: Added, better: Explained) -> Added | None:
     """Where a search ends that begins with a set of effects instead of those that were added; None if it cannot."""
     likelihood, settings = way.likelihood, way.settings
     part = fit_part(likelihood, settings)
-    kept, state = [c for c in added.chosen if c.kind not in TERMS], apart(added.state)
+    kept, state = [c for c in added.chosen if not summed_up(c.kind)], apart(added.state)
     if len(kept) + len(better.terms) > settings.max_effects:  # a pattern takes what is static, whatever it is
         kept = [c for c in kept if c.kind != FixedPattern.kind]
         state = replace(state, effects=tuple(e for e in state.effects if e.kind != FixedPattern.kind))
@@ -204,7 +200,7 @@ def _followed(way: Way) -> Added:
             break
         stood.append(names)
     kept = {c.kind for c in way.chosen}
-    told = any(c.kind in TERMS for c in way.chosen) or bool(disagreements(panel, settings.alpha))
+    told = any(summed_up(c.kind) for c in way.chosen) or bool(disagreements(panel, settings.alpha))
     return Added(
         state=way.state, chosen=tuple(way.chosen), first=way.first,
         aliases=tuple(group for group in way.aliases if group[0].kind in kept), panel=panel,
@@ -247,11 +243,11 @@ def _round(way: Way, open_: set[str]) -> bool:
     tried = candidates(trial, settings.kinds, way.tick)
     found = with_the_others(trial, way.chosen, tried)
     chance = math.log(max(len(found), 1) / settings.alpha)
-    crumb = CRUMB * sum(c.gain for c in way.chosen if c.kind not in (*EXACT, *LOST))
-    lost = CRUMB * sum(c.gain for c in way.chosen if c.kind not in EXACT)
-    found = [c for c in found if c.kind not in LOST or c.score > lost]
+    crumb = CRUMB * sum(c.gain for c in way.chosen if not (c.exact or c.loses))
+    lost = CRUMB * sum(c.gain for c in way.chosen if not c.exact)
+    found = [c for c in found if not c.loses or c.score > lost]
     found, beyond = _tolerant(way, trial, found, near)
-    way.missed |= {c.kind for c in found[:1] if way.chosen and open_ & set(SIGNATURES.get(c.kind, ()))}
+    way.missed |= {c.kind for c in found[:1] if way.chosen and open_ & set(c.effect.shows_in)}
     if found and found[0].kind in way.missed:
         crumb = 0.0
     needed = max(allowed + chance, crumb)
@@ -299,13 +295,13 @@ def _with_partner(way: Way, trial: Trial, taken: _Taken, needed: float) -> _Take
     Alone, the effect may take up so much of both that the panel agrees, with the wrong numbers.
     """
     first, likelihood = taken.best[0], trial.likelihood
-    if len(taken.best) > 1 or first.kind not in _PARTNER or first.fitted is None:
+    if len(taken.best) > 1 or not first.effect.static_partner or first.fitted is None:
         return taken
     mixture = likelihood.mixture(first.state)
     base = likelihood.value(first.state, trial.test_part, mixture)
     now = replace(trial, state=first.state, mixture=mixture, base=base)
     surface = getattr(first.effect, "surface", "")
-    found = (c for c in candidates(now, (_PARTNER[first.kind],)) if getattr(c.effect, "surface", "") == surface)
+    found = (c for c in candidates(now, (first.effect.static_partner,)) if getattr(c.effect, "surface", "") == surface)
     both = [together(now, [*(first.others or way.chosen), first], c) for c in found]
     near = tolerated(likelihood, first.state, fit_part(likelihood, way.settings), way.settings.tolerance)
     allowed = max(0.0, likelihood.value(near, trial.test_part) - base)
@@ -323,10 +319,10 @@ def _tolerant(way: Way, trial: Trial, found: list[Candidate], near: State) -> tu
     there; of a model that has taken them up already, it gains nothing.
     """
     likelihood, tolerance = way.likelihood, way.settings.tolerance
-    if tolerance <= 0 or not found or found[0].kind not in STATIC:
+    if tolerance <= 0 or not found or not found[0].static:
         return found, -math.inf
     part, test = fit_part(likelihood, way.settings), trial.test_part
-    static = [c for c in found if c.kind in STATIC and c.fitted is not None and c.gain > 0]
+    static = [c for c in found if c.static and c.fitted is not None and c.gain > 0]
     simple = [c for c in static if c.parameters <= found[0].parameters]
     offset = [c for c in simple[_TRIED:] if c.kind == RangeOffset.kind]
     scored = []
@@ -390,7 +386,7 @@ def _second(
     likelihood = trial.likelihood
     now = replace(trial, state=first.state, mixture=likelihood.mixture(first.state))
     near = tolerated(likelihood, first.state, parts[0], way.settings.tolerance)
-    rest = [c for c in found if c.kind in STATIC and name_of(c) != name_of(first)]
+    rest = [c for c in found if c.static and name_of(c) != name_of(first)]
     beside = best_beside(now, [*way.chosen, first], rest, parts, near)
     return found[0] if beside is None else beside.first
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from tofmix.reconciliation.add import Added
 from tofmix.reconciliation.alternatives import ALIAS_NATS, MOST_ALIASES
-from tofmix.reconciliation.columns import TERMS
+from tofmix.reconciliation.columns import summed_up
 from tofmix.reconciliation.subsets import Explained
 
 _SEPARATE: tuple[tuple[frozenset[str], str], ...] = (
@@ -104,7 +104,7 @@ def aliases(added: Added, *, named: bool) -> tuple[Alias, ...]:
         for mine, others in groups.items()
     ]
     for head, *rest in added.aliases:  # kinds of which summaries say nothing
-        if head.kind not in TERMS:
+        if not summed_up(head.kind):
             each = tuple(((c.kind, getattr(c.effect, "surface", "")),) for c in (head, *rest))[: MOST_ALIASES + 1]
             out.append(Alias(sets=each, gains=tuple(c.gain for c in (head, *rest))[: MOST_ALIASES + 1]))
     return tuple(out)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tofmix.reconciliation.columns import TERMS, Term, terms
+from tofmix.reconciliation.columns import Term, summed_up, terms
 from tofmix.reconciliation.fits import fit
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.name import Candidate
@@ -123,7 +123,7 @@ def _of_names(subsets: Subsets, every: Sequence[Term], names: set[tuple[str, str
 
 def apart(state: State) -> State:
     """The state without what summaries tell of; a pattern's map, which holds all that is static, goes too."""
-    kept = tuple(e for e in state.effects if e.kind not in TERMS)
+    kept = tuple(e for e in state.effects if not summed_up(e.kind))
     if any(isinstance(e, FixedPattern) for e in state.effects):
         nothing = np.zeros_like(state.pixel_bias)
         state = replace(state, pixel_bias=nothing, pixel_variance=nothing)

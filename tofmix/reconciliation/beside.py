@@ -17,8 +17,8 @@ from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.name import PRICE_NATS, Candidate, Trial, tolerated
 from tofmix.reconciliation.pixel_pattern import pixel_biases, with_pattern
 from tofmix.reconciliation.refit import refit
-from tofmix.reconciliation.static_fits import STATIC, StaticFits, spreads
-from tofmix.simulation.effects.base import Effect
+from tofmix.reconciliation.static_fits import StaticFits, spreads
+from tofmix.simulation.effects.base import Effect, Target
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 ALIAS_NATS = 6.0
 """Gains that are nearer are not told apart."""
 
-_PARTLY = ("temperature_drift", "motion")  # kinds that change in time, and of which a part is static
 _EACH = 3  # turns of static effects and the model within its tolerance, and of a drift begun anew beside the others
 _FAIR = 0.5  # share of the best score from which what changes in time is worth a fit with all the others
 _TRIED = 3  # of the best static ones
@@ -145,9 +144,9 @@ def _worth_a_look(others: Sequence[Candidate], fits: "_Fits") -> list[Candidate]
     that is far behind alone may be the first.
     """
     gaining = [c for c in others if c.gain > PRICE_NATS * c.parameters + _CLEAR_NATS]
-    moving = {c.kind: c for c in reversed(gaining) if c.kind not in STATIC}
-    alone = [*[c for c in gaining if c.kind in STATIC][:1], *moving.values()]
-    moved = [fits.beside(c) for c in others if c.kind in STATIC]
+    moving = {c.kind: c for c in reversed(gaining) if not c.static}
+    alone = [*[c for c in gaining if c.static][:1], *moving.values()]
+    moved = [fits.beside(c) for c in others if c.static]
     moved.sort(key=lambda pair: PRICE_NATS * pair[1].parameters - pair[0])
     return [c for gain, c in moved[:_TRIED] if gain > PRICE_NATS * c.parameters] + alone
 
@@ -163,7 +162,7 @@ def settled_within(
     Parameters as of `tofmix.reconciliation.name.tolerated`, and `chosen`: the state's effects, in its order.
     """
     best = tolerated(likelihood, state, part, tolerance)
-    fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.kind in STATIC}
+    fits = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.static}
     if tolerance <= 0 or not fits or state.pixel_bias.any():
         return best
     *before, last = fits
@@ -188,7 +187,7 @@ class _Fits:
         self, trial: Trial, chosen: Sequence[Candidate], part: Part, pattern: "FixedPattern | None" = None
     ) -> None:
         self._state = trial.state
-        self.old = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.kind in STATIC}
+        self.old = {k: c.fitted for k, c in enumerate(chosen) if c.fitted is not None and c.static}
         self._fits = StaticFits(trial.likelihood, trial.state, trial.mixture, part, pattern)
 
     def beside(self, candidate: Candidate) -> tuple[float, Candidate]:
@@ -234,14 +233,14 @@ def with_the_others(trial: Trial, chosen: Sequence[Candidate], found: Sequence[C
     out = []
     for candidate in found:
         better = candidate
-        if fits.old and candidate.fitted is not None and candidate.kind in STATIC:
+        if fits.old and candidate.fitted is not None and candidate.static:
             moved = fits.beside(candidate)[1]
             gain = likelihood.value(moved.state, trial.test_part) - trial.base
             better = replace(moved, gain=gain) if gain > candidate.gain else candidate
         out.append(better)
     fair = max((_FAIR * c.score for c in found[:1]), default=0.0)
-    static = sorted((c for c in out if c.kind in STATIC and c.score > 0), key=lambda c: -c.score)[:_TRIED]
-    worthy = [c for c in out if c in static or (c.kind in _PARTLY and c.score > fair)]
+    static = sorted((c for c in out if c.static and c.score > 0), key=lambda c: -c.score)[:_TRIED]
+    worthy = [c for c in out if c in static or (c.effect.target is Target.TREND and c.score > fair)]
     return sorted((together(trial, chosen, c) if c in worthy else c for c in out), key=lambda c: -c.score)
 
 
@@ -288,5 +287,7 @@ def _begun_anew(trial: Trial, now: Sequence[Candidate], number: int) -> Candidat
 def _share(old: Candidate, new: Candidate) -> bool:
     """Whether one of two effects is static and the other in part, of the same surface if a motion came first."""
     if old.kind == Motion.kind:
-        return new.kind in STATIC and getattr(old.effect, "surface", "") == getattr(new.effect, "surface", None)
-    return (old.kind in _PARTLY and new.kind in STATIC) or (old.kind in STATIC and new.kind in _PARTLY)
+        return new.static and getattr(old.effect, "surface", "") == getattr(new.effect, "surface", None)
+    # Of what changes in time, a part is static
+    trends = [c.effect.target is Target.TREND for c in (old, new)]
+    return (trends[0] and new.static) or (old.static and trends[1])

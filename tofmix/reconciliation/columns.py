@@ -17,6 +17,8 @@ from tofmix.reconciliation.likelihood import Likelihood, State
 from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.summaries import Summary, surfaces_of
 from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.effects.base import Latent, Target
+from tofmix.simulation.effects.parameter import Holds, Parameter
 
 _TAUS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # time constants of a drift, of the recording
 _EXPONENTS = (0.5, 1.0, 1.6)  # of a walk
@@ -112,7 +114,23 @@ def terms(likelihood: Likelihood, state: State, seen: Sequence[Summary], kinds: 
         Of the registry; those that move or widen no sample by a law have no term.
     """
     make = _Maker(likelihood, state, seen)
-    return [term for kind in kinds if kind in TERMS for term in make.possible(TERMS[kind])]
+    return [
+        term for kind in kinds if summed_up(kind) for term in make.possible(TERMS.get(kind, partial(_declared, kind)))
+    ]
+
+
+def summed_up(kind: str) -> bool:
+    """Whether summaries tell of a kind: it has a law of its own here, or one number that moves or widens samples."""
+    return kind in TERMS or _number(kind) is not None
+
+
+def _number(kind: str) -> Parameter | None:
+    """The number of a kind without a hidden state that moves or widens samples in proportion to it; None for others."""
+    effect = EFFECTS[kind]
+    if effect.latent is not Latent.NONE or effect.target not in (Target.BIAS, Target.SPREAD):
+        return None
+    numbers = [p for p in effect.parameters().values() if p.holds is not Holds.MAP]
+    return numbers[0] if len(numbers) == 1 and numbers[0].zero == 0 and numbers[0].typical[1] > 0 else None
 
 
 class _Maker:
@@ -294,6 +312,19 @@ def _vignetting(make: _Maker) -> Iterator[Term]:
     yield Term(kind="vignetting", surface="", make=made, columns=(law,))
 
 
+def _declared(kind: str, make: _Maker) -> Iterator[Term]:
+    number = _number(kind)
+    if number is None:
+        return
+    size = number.typical[0]
+
+    def made(c: FloatArray) -> Effect:
+        return _effect(kind, **{number.name: float(c[0])})
+
+    law = make.column(made(np.array([size])), size, _prior(kind, number.name))
+    yield Term(kind=kind, surface="", make=made, columns=(law,))
+
+
 def _prior_factor(kind: str, name: str) -> float:
     """Standard deviation of the logarithm of a factor."""
     return 0.5 * math.log(EFFECTS[kind].parameters()[name].typical[1])
@@ -321,4 +352,4 @@ TERMS: dict[str, Callable[[_Maker], Iterator[Term]]] = {
     "excess_noise": _noise,
     "vignetting": _vignetting,
 }
-"""Kinds that summaries tell of."""
+"""Kinds that summaries tell of, by laws that bend, act in time or have several numbers."""

@@ -8,8 +8,7 @@ from tofmix.reconciliation.beside import worth
 from tofmix.reconciliation.likelihood import Part, State
 from tofmix.reconciliation.name import PRICE_NATS, Candidate
 from tofmix.reconciliation.refit import refit, without
-from tofmix.reconciliation.static_fits import STATIC
-from tofmix.reconciliation.way import CRUMB, EXACT, LOST, Way, held_out, name_of
+from tofmix.reconciliation.way import CRUMB, Way, held_out, name_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.range_offset import RangeOffset
@@ -85,10 +84,11 @@ def _crumb(way: Way, number: int) -> float:
 
     A static effect may be hidden in a fixed pattern, which gains far more than it.
     """
-    if way.chosen[number].kind in (*STATIC, *EXACT, *LOST, *way.missed):
+    own = way.chosen[number]
+    if own.static or own.exact or own.loses or own.kind in way.missed:
         return 0.0
     others = (*way.chosen[:number], *way.chosen[number + 1 :])
-    return CRUMB * sum(c.gain for c in others if c.kind not in (FixedPattern.kind, *EXACT, *LOST))
+    return CRUMB * sum(c.gain for c in others if not (c.kind == FixedPattern.kind or c.exact or c.loses))
 
 
 def _bare(state: State, pattern: int) -> State:
@@ -115,7 +115,7 @@ def _is_pattern(way: Way, number: int) -> bool:
     """
     state, candidate = way.state, way.chosen[number]
     pattern = next((k for k, c in enumerate(way.chosen) if c.kind == FixedPattern.kind), None)
-    if pattern is None or candidate.kind not in STATIC:
+    if pattern is None or not candidate.static:
         return False
     likelihood, bare = way.likelihood, _bare(state, pattern)
     rest = without(bare, number - (pattern < number))

@@ -16,7 +16,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.projection import beam_directions_of
 from tofmix.reconciliation.error_shape import GAUSSIAN, ShapeTable, shape_table
-from tofmix.simulation.effects.base import Effect, Level
+from tofmix.simulation.effects.base import Effect, Latent, Level
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.saturation import Saturation
@@ -26,8 +26,8 @@ from tofmix.simulation.polygon_cast import PolygonCaster
 from tofmix.simulation.prediction import Prediction, predict
 from tofmix.simulation.truth import Truth
 
-LINKS = ("interference", "fixed_pattern", "stuck_pixels", "temporal_correlation")
-"""Kinds that link samples: no part of the mixture."""
+_LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
+"""Hidden states that link samples: no part of the mixture. A lattice is a part of it."""
 
 _TIMES = (4, 8, 16, 32)  # at how many a moving scene is worked out
 _STEP_MM = 15.0  # that a surface moves from one to the next, if there are enough of them
@@ -158,7 +158,7 @@ class Scene:
         self.time_s = time_s
         self.names = tuple(surface.name for surface in model.surfaces)
         self.members: tuple[Scene, ...] = (self,)
-        self.links = tuple(e for e in model.effects if e.kind in LINKS and not _mapped_bias(e))
+        self.links = tuple(e for e in model.effects if e.latent in _LINKING and not _mapped_bias(e))
         self._apart = tuple(e for e in model.effects if _stands_apart(e))
         rest = tuple(e for e in model.effects if e not in (*self.links, *self._apart))
         alike = replace(model.sensor.noise, width_spread=0.0)  # widths are the recording's: a state has them
@@ -220,12 +220,12 @@ class Scene:
         return out
 
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
-        """What the model and these effects predict, but for the kinds in `LINKS`."""
+        """What the model and these effects predict, but for hidden states that link samples."""
         effects = (*self._apart, *self.own(effects))
         times = self._times(effects)
         wells = [e for e in effects if isinstance(e, Saturation)]
         acting = tuple(
-            e for e in effects if e.kind not in LINKS and not _stands_apart(e) and not isinstance(e, Saturation)
+            e for e in effects if e.latent not in _LINKING and not _stands_apart(e) and not isinstance(e, Saturation)
         )
         model = replace(self._still, effects=(*self._still.effects, *acting))
         parts = [predict(model, self._truth(self._placed(effects, float(t)))) for t in times]

@@ -22,6 +22,7 @@ from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.pixel_pattern import marginal_pattern, pixel_biases
 from tofmix.reconciliation.searches import problems
 from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.effects.base import Target
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
@@ -70,6 +71,21 @@ class Candidate:
     def kind(self) -> str:
         """Its kind."""
         return self.effect.kind
+
+    @property
+    def static(self) -> bool:
+        """Whether it gives each pixel a bias that stays."""
+        return self.effect.target is Target.BIAS
+
+    @property
+    def exact(self) -> bool:
+        """Whether its law is exact, so that its gain says nothing of what is left."""
+        return self.effect.exact_law
+
+    @property
+    def loses(self) -> bool:
+        """Whether it loses samples: what it gains, a sample each, says nothing of the ranges of the others."""
+        return self.effect.target is Target.LOSS
 
     @property
     def score(self) -> float:

@@ -21,8 +21,8 @@ from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.name import PRICE_NATS, Candidate
 from tofmix.reconciliation.pattern_errors import pattern_of
 from tofmix.reconciliation.pixel_pattern import pixel_biases
-from tofmix.reconciliation.static_fits import STATIC
 from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.base import Target
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 
@@ -96,7 +96,7 @@ def better_law(
 
 def _stays(effect: Effect, duration_s: float) -> bool:
     """Whether an effect is static, or soon is."""
-    return effect.kind in STATIC or (
+    return effect.target is Target.BIAS or (
         isinstance(effect, TemperatureDrift) and effect.time_constant_s < _SOON * duration_s
     )
 

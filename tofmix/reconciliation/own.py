@@ -11,9 +11,8 @@ from tofmix.reconciliation.likelihood import Likelihood
 from tofmix.reconciliation.name import PRICE_NATS, Candidate, begin_trial, candidates
 from tofmix.reconciliation.nameless import CLEARLY_NATS
 from tofmix.reconciliation.refit import begin
-from tofmix.reconciliation.searches import PROBLEMS
 from tofmix.reconciliation.way import Settings, fit_part, name_of
-from tofmix.simulation.effects.base import Effect
+from tofmix.simulation.effects.base import Effect, Latent
 from tofmix.simulation.model import Model
 
 
@@ -38,7 +37,7 @@ def better_own(
     """
     value, chosen = added
     best, top = None, value - PRICE_NATS * sum(c.parameters for c in chosen) + CLEARLY_NATS
-    for effect in dict.fromkeys(e for e in likelihood.scene.effects if e.kind in PROBLEMS):
+    for effect in dict.fromkeys(e for e in likelihood.scene.effects if e.latent is Latent.NONE):
         without = joint_likelihood([(_less(model, effect), evidence) for model, evidence in recordings])
         part = fit_part(without, settings)
         trial = begin_trial(without, begin(without, part[0], settings.tolerance), settings.split, settings.seed)

@@ -1,14 +1,16 @@
 """Where the search for each effect's parameters starts, and in which numbers it runs.
 
-One entry of `PROBLEMS` for each kind whose likelihood is that of the mixture; kinds that link samples are in
-`tofmix.reconciliation.links`. Numbers are searched in units that make a step of 1 sensible: multiples of sigma,
-logarithms.
+Any kind without a hidden state is searched for by what it declares of its numbers: typical sizes and bounds. `SEARCHES`
+has the kinds of which the camera or the recording tells better starts, or better numbers to search in; kinds with a
+hidden state are in `tofmix.reconciliation.links`. Numbers are searched in units that make a step of 1 sensible:
+multiples of sigma, logarithms.
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,7 @@ from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.planes import PlanePose, measured_pose, range_slopes
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import refuse_without_phase
+from tofmix.simulation.effects.parameter import Holds
 
 MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 """Makes an effect of a kind from its parameters."""
@@ -263,7 +266,7 @@ def _wrapping(s: Setting) -> Iterator[Problem]:
         yield Problem(make=lambda _: MAKE["phase_wrapping"](unambiguous_range_mm=s.turn), starts=((),), steps=())
 
 
-PROBLEMS: dict[str, _Maker] = {
+SEARCHES: dict[str, _Maker] = {
     "range_offset": _simple("range_offset", "offset_mm", (-0.3, 0.3), log=False),
     "surface_pose": _pose,
     "motion": _per_surface("motion", "velocity_mm_s", (-1.5, 1.5), by_time=True),
@@ -357,4 +360,27 @@ def problems(kind: str, likelihood: Likelihood, mixture: Mixture) -> list[Proble
             refuse_without_phase(kind, likelihood.scene.model.sensor)
         except ValueError:
             return []
-    return list(PROBLEMS[kind](setting(likelihood, mixture)))
+    return list(SEARCHES.get(kind, _declared(kind))(setting(likelihood, mixture)))
+
+
+def _declared(kind: str) -> _Maker:
+    """All numbers from their typical sizes: logarithms of those of one sign, multiples of the size of others."""
+    parameters = EFFECTS[kind].parameters().values()
+    free = [p for p in parameters if p.holds is Holds.NUMBER and not math.isnan(p.typical[0])]
+    sizes = [math.sqrt(p.typical[0] * p.typical[1]) for p in free]
+    logs = [p.low >= 0 for p in free]
+
+    def make(surface: dict[str, str], x: FloatArray) -> Effect:
+        values = [math.exp(_bounded(v, -50, 50)) if log else v for v, log in zip(x, logs, strict=True)]
+        return MAKE[kind](
+            **{p.name: float(v) * size for p, v, size in zip(free, values, sizes, strict=True)}, **surface
+        )
+
+    of_surface = any(p.holds is Holds.SURFACE for p in parameters)
+    ways = list(product(*(((0.0,) if log else (-1.0, 1.0)) for log in logs)))
+
+    def problems(s: Setting) -> Iterator[Problem]:
+        for own in ({"surface": seen.name} for seen in s.surfaces) if of_surface else ({},):
+            yield Problem(make=partial(make, own), starts=tuple(ways), steps=(0.3,) * len(free))
+
+    return problems

@@ -20,9 +20,6 @@ from tofmix.reconciliation.pixel_pattern import PatternLines, pixel_biases
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
-STATIC = ("range_offset", "surface_pose", "wiggling", "amplitude_walk", "scattering", "multipath", FixedPattern.kind)
-"""Kinds that give each pixel a bias that stays."""
-
 _TURNS = 3  # of the iteration of Gauss and Newton
 _PARTS = (1.0, 0.3)  # of a step that are tried
 _NUDGE = 0.05  # of a search's first step, for slopes

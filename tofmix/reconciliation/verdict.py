@@ -12,7 +12,6 @@ from tofmix.reconciliation.compare import Compared
 from tofmix.reconciliation.localise import LEAST_SIZE, disagreements
 from tofmix.reconciliation.name import Candidate
 from tofmix.reconciliation.panel import SHAPES, Curve
-from tofmix.reconciliation.way import EXACT, LOST
 from tofmix.simulation.effects.base import Effect
 
 LAW = 0.1
@@ -35,29 +34,6 @@ _SIMULATED = 0.1  # of what stands out, that the model's own simulation shows to
 _OPEN = 0.03  # of an effect's gain, that may be left in the statistics in which it must show
 _FEW = 0.1  # third and fourth powers of single pixels hang on few samples
 _TAILED = ("skew", "tails")  # a law that is not exact in one of these is not in the other
-
-SIGNATURES: dict[str, tuple[str, ...]] = {
-    "range_offset": ("bias", "trend", "common_mode"),
-    "surface_pose": ("bias", "trend", "common_mode"),
-    "wiggling": ("bias", "pattern"),
-    "amplitude_walk": ("bias", "pattern"),
-    "scattering": ("bias", "pattern"),
-    "multipath": ("bias", "pattern", "spread"),
-    "fixed_pattern": ("bias", "pattern"),
-    "temperature_drift": ("trend", "common_mode"),
-    "motion": ("trend", "common_mode"),
-    "interference": ("bursts", "common_mode", "spread"),
-    "temporal_correlation": ("memory", "neighbour_correlation", "common_mode"),
-    "excess_noise": ("spread", "tails", "skew", "spread_pattern", "memory"),
-    "vignetting": ("spread", "tails", "skew", "spread_pattern", "memory"),
-    "outliers": ("tails", "skew", "spread", "memory"),
-    "flying_pixels": ("bias", "skew", "spread", "bridging"),
-    "pixel_crosstalk": ("bias", "spread", "bridging"),
-    "dropout": ("invalid",),
-    "saturation": ("invalid",),
-    "quantisation": ("discreteness",),
-}
-"""The statistics in which each kind must show, so that it is never named for what shows elsewhere."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,7 +106,7 @@ class Findings:
         """Whether no effect leaves the statistics open in which it must show."""
         loud = disagreements(self.near, self.alpha)
         for candidate in self.chosen:
-            own = SIGNATURES.get(candidate.kind, ())
+            own = candidate.effect.shows_in
             open_ = max((self.left(c) for c in loud if c.statistic in own), default=0.0)
             if open_ > _OPEN * self.judged * candidate.gain:
                 return False
@@ -146,7 +122,7 @@ class Findings:
     @property
     def settled(self) -> bool:
         """Whether what is left stands on other curves than what was explained, and was there before."""
-        if any(c.kind in EXACT for c in self.chosen):
+        if any(c.exact for c in self.chosen):
             return True
         was, now = _named(self.before), _named(self.near)
         top = max(was.values(), key=lambda c: c.excess_nats)
@@ -175,7 +151,7 @@ class Findings:
         loud = disagreements(self.near, self.alpha)
         for lost in (True, False):
             left = max((self.left(c) for c in loud if (c.statistic == "invalid") == lost), default=0.0)
-            told = (c.gain for c in self.chosen if c.kind not in EXACT and (lost or c.kind not in LOST))
+            told = (c.gain for c in self.chosen if not c.exact and (lost or not c.loses))
             gain = self.judged * sum(told)
             if left and gain < MOSTLY * (gain + left):
                 return False

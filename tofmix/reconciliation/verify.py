@@ -22,7 +22,7 @@ from tofmix.reconciliation.nameless import better_law
 from tofmix.reconciliation.pattern_shape import smooth, tilted
 from tofmix.reconciliation.refit import begin
 from tofmix.reconciliation.verdict import Findings, judge, share_closed
-from tofmix.reconciliation.way import EXACT, LOST, Settings, fit_part, held_out
+from tofmix.reconciliation.way import Settings, fit_part, held_out
 from tofmix.reconciliation.widths import with_widths
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects.base import Effect
@@ -116,7 +116,7 @@ def verify(
         echo=_echoes(likelihood, added.state, settings), shaped=_shaped(likelihood, added.state, held),
     )  # fmt: skip
     # Gains of exact laws are no measure of what is left
-    gain = sum(c.gain for c in added.chosen if c.kind not in (*EXACT, *LOST))
+    gain = sum(c.gain for c in added.chosen if not (c.exact or c.loses))
     found = replace(found, in_time=changes_in_time(added.state, found, found.judged * gain))
     verdict = judge(found)
     out = Verified(verdict=verdict, state=added.state, before=before, after=after, floor=floor, findings=found)

@@ -12,13 +12,6 @@ from tofmix.reconciliation.name import Candidate
 CRUMB = 0.01
 """Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
 
-EXACT = ("phase_wrapping", "stuck_pixels", "quantisation")
-"""Kinds whose law is exact. Each sample that they explain gains as much as many that are a little off, so that their
-gains say nothing of what is left."""
-
-LOST = ("dropout", "saturation")
-"""Kinds that lose samples. What they gain, a sample each, says nothing of the ranges of the others."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 _LARGEST_MM = 1.0e5  # beyond any range: amplitude 0 must not give infinity
@@ -30,6 +30,8 @@ class AmplitudeWalk(Effect):
     signature: ClassVar[str] = "bias against amplitude, at one range too"
     typical: ClassVar[str] = "some mm to a few cm between black and white targets"
     basis: ClassVar[str] = "reported"
+    target: ClassVar[Target] = Target.BIAS
+    shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
 
     scale_mm: float = number(
         "Bias at the reference amplitude.", unit="mm", low=-1000, high=1000, zero=0, typical=(1, 50)

@@ -11,7 +11,7 @@ import math
 import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -49,6 +49,27 @@ LEVEL_NAMES = {
     Level.RANGE: "range",
     Level.READ_OUT: "read-out",
 }
+
+
+class Target(Enum):
+    """What an effect changes most in the distribution of a pixel's samples."""
+
+    BIAS = "mean, at all times alike"
+    TREND = "mean, in the course of time"
+    MIXTURE = "shares of several surfaces in one sample"
+    SPREAD = "noise"
+    VALUES = "values that a sample can have"
+    LOSS = "probability of an invalid sample"
+
+
+class Latent(Enum):
+    """Which hidden state links samples under an effect, so that they are not independent given its parameters."""
+
+    NONE = "none"
+    FRAME = "a state of each frame"
+    PIXEL = "a value of each pixel"
+    MEMORY = "the noise of the frame before"
+    LATTICE = "a lattice of values"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -172,6 +193,18 @@ class Effect:
         checked against a copy), or ``assumed``.
     predicts : str
         Which part of its action on a pixel's distribution has a closed form, and what stands for the rest.
+    target : Target
+        What it changes most.
+    shows_in : tuple of str
+        Statistics of `tofmix.reconciliation.panel` that it changes, so that it is never named for what shows elsewhere;
+        none for a law that is exact, which needs no such check.
+    latent : Latent
+        What links samples under it. `reconcile` searches for a kind without a hidden state by its parameters alone.
+    exact_law : bool
+        Whether a camera has its law exactly. Each sample that such an effect explains gains as much as many that are a
+        little off.
+    static_partner : str
+        Kind of what is static in an effect that changes in time; empty for none.
     acts_on_phase : bool
         Whether a camera without a modulation frequency cannot have it.
     averages : bool
@@ -184,6 +217,11 @@ class Effect:
     typical: ClassVar[str]
     basis: ClassVar[str]
     predicts: ClassVar[str] = "exact"
+    target: ClassVar[Target]
+    shows_in: ClassVar[tuple[str, ...]] = ()
+    latent: ClassVar[Latent] = Latent.NONE
+    exact_law: ClassVar[bool] = False
+    static_partner: ClassVar[str] = ""
     acts_on_phase: ClassVar[bool] = False
     averages: ClassVar[bool] = True
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from tofmix.simulation.echoes import FrameSamples
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ class Dropout(Effect):
     signature: ClassVar[str] = "invalid share, the same everywhere or against amplitude"
     typical: ClassVar[str] = "any share, by the camera's amplitude threshold"
     basis: ClassVar[str] = "assumed"
+    target: ClassVar[Target] = Target.LOSS
+    shows_in: ClassVar[tuple[str, ...]] = ("invalid",)
 
     probability: float = number(
         "Share that is lost by chance.", unit="1", low=0, high=1, default=0, zero=0, typical=(0.001, 0.2)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 
@@ -25,6 +25,8 @@ class ExcessNoise(Effect):
     signature: ClassVar[str] = "spread, by the same factor everywhere"
     typical: ClassVar[str] = "2 for four times the background electrons"
     basis: ClassVar[str] = "physics"
+    target: ClassVar[Target] = Target.SPREAD
+    shows_in: ClassVar[tuple[str, ...]] = ("spread", "tails", "skew", "spread_pattern", "memory")
 
     factor: float = number("Sigma is that many times larger.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3))
 

@@ -8,7 +8,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level
+from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
 from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
 
 
@@ -30,6 +30,9 @@ class FixedPattern(Effect):
     signature: ClassVar[str] = "bias pixel by pixel, the same in every frame; stripes for columns and rows"
     typical: ClassVar[str] = "some mm after the factory's calibration, some cm without"
     basis: ClassVar[str] = "reported"
+    target: ClassVar[Target] = Target.BIAS
+    shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
+    latent: ClassVar[Latent] = Latent.PIXEL
     predicts: ClassVar[str] = (
         "exact for the map, or for what the seed draws; over all patterns it is a random effect that pixels of one "
         "column or row share"

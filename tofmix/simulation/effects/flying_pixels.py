@@ -7,7 +7,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.simulation.echoes import ComplexArray, Echoes, FrameSamples
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 if TYPE_CHECKING:
@@ -38,6 +38,8 @@ class FlyingPixels(Effect):
     signature: ClassVar[str] = "samples between the surfaces of a pixel"
     typical: ClassVar[str] = "1 for one exposure of a lock-in camera; 0 is equation (1)"
     basis: ClassVar[str] = "physics"
+    target: ClassVar[Target] = Target.MIXTURE
+    shows_in: ClassVar[tuple[str, ...]] = ("bias", "skew", "spread", "bridging")
     acts_on_phase: ClassVar[bool] = True
 
     probability: float = number("Share of the samples that mix.", unit="1", low=0, high=1, zero=0, typical=(0.05, 1))

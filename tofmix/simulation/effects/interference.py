@@ -7,7 +7,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray
 from tofmix.simulation.echoes import Echoes, FrameSamples
-from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level
+from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 if TYPE_CHECKING:
@@ -34,6 +34,9 @@ class Interference(Effect):
     signature: ClassVar[str] = "spread of the whole image in bursts of frames"
     typical: ClassVar[str] = "up to 120 mm at 20 MHz for a foreign phasor of 10 % of the target's own"
     basis: ClassVar[str] = "physics"
+    target: ClassVar[Target] = Target.SPREAD
+    shows_in: ClassVar[tuple[str, ...]] = ("bursts", "common_mode", "spread")
+    latent: ClassVar[Latent] = Latent.FRAME
     predicts: ClassVar[str] = (
         "the marginal is exact, a mixture of disturbed and quiet; that all pixels of a frame are disturbed together, "
         "in bursts, is a latent state of each frame"

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from tofmix.simulation.effects.base import Effect, Level
+from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
 from tofmix.simulation.effects.surface_pose import shifted
 
@@ -25,6 +25,9 @@ class Motion(Effect):
     signature: ClassVar[str] = "bias on one surface in proportion to time, shares at its edges"
     typical: ClassVar[str] = "a walking person 1400 mm/s; a settling tripod some micrometres a second"
     basis: ClassVar[str] = "assumed"
+    target: ClassVar[Target] = Target.TREND
+    shows_in: ClassVar[tuple[str, ...]] = ("trend", "common_mode")
+    static_partner: ClassVar[str] = "surface_pose"
 
     surface: str = surface("The surface that moves.")
     velocity_mm_s: float = number(

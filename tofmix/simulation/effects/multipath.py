@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
 
 
@@ -31,6 +31,8 @@ class Multipath(Effect):
     signature: ClassVar[str] = "bias and amplitude of one surface; its noise with its amplitude"
     typical: ClassVar[str] = "10 % on a path 1 m longer: +44 mm at 20 MHz; some cm to some ten cm in corners"
     basis: ClassVar[str] = "physics; the corners reported"
+    target: ClassVar[Target] = Target.BIAS
+    shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern", "spread")
     acts_on_phase: ClassVar[bool] = True
 
     surface: str = surface("The surface that the second path leads to.")

@@ -7,7 +7,7 @@ import numpy as np
 
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import FrameSamples
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ class Outliers(Effect):
     signature: ClassVar[str] = "tails: samples anywhere in the working range"
     typical: ClassVar[str] = "1e-4 in the paper; 1e-3 to 1e-2 for a disturbed camera"
     basis: ClassVar[str] = "the paper supplies it; the rest assumed"
+    target: ClassVar[Target] = Target.VALUES
+    shows_in: ClassVar[tuple[str, ...]] = ("tails", "skew", "spread", "memory")
     averages: ClassVar[bool] = False
 
     probability: float = number(

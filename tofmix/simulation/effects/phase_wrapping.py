@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level, refuse_without_phase
+from tofmix.simulation.effects.base import Context, Effect, Level, Target, refuse_without_phase
 from tofmix.simulation.effects.parameter import number
 
 
@@ -23,6 +23,8 @@ class PhaseWrapping(Effect):
     signature: ClassVar[str] = "far samples appear near"
     typical: ClassVar[str] = "what is beyond c / (2 f), 7.495 m at 20 MHz, seems nearer by that"
     basis: ClassVar[str] = "physics"
+    target: ClassVar[Target] = Target.VALUES
+    exact_law: ClassVar[bool] = True
     averages: ClassVar[bool] = False
 
     unambiguous_range_mm: float = number(

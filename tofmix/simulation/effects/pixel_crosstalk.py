@@ -9,7 +9,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.simulation.echoes import ComplexArray, Echoes, FrameSamples
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ class PixelCrosstalk(Effect):
     signature: ClassVar[str] = "bias and spread where neighbours differ; correlation between neighbours"
     typical: ClassVar[str] = "shares of some 0.01"
     basis: ClassVar[str] = "assumed"
+    target: ClassVar[Target] = Target.MIXTURE
+    shows_in: ClassVar[tuple[str, ...]] = ("bias", "spread", "bridging")
     acts_on_phase: ClassVar[bool] = True
     predicts: ClassVar[str] = (
         "mean and variance of each component, given what the two most uncertain neighbours see, from the mean and "

@@ -7,7 +7,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Latent, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 if TYPE_CHECKING:
@@ -27,6 +27,10 @@ class Quantisation(Effect):
     signature: ClassVar[str] = "discreteness: ranges on a lattice"
     typical: ClassVar[str] = "steps of d_u / 2^b: 1.8, 7.3, 29 mm for 12, 10, 8 bits at 20 MHz"
     basis: ClassVar[str] = "physics"
+    target: ClassVar[Target] = Target.VALUES
+    shows_in: ClassVar[tuple[str, ...]] = ("discreteness",)
+    latent: ClassVar[Latent] = Latent.LATTICE
+    exact_law: ClassVar[bool] = True
 
     step_mm: float = number(
         "Distance of the values; 0 for none.", unit="mm", low=0, high=10_000, zero=0, typical=(2, 60)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 
@@ -28,6 +28,8 @@ class RangeOffset(Effect):
         "some mm to some cm where the camera was never calibrated at its own temperature; 10 mm are 67 ps of delay"
     )
     basis: ClassVar[str] = "physics"
+    target: ClassVar[Target] = Target.BIAS
+    shows_in: ClassVar[tuple[str, ...]] = ("bias", "trend", "common_mode")
 
     offset_mm: float = number("Added to every range.", unit="mm", low=-10_000, high=10_000, zero=0, typical=(2, 50))
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from tofmix.simulation.echoes import FrameSamples
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 if TYPE_CHECKING:
@@ -28,6 +28,8 @@ class Saturation(Effect):
     signature: ClassVar[str] = "invalid share of bright samples"
     typical: ClassVar[str] = "a white board nearer than some 0.5 to 1 m, by exposure"
     basis: ClassVar[str] = "assumed"
+    target: ClassVar[Target] = Target.LOSS
+    shows_in: ClassVar[tuple[str, ...]] = ("invalid",)
     averages: ClassVar[bool] = False
 
     full_well_amplitude: float = number(

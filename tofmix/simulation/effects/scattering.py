@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ class Scattering(Effect):
         "-9.8, -29.9, -104 mm"
     )
     basis: ClassVar[str] = "physics"
+    target: ClassVar[Target] = Target.BIAS
+    shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
     acts_on_phase: ClassVar[bool] = True
 
     share: float = number(

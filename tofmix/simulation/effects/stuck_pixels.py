@@ -8,7 +8,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import FrameSamples
-from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level
+from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent, Level, Target
 from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
 
 if TYPE_CHECKING:
@@ -30,6 +30,9 @@ class StuckPixels(Effect):
     signature: ClassVar[str] = "pixels without any spread"
     typical: ClassVar[str] = "0.01 to 0.1 % of the pixels"
     basis: ClassVar[str] = "assumed"
+    target: ClassVar[Target] = Target.VALUES
+    latent: ClassVar[Latent] = Latent.PIXEL
+    exact_law: ClassVar[bool] = True
     predicts: ClassVar[str] = "exact for the map, or for what the seed draws; over all draws a pixel is stuck or not"
 
     share: float = number("Share of the pixels.", unit="1", low=0, high=1, default=0, zero=0, typical=(1e-4, 0.01))

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from tofmix.simulation.effects.base import Effect, Level
+from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
 
 if TYPE_CHECKING:
@@ -26,6 +26,8 @@ class SurfacePose(Effect):
     signature: ClassVar[str] = "bias on one surface, shares at its edges"
     typical: ClassVar[str] = "some mm to some cm for boards placed by hand"
     basis: ClassVar[str] = "assumed"
+    target: ClassVar[Target] = Target.BIAS
+    shows_in: ClassVar[tuple[str, ...]] = ("bias", "trend", "common_mode")
 
     surface: str = surface("The surface that is moved.")
     shift_mm: float = number(

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 
@@ -27,6 +27,9 @@ class TemperatureDrift(Effect):
     signature: ClassVar[str] = "bias of the whole image against time, settling"
     typical: ClassVar[str] = "some mm to some ten mm over 20 to 40 minutes"
     basis: ClassVar[str] = "reported"
+    target: ClassVar[Target] = Target.TREND
+    shows_in: ClassVar[tuple[str, ...]] = ("trend", "common_mode")
+    static_partner: ClassVar[str] = "range_offset"
 
     amplitude_mm: float = number(
         "Bias in the end; negative where ranges become shorter.",

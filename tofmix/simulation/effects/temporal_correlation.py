@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import FrameSamples
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Latent, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 if TYPE_CHECKING:
@@ -29,6 +29,9 @@ class TemporalCorrelation(Effect):
     signature: ClassVar[str] = "memory: autocorrelation rho^k at a lag of k frames"
     typical: ClassVar[str] = "0.5 and more for a software filter, some 0.01 for charge that lags"
     basis: ClassVar[str] = "assumed"
+    target: ClassVar[Target] = Target.SPREAD
+    shows_in: ClassVar[tuple[str, ...]] = ("memory", "neighbour_correlation", "common_mode")
+    latent: ClassVar[Latent] = Latent.MEMORY
     predicts: ClassVar[str] = (
         "it changes no marginal distribution; a pixel's next noise, given its last e, is normal around rho e with "
         "variance 1 - rho^2"

@@ -9,7 +9,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 
@@ -27,6 +27,8 @@ class Vignetting(Effect):
     signature: ClassVar[str] = "spread against the distance from the image's centre, and amplitude"
     typical: ClassVar[str] = "1.8 in the corner of 47 x 39 degrees for cos^4 of the lens alone"
     basis: ClassVar[str] = "physics"
+    target: ClassVar[Target] = Target.SPREAD
+    shows_in: ClassVar[tuple[str, ...]] = ("spread", "tails", "skew", "spread_pattern", "memory")
 
     corner_factor: float = number(
         "Sigma of the pixel in the image's corner, in that of the axis.",

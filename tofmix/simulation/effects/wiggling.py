@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from tofmix.simulation.echoes import Echoes
-from tofmix.simulation.effects.base import Context, Effect, Level
+from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
 
 
@@ -31,6 +31,8 @@ class Wiggling(Effect):
     signature: ClassVar[str] = "bias against range, a sine of period d_u / 4"
     typical: ClassVar[str] = "+-12 mm for 1 % of third harmonic at 20 MHz, +-60 mm for 5 %; period 1.874 m"
     basis: ClassVar[str] = "physics"
+    target: ClassVar[Target] = Target.BIAS
+    shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
     acts_on_phase: ClassVar[bool] = True
 
     amplitude_mm: float = number("Largest bias.", unit="mm", low=0, high=1000, zero=0, typical=(3, 60))
