@@ -81,3 +81,28 @@ def test_fitted_dropout_is_the_share_that_is_lost(lossy: Likelihood) -> None:
     found = fit(by_chance, lossy, lossy.start(), whole)
     assert numeric(found.effect)["probability"] == pytest.approx(0.05, abs=0.003)
     assert found.value > lossy.value(lossy.start(), whole) + 1000
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "sound"),
+    [
+        ("surface_pose", {"surface": "near", "shift_mm": 900.0}, True),
+        ("surface_pose", {"surface": "near", "shift_mm": -2500.0}, False),
+        ("multipath", {"surface": "near", "share": 0.1, "extra_path_mm": 4000.0}, True),
+        ("multipath", {"surface": "near", "share": 0.1, "extra_path_mm": 14_900.0}, False),
+        ("range_offset", {"offset_mm": 5000.0}, True),
+    ],
+)
+def test_pose_of_metres_and_path_of_a_turn_are_other_causes(
+    model: Model, kind: str, values: dict[str, float | str], sound: bool
+) -> None:
+    assert MAKE[kind](**values).plausible(model.sensor) is sound
+
+
+def test_search_that_ends_where_nothing_is_plausible_ends_at_another_effect(model: Model, record: Record) -> None:
+    evidence = record()
+    likelihood = Likelihood(evidence, Scene(model, evidence.time_s))
+    pose = problems("surface_pose", likelihood, likelihood.scene.mixture())[0]
+    assert pose.other is not None
+    near, far = (np.array([shift / pose.make(np.ones(1)).shift_mm]) for shift in (50.0, 4000.0))  # type: ignore[attr-defined]
+    assert (pose.other(near), pose.other(far)) == (False, True)

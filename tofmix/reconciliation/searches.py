@@ -8,7 +8,7 @@ multiples of sigma, logarithms.
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from typing import Any
@@ -21,6 +21,7 @@ from tofmix.reconciliation.joint import View, views
 from tofmix.reconciliation.likelihood import Likelihood
 from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.planes import PlanePose, measured_pose, range_slopes
+from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import refuse_without_phase
 from tofmix.simulation.effects.parameter import Holds
@@ -56,7 +57,7 @@ class Problem:
     steps : tuple of float
         First steps.
     other : callable, optional
-        Whether a vector is so near a bound that the effect is another one.
+        Whether a vector is so near a bound, or so large, that the effect is another one.
     parameters : int
         Free parameters.
     """
@@ -360,7 +361,20 @@ def problems(kind: str, likelihood: Likelihood, mixture: Mixture) -> list[Proble
             refuse_without_phase(kind, likelihood.scene.model.sensor)
         except ValueError:
             return []
-    return list(SEARCHES.get(kind, _declared(kind))(setting(likelihood, mixture)))
+    found = SEARCHES.get(kind, _declared(kind))(setting(likelihood, mixture))
+    return [_plausible(problem, likelihood.scene.model.sensor) for problem in found]
+
+
+def _plausible(problem: Problem, sensor: SensorProfile) -> Problem:
+    """The search, whose vectors that are not plausible count as another effect."""
+
+    def other(x: FloatArray) -> bool:
+        try:
+            return (problem.other is not None and problem.other(x)) or not problem.make(x).plausible(sensor)
+        except ValueError:
+            return True
+
+    return replace(problem, other=other)
 
 
 def _declared(kind: str) -> _Maker:

@@ -266,6 +266,14 @@ class Effect:
         if plane is not None and plane.values.shape != (sensor.rows, sensor.cols):
             raise ValueError(f"map: shape {plane.values.shape} differs from the image {(sensor.rows, sensor.cols)}")
 
+    def plausible(self, sensor: SensorProfile) -> bool:  # noqa: ARG002  for those that depend on the camera
+        """Whether the numbers are such as this effect has, and not another cause in its guise; `reconcile` asks."""
+        for parameter in self.parameters().values():
+            value, (low, high) = getattr(self, parameter.name), parameter.plausible
+            if isinstance(value, int | float) and not low <= value <= high:
+                return False
+        return True
+
     def place(self, surface: "Surface", time_s: float) -> "Surface":  # noqa: ARG002  for those that move one
         """Where a surface stands at a time. Geometry effects only."""
         return surface

@@ -7,9 +7,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
+
+_LONGEST = 0.95
+"""Of a whole turn: a longer path moves ranges by less than a third of its share, and mostly changes the noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,8 +22,8 @@ class Multipath(Effect):
 
     Light that bounces off a wall, a floor or a neighbouring board on its way arrives later and makes the surface
     seem farther: by 44 mm at 20 MHz for 10 % of light on a path 1 m longer. In corners, some cm to some ten cm are
-    reported. One constant share and path for the whole surface:
-    near a real corner both change from pixel to pixel.
+    reported. One constant share and path for the whole surface: near a real corner both change from pixel to pixel.
+    A path that is longer by a whole turn of the modulation, 15 m at 20 MHz, moves no range: it only looks like noise.
 
     References
     ----------
@@ -46,6 +50,10 @@ class Multipath(Effect):
         high=200_000,
         typical=(100, 4000),
     )
+
+    def plausible(self, sensor: SensorProfile) -> bool:
+        """Not nearly a whole turn."""
+        return Effect.plausible(self, sensor) and self.extra_path_mm < _LONGEST * 2 * sensor.turn_mm("multipath")
 
     def explain(self) -> str:
         """One sentence."""

@@ -49,6 +49,8 @@ class Parameter:
         The value at which the effect vanishes, whatever its other parameters; None if it has none.
     typical : (float, float)
         Magnitudes that real cameras show: where a search may start. NaN for none.
+    plausible : (float, float)
+        Beyond it a number that a search finds is of another cause.
     holds : Holds
         A number, a surface's name, or a map.
     """
@@ -64,6 +66,7 @@ class Parameter:
     required: bool = True
     zero: float | None = None
     typical: tuple[float, float] = (math.nan, math.nan)
+    plausible: tuple[float, float] = (-math.inf, math.inf)
     holds: Holds = Holds.NUMBER
 
     @property
@@ -123,12 +126,13 @@ def number(
     required: bool = True,
     zero: float | None = None,
     typical: tuple[float, float] = (math.nan, math.nan),
+    plausible: tuple[float, float] = (-math.inf, math.inf),
 ) -> Any:  # noqa: ANN401  as dataclasses.field
     """A dataclass field that holds a number; see `Parameter`. One with a default is not required."""
     required = required and default is None
     declared = {
         "sentence": sentence, "unit": unit, "low": low, "high": high, "low_open": low_open, "high_open": high_open,
-        "default": default, "required": required, "zero": zero, "typical": typical,
+        "default": default, "required": required, "zero": zero, "typical": typical, "plausible": plausible,
     }  # fmt: skip
     return field(default=MISSING if required else default, metadata={_METADATA: declared})
 

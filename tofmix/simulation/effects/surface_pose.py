@@ -18,7 +18,8 @@ class SurfacePose(Effect):
 
     Not an error of the camera: the scene was measured wrongly, or moved since. Its rival is `range_offset`; a second
     surface tells them apart, and on a surface seen at an angle the ranges change by shift / cos(incidence).
-    Boards placed by hand stand right to some mm or some cm, and to a degree or two.
+    Boards placed by hand stand right to some mm or some cm, and to a degree or two. One that is metres away is another
+    scene.
     """
 
     kind: ClassVar[str] = "surface_pose"
@@ -32,7 +33,7 @@ class SurfacePose(Effect):
     surface: str = surface("The surface that is moved.")
     shift_mm: float = number(
         "Shift along the surface's normal R (0, 0, 1): away from the sensor for a board that faces it.",
-        unit="mm", low=-100_000, high=100_000, zero=0, typical=(2, 100),
+        unit="mm", low=-100_000, high=100_000, zero=0, typical=(2, 100), plausible=(-1000, 1000),
     )  # fmt: skip
     yaw_deg: float = number(
         "Added to the surface's `yaw_deg`.", unit="degree", low=-180, high=180, default=0, typical=(0.2, 4)
