@@ -13,10 +13,12 @@ import numpy as np
 from tofmix.arrays import Float32Array
 from tofmix.sensors.registry import load_profile
 from tofmix.simulation.cast import cast_scene
-from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
+from tofmix.simulation.effects.base import Context
+from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.model import Model, RecordingSettings, Surface
 from tofmix.simulation.render import render_blocks
-from user_scenes.strangers import STRANGERS, Stranger
+from users.strangers import STRANGERS, Stranger
 
 ROWS, COLS, FRAMES, RATE_HZ = 56, 72, 120, 25.0
 SENSORS = ("sr3000", "sr4000")
@@ -232,8 +234,21 @@ def record(model: Model, seed: int) -> Float32Array:
     return np.where(block.range_mm > 0, block.range_mm, np.nan).astype(np.float32)
 
 
+def same_camera(model: Model, seed: int) -> Model:
+    """The model with each pixel's own bias as a recording of some seed has it, whatever the seed of the next one."""
+    context = Context(sensor=model.sensor, surfaces=tuple(s.name for s in model.surfaces), seed=seed)
+
+    def known(effect: Effect) -> Effect:
+        if not isinstance(effect, FixedPattern):
+            return effect
+        bias = effect.prepare(context, model.recording.frames).reshape(model.sensor.shape)
+        return replace(effect, map=PixelMap("", bias.astype(np.float32)))
+
+    return replace(model, effects=tuple(known(e) for e in model.effects))
+
+
 def recorded(case: Case, seed: int | None = None) -> Float32Array:
     """A recording (frame, row, col) of a case, mm, NaN where invalid; its own, or another of another seed."""
     own = case.seed if seed is None else seed
-    samples = record(case.true, own)
+    samples = record(case.true if seed is None else same_camera(case.true, case.seed), own)
     return samples if case.stranger is None else case.stranger.change(samples, np.random.default_rng([own, 7]))

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from user_scenes.cases import Case
-from user_scenes.oracle import Known
+from users.cases import Case
+from users.oracle import Known
 
 _ERRORS, _SHARE = 3.0, 0.05
 _MOST = 4  # alternatives that may be listed

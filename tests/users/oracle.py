@@ -22,7 +22,7 @@ from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.model import Model
 from tofmix.simulation.prediction import Prediction, predict
-from user_scenes.cases import FRAMES, RATE_HZ, Case
+from users.cases import FRAMES, RATE_HZ, Case
 
 KNOWN_NATS = 20.0
 """Loss of the best wrong set, from which a case is identifiable."""

@@ -12,9 +12,9 @@ from tofmix.reconciliation.name import KINDS
 from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import Effect
-from user_scenes.cases import MAGNITUDES, SCENES, Case, draw, recorded
-from user_scenes.oracle import Known, known
-from user_scenes.score import alternatives, score
+from users.cases import MAGNITUDES, SCENES, Case, draw, recorded
+from users.oracle import Known, known
+from users.score import alternatives, score
 
 SEED = 3
 
@@ -121,3 +121,10 @@ def test_reconcile_is_right_on_a_wall_and_a_box(hidden: tuple[Effect, ...]) -> N
     evidence = make_evidence(one.given, recorded(one), time_s=np.arange(120) / 25.0)
     found = reconcile(one.given, evidence, Settings(kinds=KINDS)).as_dict()
     assert score(one, found, known(one)).result == "right", found["effects"]
+
+
+def test_another_recording_of_a_case_has_the_pixels_own_biases_of_the_first() -> None:
+    hidden = MAKE["fixed_pattern"](pixel_sigma_mm=20.0)
+    drawn = case("wall", hidden)
+    first, other = (np.nanmean(recorded(drawn, seed), axis=0).ravel() for seed in (None, 99))
+    assert np.corrcoef(first, other)[0, 1] > 0.9
