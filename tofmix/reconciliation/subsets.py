@@ -70,7 +70,7 @@ class Subsets:
     ) -> None:
         self.terms = tuple(terms)
         own = [c for t in terms for c in t.columns]
-        taken = [*own, *_tolerated(seen, tolerance)]
+        taken = [*own, *model_errors(seen, tolerance)]
         prior = np.array([c.prior for c in taken])
         gram, pull = _products(seen, taken, pixel_sigma_mm)
         gram, pull = gram * prior[:, None] * prior, pull * prior  # in units of the priors
@@ -151,7 +151,7 @@ def _products(
     return gram, pull
 
 
-def _tolerated(seen: Sequence[Summary], tolerance: float) -> Iterator[Column]:
+def model_errors(seen: Sequence[Summary], tolerance: float) -> Iterator[Column]:
     """What any model may be wrong by: each surface's place and tilt, the noise's scale, smooth errors of a surface."""
     if tolerance <= 0:
         return
