@@ -78,7 +78,7 @@ class PointSource(Protocol):
 
 
 class WindowSource(Protocol):
-    """Layers that are read window by window, such as `tofmix.io.layers_file.LayersFile`."""
+    """Layers that are read window by window, such as `tofmix.io.layers.layers_file.LayersFile`."""
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -1,7 +1,7 @@
 """What travels as a recording: its sizes, its sensor, and blocks of samples.
 
 Anything with the methods of `SampleSource` can be estimated: a file
-(`tofmix.io.recording_file`), or an array in memory (`ArrayRecording`).
+(`tofmix.io.recording.recording_file`), or an array in memory (`ArrayRecording`).
 """
 
 from collections.abc import Callable

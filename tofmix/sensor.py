@@ -218,7 +218,7 @@ class Sensor:
         around `range_max_mm` as those of a surface there do.
     sample_min_mm, sample_max_mm : float or None
         Least and largest valid sample of the recording, where `range_max_mm` is not known: random values spread
-        between them (`tofmix.estimation.sample_span`). None: not looked for.
+        between them (`tofmix.estimation.blocks.sample_span`). None: not looked for.
     noise : NoiseCurve or None
         sigma(r) at `integration_time_ms`.
     learnt : LearntNoise or None

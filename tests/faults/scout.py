@@ -1,6 +1,6 @@
 """The process that looks at HDF5 files first, forked instead of started: a fork that is warm already saves its start.
 
-All else about it is as it is: it runs `tofmix.io.guard_child`, behind pipes, in a session of its own, and may die of
+All else about it is as it is: it runs `tofmix.io.guard.child`, behind pipes, in a session of its own, and may die of
 what it reads. That it starts as a program is tested wherever tests call the command line in a new process.
 """
 
@@ -15,7 +15,8 @@ from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
-from tofmix.io import guard, guard_child
+from tofmix.io.guard import guard
+from tofmix.io.guard import child
 
 
 class ForkedScout(subprocess.Popen[str]):
@@ -49,7 +50,7 @@ class ForkedScout(subprocess.Popen[str]):
         sys.stdin, sys.stdout = os.fdopen(requests), os.fdopen(answers, "w")
         code = 1
         try:
-            guard_child.main()
+            child.main()
             code = 0
         finally:
             os._exit(code)

@@ -231,7 +231,7 @@ def _begin() -> None:
     """Make this fork look like a fresh process that a shell has started."""
     from tqdm import tqdm
 
-    from tofmix.io import watchdog
+    from tofmix.io.guard import watchdog
 
     tqdm.set_lock(threading.RLock())  # its own is shared by all forks, and a killed one may hold it
     watchdog._watchdog.clear()  # its thread has stayed with the parent

@@ -58,10 +58,10 @@ def test_a_second_run_is_refused_at_once(tmp_path: Path) -> None:
 
 
 def _claim_anew(folder: Path) -> None:
-    from tofmix.io import claims
+    from tofmix.io.atomic import locks
 
-    held = claims._held.pop(Path(os.path.realpath(folder)))
+    held = locks._held.pop(Path(os.path.realpath(folder)))
     try:
-        claims.take(Path(os.path.realpath(folder)))
+        locks.take(Path(os.path.realpath(folder)))
     finally:
-        claims._held[Path(os.path.realpath(folder))] = held
+        locks._held[Path(os.path.realpath(folder))] = held

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tofmix.io.exporters.image import RangeImage
-    from tofmix.io.layers_file import LayersFile
+    from tofmix.io.layers.layers_file import LayersFile
     from tofmix.io.surfaces_file import SurfacesFile
     from tofmix.points import PointFilter
     from tofmix.projection import Projection
@@ -96,8 +96,8 @@ def export(
     from tofmix.io import surfaces_file
     from tofmix.io.exporters import IMAGE, OF_LAYERS, OF_SURFACES, choose_what
     from tofmix.io.file_kind import format_of
-    from tofmix.io.layers_file import open_layers
-    from tofmix.io.storage import claimed
+    from tofmix.io.layers.layers_file import open_layers
+    from tofmix.io.atomic.storage import claimed
 
     given = {
         name for name in context.params if context.get_parameter_source(name) is not ParameterSource.DEFAULT

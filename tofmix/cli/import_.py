@@ -128,7 +128,7 @@ def import_(
     from tofmix.io.importers.conversion import Conversion
     from tofmix.io.importers.units import UNITS_MM
     from tofmix.io.importers.writing import write_recording
-    from tofmix.io.storage import claimed
+    from tofmix.io.atomic.storage import claimed
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):
         if value is not None and not math.isfinite(value):

@@ -26,8 +26,8 @@ from tofmix.cli.surfaces import surfaces
 from tofmix.cli.verify import verify
 from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
-from tofmix.io.unfinished import discard_unfinished, is_resumable
-from tofmix.io.watchdog import arm
+from tofmix.io.atomic.partial_output import discard_unfinished, is_resumable
+from tofmix.io.guard.watchdog import arm
 
 _EPILOG = """\b
 Start here:

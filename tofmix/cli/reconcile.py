@@ -11,7 +11,7 @@ from tofmix.cli.options import PATH, examples, json_option, overwrite_option, pr
 
 if TYPE_CHECKING:
     from tofmix.arrays import FloatArray
-    from tofmix.io.recording_file import RecordingFile
+    from tofmix.io.recording.recording_file import RecordingFile
     from tofmix.reconciliation.evidence import Evidence
     from tofmix.reconciliation.workflow import Reconciliation
     from tofmix.simulation.model import Model
@@ -218,7 +218,7 @@ def _say_other_optics(measured: Path, file: "RecordingFile", scene: "Model") -> 
 def _write(result: "Reconciliation", files: "Files", output: Path, overwrite: bool) -> None:
     from tofmix.io.reconciliation import write_folder
     from tofmix.reconciliation.words import effect_tables
-    from tofmix.report.gap_page import render_gap
+    from tofmix.report.gap.page import render_gap
 
     texts = []
     for number, model in enumerate(result.models):

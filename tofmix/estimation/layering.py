@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.acceleration import maximise_likelihood
-from tofmix.estimation.beam import Beam, beam_of, is_no_return, reaches_no_return
-from tofmix.estimation.components import (
+from tofmix.estimation.mixture.acceleration import maximise_likelihood
+from tofmix.estimation.mixture.beam import Beam, beam_of, is_no_return, reaches_no_return
+from tofmix.estimation.mixture.components import (
     GAIN,
     MEAN,
     SHARE,
@@ -27,9 +27,9 @@ from tofmix.estimation.components import (
     Room,
     remove_surface,
 )
-from tofmix.estimation.counters import Kde
-from tofmix.estimation.counters.base import MAX_PEAKS, Peaks
-from tofmix.estimation.counting import (
+from tofmix.estimation.peaks.counters import Kde
+from tofmix.estimation.peaks.counters.base import MAX_PEAKS, Peaks
+from tofmix.estimation.mixture.counting import (
     Rules,
     Workshop,
     count_surfaces,
@@ -39,10 +39,10 @@ from tofmix.estimation.counting import (
     promises_more,
     surface_gains,
 )
-from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.false_alarms import chance_of, gain_table, least_gain
+from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.mixture.false_alarms import chance_of, gain_table, least_gain
 from tofmix.estimation.learnt.block_layers import counts_with_learnt, layers_with_learnt
-from tofmix.estimation.mixture import (
+from tofmix.estimation.mixture.em import (
     ROOT_TWO_PI,
     draw_sigmas,
     em_step,
@@ -54,10 +54,10 @@ from tofmix.estimation.mixture import (
     start_at,
 )
 from tofmix.estimation.paper import paper_pixels
-from tofmix.estimation.pixel_noise import beam_of_pixel, own_curves
+from tofmix.estimation.noise.pixel_noise import beam_of_pixel, own_curves
 from tofmix.estimation.samples import Readings, SortedSamples, gather, padded, sort_samples
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED, EstimateOptions, Knobs, knobs_of
-from tofmix.estimation.uncertainty import standard_errors
+from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.flags import Status
 from tofmix.jit import borrowing, jit

@@ -30,18 +30,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam, beam_of, is_no_return
-from tofmix.estimation.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT
-from tofmix.estimation.counters.base import MAX_PEAKS
-from tofmix.estimation.counting import new_workshop, surface_gains
-from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.density import BANDWIDTH, within_reach
-from tofmix.estimation.false_alarms import chance_of, gain_table
-from tofmix.estimation.mixture import ROOT_TWO_PI, log_likelihood
-from tofmix.estimation.modes import keep_peak
+from tofmix.estimation.mixture.beam import Beam, beam_of, is_no_return
+from tofmix.estimation.mixture.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT
+from tofmix.estimation.peaks.counters.base import MAX_PEAKS
+from tofmix.estimation.mixture.counting import new_workshop, surface_gains
+from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.peaks.density import BANDWIDTH, within_reach
+from tofmix.estimation.mixture.false_alarms import chance_of, gain_table
+from tofmix.estimation.mixture.em import ROOT_TWO_PI, log_likelihood
+from tofmix.estimation.peaks.modes import keep_peak
 from tofmix.estimation.samples import SortedSamples, gather, padded
 from tofmix.estimation.settings import MODE_FREE
-from tofmix.estimation.uncertainty import standard_errors
+from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.flags import Status
 from tofmix.jit import borrowing, jit
 from tofmix.layers import Layers

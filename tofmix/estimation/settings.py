@@ -6,8 +6,8 @@ from enum import StrEnum
 from statistics import NormalDist
 from typing import NamedTuple
 
-from tofmix.estimation.counters import COUNTERS, Counter, Kde
-from tofmix.estimation.false_alarms import check_false_alarm
+from tofmix.estimation.peaks.counters import COUNTERS, Counter, Kde
+from tofmix.estimation.mixture.false_alarms import check_false_alarm
 from tofmix.layers import MAX_LAYERS_LIMIT
 
 LEAST_SAMPLES = 2
@@ -52,7 +52,7 @@ class EstimateOptions:
     max_layers : int
         Most surfaces kept in a pixel, 1 to 32; the weakest are left out.
     counter : Counter
-        How step 1 counts, with its parameters; one of `tofmix.estimation.counters.COUNTERS`.
+        How step 1 counts, with its parameters; one of `tofmix.estimation.peaks.counters.COUNTERS`.
     refine : Refine
         ``likelihood``: count by likelihood, from the peaks; ``none``: the peaks are the surfaces, as in the paper.
     false_alarm : float

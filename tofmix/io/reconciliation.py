@@ -19,9 +19,9 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import StorageError, UsageError, os_error_text
-from tofmix.io.claims import hold, let_go
-from tofmix.io.storage import sync_folder
-from tofmix.io.together import write_together
+from tofmix.io.atomic.locks import hold, let_go
+from tofmix.io.atomic.storage import sync_folder
+from tofmix.io.atomic.atomic_group import write_together
 
 FILES = ("report.html", "gap.json")
 """Beside the models and their maps."""

@@ -20,8 +20,8 @@ from typing import Any
 from tofmix import __version__
 from tofmix.errors import BadInputError, StorageError, TofmixError, UsageError, os_error_text
 from tofmix.grid import Cell, Grid
-from tofmix.io.chunks import EncodedCell
-from tofmix.io.recording_file import file_sha256, open_recording
+from tofmix.io.layers.chunks import EncodedCell
+from tofmix.io.recording.recording_file import file_sha256, open_recording
 from tofmix.pipeline.job import Job
 from tofmix.pipeline.local import LocalEngine
 

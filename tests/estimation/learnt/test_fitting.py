@@ -9,7 +9,7 @@ from learnt_pixels import KNOWN, LOW_MM, SIGMA_MM, TOP_MM, camera_with, pixel_no
 from scipy import optimize, stats
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam, beam_of
+from tofmix.estimation.mixture.beam import Beam, beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,

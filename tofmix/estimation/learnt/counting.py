@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond
-from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.false_alarms import least_gain
+from tofmix.estimation.mixture.beam import NO_RETURN_REACH, Beam, is_beyond
+from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.mixture.false_alarms import least_gain
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DENSITY,

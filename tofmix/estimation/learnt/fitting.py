@@ -7,7 +7,7 @@ The likelihood of sample j, y_j being its range less the pixel's drift, is
 with the learnt shape f, the pixel's width u, c_0's share w_0 and the background's share b. Shares are updated as in any
 EM; means, log u and the drift by Fisher's scoring on the samples' responsibilities, which for a Gaussian is EM itself.
 Priors of u, b and the drift are part of the objective (`objective`). Steps are accelerated as in
-`tofmix.estimation.acceleration`.
+`tofmix.estimation.mixture.acceleration`.
 
 References
 ----------
@@ -21,10 +21,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam
-from tofmix.estimation.curve import sigma_at
+from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, REACH, STEPS, Law, log_prior_t, precision_of_t
-from tofmix.estimation.mixture import gaussians
+from tofmix.estimation.mixture.em import gaussians
 from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
 from tofmix.vector import log_of, product_of, total_of

@@ -1,6 +1,6 @@
 """Learn a recording's noise: sigma by range, the shape of the error, widths, backgrounds and drifts of single pixels.
 
-1. sigma(r) comes from clusters (`tofmix.estimation.noise`) and from differences of samples (`pair_differences`).
+1. sigma(r) comes from clusters (`noise.measurement`) and from differences of samples (`pair_differences`).
    Surfaces may lie too close for either, so that smaller scales are tried too: the one that predicts best stays.
 2. Parts are added one by one, the most helpful first: background, drift, widths, shape. Each is learnt from clusters
    (`clusters`) of two thirds of the pixels, and kept only if the others are predicted better with it (`held_out`).
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
-from tofmix.estimation.beam import Beam, beam_of
+from tofmix.estimation.mixture.beam import Beam, beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import LEAST_GAIN, flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, SCALE_OF_SPREAD, TAIL_DEGREES, precision_of_t
@@ -24,7 +24,7 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram, shapes_differ
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
-from tofmix.estimation.pixel_noise import own_curves
+from tofmix.estimation.noise.pixel_noise import own_curves
 from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import NoiseCurve, Sensor
 

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DRIFT,

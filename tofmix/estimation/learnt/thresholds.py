@@ -20,8 +20,8 @@ from itertools import product
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam
-from tofmix.estimation.false_alarms import FALSE_ALARMS
+from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import (
     Thresholds,

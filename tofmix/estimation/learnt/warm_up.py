@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.estimation.beam import beam_of
+from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.clusters import find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
