@@ -69,11 +69,11 @@ def _warm() -> Any:  # noqa: ANN401  the program's entry, imported late
     """Import what commands import, and compile or load every kernel."""
     from tqdm import tqdm
 
-    from faults import scout
+    from faults import structure_checker
     from tofmix.cli.main import run
 
     tqdm.monitor_interval = 0  # no thread of the parent's
-    scout.use()
+    structure_checker.use()
     with tempfile.TemporaryDirectory() as name:
         for argv in _rehearsal(Path(name)):
             try:

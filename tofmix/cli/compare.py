@@ -50,7 +50,7 @@ def compare(
     """
     from tofmix.errors import BadInputError, UsageError
     from tofmix.io.layers.layers_file import open_layers
-    from tofmix.io.atomic.storage import claimed, write_text
+    from tofmix.io.atomic.storage import locked, write_text
     from tofmix.report.comparison.comparison import compare as compare_files
     from tofmix.report.comparison.table import format_comparison
 
@@ -59,7 +59,7 @@ def compare(
     with ExitStack() as stack:
         files = [stack.enter_context(open_layers(path)) for path in (a, b)]
         if html is not None:
-            stack.enter_context(claimed(html, overwrite=overwrite, inputs=(a, b)))
+            stack.enter_context(locked(html, overwrite=overwrite, inputs=(a, b)))
         if window is not None and window >= files[0].shape[0]:
             raise UsageError(f"--window {window}: {a} has windows 0 to {files[0].shape[0] - 1}")
         try:

@@ -66,7 +66,7 @@ def inspect(
     phasors, its neighbours', and the chord or triangle that it was unmixed on.
     """
     from tofmix.io.layers.layers_file import open_layers
-    from tofmix.io.atomic.storage import claimed
+    from tofmix.io.atomic.storage import locked
     from tofmix.report.figures.figures import FIGURE_SUFFIXES
 
     inputs = tuple(path for path in (layers, recording) if path is not None)
@@ -74,7 +74,7 @@ def inspect(
         raise UsageError(f"{output}: the name must end in one of {', '.join(FIGURE_SUFFIXES)}")
     with ExitStack() as stack:
         if output is not None:
-            stack.enter_context(claimed(output, overwrite=overwrite, inputs=inputs))
+            stack.enter_context(locked(output, overwrite=overwrite, inputs=inputs))
         file = stack.enter_context(open_layers(layers))
         row, col = _place(pixel, file)
         if window >= file.shape[0]:

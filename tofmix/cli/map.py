@@ -114,8 +114,8 @@ def map_(
     """
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.map_file import encode_map
-    from tofmix.io.atomic.storage import claimed
-    from tofmix.io.atomic.atomic_group import write_together
+    from tofmix.io.atomic.storage import locked
+    from tofmix.io.atomic.atomic_group import write_atomic_group
     from tofmix.io.voxel_file import encode_voxels
     from tofmix.mapping.grid import plan_grid
     from tofmix.mapping.occupancy import map_beams, project
@@ -125,7 +125,7 @@ def map_(
     inputs = tuple(filter(None, (layers, recording)))
     outputs = _check_call(output, voxels, source, recording)
     threads = workers or default_workers()
-    with claimed(*outputs, overwrite=overwrite, inputs=inputs):
+    with locked(*outputs, overwrite=overwrite, inputs=inputs):
         with open_layers(layers) as file:
             if window >= file.shape[0]:
                 raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
@@ -150,7 +150,7 @@ def map_(
             floor = None if output is None else project(space, height)
             if output is not None and floor is not None:
                 contents |= encode_map(floor, output, comment=comment)
-            write_together(contents, overwrite=overwrite, inputs=inputs)
+            write_atomic_group(contents, overwrite=overwrite, inputs=inputs)
     _say(output, floor, voxels, space, as_json)
 
 

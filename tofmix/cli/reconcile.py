@@ -81,7 +81,7 @@ def reconcile(
     with --also share the effects' parameters. The page docs/reconcile.md explains
     the output.
     """
-    from tofmix.io.reconciliation import claimed_folder, model_names
+    from tofmix.io.reconciliation import locked_folder, model_names
     from tofmix.reconciliation.way import Settings
     from tofmix.reconciliation.words import summary_lines
     from tofmix.reconciliation.workflow import reconcile as run
@@ -89,7 +89,7 @@ def reconcile(
     kinds = _kinds(effects)
     files = ((model, measured), *also)
     settings = Settings(kinds=kinds, max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split, seed=seed)
-    with claimed_folder(output, overwrite=overwrite, models=len(files)):
+    with locked_folder(output, overwrite=overwrite, models=len(files)):
         first, *others = _read_all(files)
         with progress_bar(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
 

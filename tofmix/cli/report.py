@@ -47,7 +47,7 @@ def report(
     """
     from tofmix.errors import UsageError
     from tofmix.io.layers.layers_file import open_layers
-    from tofmix.io.atomic.storage import claimed, write_text
+    from tofmix.io.atomic.storage import locked, write_text
     from tofmix.report.summary.summary import find, remedy_for, summarise
     from tofmix.report.summary.tables import format_table
 
@@ -62,7 +62,7 @@ def report(
         if window >= file.shape[0]:
             raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
         if html is not None:
-            stack.enter_context(claimed(html, overwrite=overwrite, inputs=inputs))
+            stack.enter_context(locked(html, overwrite=overwrite, inputs=inputs))
         summary = summarise(file)
         if source is not None:
             made = file.provenance

@@ -105,13 +105,13 @@ def simulate(
         _explain(scene)
         return
 
-    from tofmix.io.atomic.storage import check_output, claimed
+    from tofmix.io.atomic.storage import check_output, locked
 
     outputs = [output] if repeat is None else [_numbered(output, k) for k in range(1, repeat + 1)]
     for path in outputs:
         check_output(path, overwrite=overwrite, inputs=(Path(model),))
     for k, path in enumerate(outputs):
-        with claimed(path, overwrite=overwrite, inputs=(Path(model),)):
+        with locked(path, overwrite=overwrite, inputs=(Path(model),)):
             seeded = replace(scene, recording=replace(chosen, seed=chosen.seed + k))
             line, made = _write(seeded, model, path, averaged, overwrite)
         click.echo(json.dumps(made) if as_json else line)

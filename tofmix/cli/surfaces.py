@@ -49,12 +49,12 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
     from tofmix import __version__
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.recording_file import file_sha256
-    from tofmix.io.atomic.storage import claimed
+    from tofmix.io.atomic.storage import locked
     from tofmix.io.surfaces_file import SurfacesWriter
     from tofmix.surfaces.found import SurfacesProvenance
 
     output = output or layers.with_name(f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}")
-    with claimed(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:
+    with locked(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:
         _check_optics(file)
         provenance = SurfacesProvenance(
             source=layers.name, source_sha256=file_sha256(layers), version=__version__,

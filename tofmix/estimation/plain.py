@@ -7,7 +7,7 @@ or on data that is no recording. Where sigma(r) is known, `mixture.fit_mixture` 
 The likelihood of such a mixture has many maxima. The search is deterministic: it
 climbs from one component to k, each time from partitions of the sorted samples
 (`plain_starts`), from splits of the last solution and from merges with splits of the
-best one so far. It mostly finds the greatest maximum, and cannot promise it.
+best one so far. It mostly finds the greatest maximum, but that is not certain.
 
 References
 ----------

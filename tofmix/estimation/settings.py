@@ -133,7 +133,7 @@ class EstimateOptions:
         return {name: value for name, value in options.items() if name not in without}
 
 
-class Knobs(NamedTuple):
+class KernelOptions(NamedTuple):
     """`EstimateOptions` as the kernels read them; `mode` is 0 tied, 1 prior, 2 free."""
 
     mode: int
@@ -163,10 +163,10 @@ def no_return_gain(false_alarm: float) -> float:
     return 0.5 * NormalDist().inv_cdf(1.0 - false_alarm) ** 2
 
 
-def knobs_of(options: EstimateOptions) -> Knobs:
+def kernel_options(options: EstimateOptions) -> KernelOptions:
     """Translate options for the kernels."""
     mode = {SigmaMode.TIED: MODE_TIED, SigmaMode.PRIOR: MODE_PRIOR, SigmaMode.FREE: MODE_FREE}[options.sigma]
-    return Knobs(
+    return KernelOptions(
         mode=mode,
         refine=options.refine is Refine.LIKELIHOOD,
         false_alarm=float(options.false_alarm),

@@ -1,4 +1,4 @@
-"""Which surfaces stand: false alarms as often as asked for, weak and close surfaces found, orphans adopted."""
+"""Which surfaces stand: false alarms as often as asked for, weak and close surfaces found, unexplained samples explained."""
 
 from dataclasses import replace
 

@@ -35,7 +35,7 @@ def test_weights_sum_to_one(rng: np.random.Generator, sensor: Sensor) -> None:
 
 
 def test_likelihood_never_falls_with_free_sigmas(rng: np.random.Generator, sensor: Sensor) -> None:
-    # EM's own promise; it holds for the paper's form, where nothing is tied.
+    # A theorem of EM; it holds for the paper's form, where nothing is tied.
     samples = _pixel(rng, sensor)
     values = [
         fit_mixture(samples, [1200.0, 2300.0], sensor, EstimateOptions(sigma=SigmaMode.FREE, max_iter=n, tol=1e-15))

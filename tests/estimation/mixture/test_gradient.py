@@ -1,4 +1,4 @@
-"""The gradient's promises: it bounds every gain, and it is what it says."""
+"""The gradient bounds every gain, and matches finite differences."""
 
 import naive
 import numpy as np
@@ -7,7 +7,7 @@ from drawing import draw
 from sizes import sized
 
 from tofmix.estimation.mixture.beam import beam_of
-from tofmix.estimation.mixture.components import MEAN, SIGMA, TOTAL, WEIGHT, new_components, new_room
+from tofmix.estimation.mixture.components import MEAN, SIGMA, TOTAL, WEIGHT, new_components, new_scratch
 from tofmix.estimation.mixture.gradient import best_share, steepest_place
 from tofmix.estimation.mixture.em import expectation_maximisation
 from tofmix.estimation.samples import readings_of
@@ -22,13 +22,13 @@ def test_no_second_surface_gains_more_than_the_steepest_slope(rng: np.random.Gen
     block = draw(rng, sensor, ranges_mm=[1500, 1530], shares=[0.7, 0.3], n=50, pixels=sized(20, 6))
     for column in np.sort(block, axis=0).T:
         samples, data = column.astype(np.float64), readings_of(column)
-        fit, room = new_components(1), new_room(1, len(column))
+        fit, scratch = new_components(1), new_scratch(1, len(column))
         fit[MEAN, 0], fit[SIGMA, 0], fit[WEIGHT, 0] = samples.mean(), 25.0, 1 - beam.p_outlier
-        expectation_maximisation(data, 1, fit, beam, MODE_TIED, 200, 1e-9, room)
-        slope, place, _ = steepest_place(data, 1, fit, beam, room, 0.0)
+        expectation_maximisation(data, 1, fit, beam, MODE_TIED, 200, 1e-9, scratch)
+        slope, place, _ = steepest_place(data, 1, fit, beam, scratch, 0.0)
         mean, sigma, weight = (fit[row, :1] for row in (MEAN, SIGMA, WEIGHT))
         one = naive.mixture_density(samples, mean, sigma, weight, 0.0, sensor)
-        np.testing.assert_allclose(room[TOTAL], one, rtol=1e-9)
+        np.testing.assert_allclose(scratch[TOTAL], one, rtol=1e-9)
 
         # The slope is that of the likelihood as share moves there.
         def moved(share: float, place: float = place, one: naive.Array = one, samples: naive.Array = samples) -> float:
@@ -42,5 +42,5 @@ def test_no_second_surface_gains_more_than_the_steepest_slope(rng: np.random.Gen
         gain = np.log(naive.mixture_density(samples, *two, sensor)).sum() - np.log(one).sum()
         assert gain < slope + 0.1
         # and the best share is where it peaks
-        best = best_share(data, place, beam, room)
+        best = best_share(data, place, beam, scratch)
         assert moved(best) >= max(moved(0.8 * best), moved(min(1.2 * best, 0.95))) - 1e-3 or slope < 0

@@ -4,20 +4,20 @@ import pytest
 
 from tofmix.errors import StorageError, UsageError
 from tofmix.io.atomic.storage import AtomicFile
-from tofmix.io.atomic.atomic_group import write_together
+from tofmix.io.atomic.atomic_group import write_atomic_group
 
 
 def test_all_files_are_written(tmp_path: Path) -> None:
-    write_together({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=False)
+    write_atomic_group({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=False)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a": b"1", "b": b"2"}
 
 
 def test_one_that_exists_keeps_all_back(tmp_path: Path) -> None:
     (tmp_path / "b").write_bytes(b"old")
     with pytest.raises(UsageError, match="--overwrite"):
-        write_together({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=False)
+        write_atomic_group({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=False)
     assert [path.name for path in tmp_path.iterdir()] == ["b"]
-    write_together({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=True)
+    write_atomic_group({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=True)
     assert (tmp_path / "b").read_bytes() == b"2"
 
 
@@ -36,7 +36,7 @@ def test_a_renaming_that_fails_leaves_nothing_new(
 
     monkeypatch.setattr(AtomicFile, "commit", failing)
     with pytest.raises(StorageError, match="disk gone"):
-        write_together({tmp_path / name: b"1" for name in "abc"}, overwrite=False)
+        write_atomic_group({tmp_path / name: b"1" for name in "abc"}, overwrite=False)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -46,5 +46,5 @@ def test_a_write_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr("os.pwrite", full)
     with pytest.raises(StorageError, match="No space left"):
-        write_together({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=False)
+        write_atomic_group({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=False)
     assert list(tmp_path.iterdir()) == []

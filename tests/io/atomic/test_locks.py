@@ -15,8 +15,8 @@ import pytest
 
 from tofmix.errors import StorageError, UsageError
 from tofmix.io.atomic import locks
-from tofmix.io.atomic.storage import AtomicFile, claimed, write_text
-from tofmix.io.atomic.partial_output import discard_unfinished
+from tofmix.io.atomic.storage import AtomicFile, locked, write_text
+from tofmix.io.atomic.partial_output import discard_partial_outputs
 
 WRITER = """
 import sys, time
@@ -44,8 +44,8 @@ def another_run(path: Path) -> Iterator["subprocess.Popen[str]"]:
 
 @pytest.fixture(autouse=True)
 def _fresh(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(claims, "_cleared", set())
-    monkeypatch.setattr(claims, "_ATTEMPTS", 2)
+    monkeypatch.setattr(locks, "_cleared", set())
+    monkeypatch.setattr(locks, "_ATTEMPTS", 2)
 
 
 def names(folder: Path) -> list[str]:
@@ -58,7 +58,7 @@ def test_the_second_run_is_refused_at_once_and_the_first_is_not_hurt(tmp_path: P
         for overwrite in (False, True):
             with pytest.raises(UsageError, match=r"out\.h5: another run is writing it; wait for that"):
                 write_text(path, "second", overwrite=overwrite)
-            with pytest.raises(UsageError, match="another run"), claimed(path, overwrite=overwrite):
+            with pytest.raises(UsageError, match="another run"), locked(path, overwrite=overwrite):
                 pass
         write_text(tmp_path / "other.h5", "other", overwrite=False)
         first.communicate("go on\n")
@@ -138,13 +138,13 @@ def test_a_lock_that_fails_is_a_storage_error(tmp_path: Path, monkeypatch: pytes
         write_text(tmp_path / "a", "x", overwrite=True)
 
 
-def test_a_claim_passes_to_the_writer(tmp_path: Path) -> None:
+def test_a_lock_passes_to_the_writer(tmp_path: Path) -> None:
     path = tmp_path / "a"
-    with claimed(path, tmp_path / "b", path, overwrite=False):
+    with locked(path, tmp_path / "b", path, overwrite=False):
         assert len(names(tmp_path)) == 2
         write_text(path, "text", overwrite=False)
     assert names(tmp_path) == ["a"]
-    with pytest.raises(KeyError), claimed(tmp_path / "c", overwrite=False):
+    with pytest.raises(KeyError), locked(tmp_path / "c", overwrite=False):
         raise KeyError
     assert names(tmp_path) == ["a"]
 
@@ -154,14 +154,14 @@ def test_a_signal_right_after_a_file_is_made_finds_it(tmp_path: Path, monkeypatc
 
     def stopped(*arguments: Any) -> int:  # noqa: ANN401  what os.open takes
         descriptor = real(*arguments)
-        discard_unfinished()  # as the handler does, before anybody has noted the descriptor
+        discard_partial_outputs()  # as the handler does, before anybody has noted the descriptor
         return descriptor
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "open", stopped)
-        patch.setattr(claims, "_lock", lambda path: os.open(path, os.O_RDWR | os.O_CREAT) and pytest.fail("gone on"))
+        patch.setattr(locks, "_lock", lambda path: os.open(path, os.O_RDWR | os.O_CREAT) and pytest.fail("gone on"))
         with pytest.raises(pytest.fail.Exception, match="gone on"):
-            locks.take(tmp_path / "a")
+            locks.lock_output(tmp_path / "a")
     assert names(tmp_path) == []
 
 
@@ -171,7 +171,7 @@ def test_a_signal_while_another_run_is_met_leaves_that_run_alone(tmp_path: Path)
         before = names(tmp_path)
         locks._begun.add(tmp_path / before[0])
         descriptor = os.open(tmp_path / before[0], os.O_RDWR)
-        discard_unfinished()
+        discard_partial_outputs()
         os.close(descriptor)
         locks._begun.clear()
         assert names(tmp_path) == before

@@ -11,7 +11,7 @@ import pytest
 from tofmix.errors import StorageError
 from tofmix.io.atomic import scratch_folder as module
 from tofmix.io.atomic.scratch_folder import scratch_folder
-from tofmix.io.atomic.partial_output import discard_unfinished
+from tofmix.io.atomic.partial_output import discard_partial_outputs
 
 HOLDER = """
 import sys, tempfile
@@ -40,7 +40,7 @@ def test_it_goes_with_its_block(tmp_path: Path) -> None:
 def test_it_goes_with_a_dying_process(tmp_path: Path) -> None:
     with scratch_folder() as folder:
         (folder / "a").write_text("x")
-        discard_unfinished()
+        discard_partial_outputs()
         assert list(tmp_path.iterdir()) == []
 
 

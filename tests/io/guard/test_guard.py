@@ -12,7 +12,7 @@ from files import boards, write_recording
 import tofmix
 from tofmix.errors import BadInputError, StorageError
 from tofmix.io.guard import guard
-from tofmix.io.guard.guard import Scout
+from tofmix.io.guard.guard import StructureChecker
 from tofmix.io.recording.recording_file import open_recording
 
 PACKAGE = Path(tofmix.__file__).parent
@@ -38,16 +38,16 @@ def test_nothing_else_opens_a_file_for_reading() -> None:
     assert source.count("h5py.File(") == source.count("h5py.File(h5py.h5f.create(") == 1
 
 
-def _scout(program: str) -> Scout:
-    return Scout((sys.executable, "-c", program))
+def _checker(program: str) -> StructureChecker:
+    return StructureChecker((sys.executable, "-c", program))
 
 
 def test_a_look_that_hangs_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOFMIX_READ_TIMEOUT", "0.2")
     monkeypatch.setattr("tofmix.io.guard.guard._GRACE_S", 0.1)
-    scout = _scout("import sys, time; sys.stdin.readline(); time.sleep(100)")
+    checker = _checker("import sys, time; sys.stdin.readline(); time.sleep(100)")
     with pytest.raises(BadInputError, match=r"a\.h5: its structure could not be read within 0\.2 s; given up"):
-        scout.look({}, tmp_path / "a.h5")
+        checker.check({}, tmp_path / "a.h5")
 
 
 def test_the_process_ends_itself_when_the_library_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,68 +55,68 @@ def test_the_process_ends_itself_when_the_library_hangs(tmp_path: Path, monkeypa
     monkeypatch.setenv("TOFMIX_READ_TIMEOUT", "0.3")
     program = (
         f"import sys; sys.path.append({str(PACKAGE.parent)!r})\n"
-        "from tofmix.io.guard import child\n"
+        "from tofmix.io.guard import structure_process\n"
         "def hang(*_):\n    while True:\n        pass\n"
-        "child.check_structure = hang\nguard_child.main()\n"
+        "structure_process.check_structure = hang\nguard_child.main()\n"
     )
-    scout, path = _scout(program), write_recording(tmp_path / "a.h5", boards())
+    checker, path = _checker(program), write_recording(tmp_path / "a.h5", boards())
     with pytest.raises(BadInputError, match=r"could not be read within 0\.3 s"):
-        scout.look({"path": str(path)}, path)
+        checker.check({"path": str(path)}, path)
     with pytest.raises(BadInputError, match=r"could not be read within"):  # and another one is started
-        scout.look({"path": str(path)}, path)
+        checker.check({"path": str(path)}, path)
 
 
 def test_a_look_that_crashes_is_told_of(tmp_path: Path) -> None:
-    scout = _scout("import os, sys; sys.stdin.readline(); os.kill(os.getpid(), 11)")
+    checker = _checker("import os, sys; sys.stdin.readline(); os.kill(os.getpid(), 11)")
     with pytest.raises(BadInputError, match="the HDF5 library crashed on it"):
-        scout.look({}, tmp_path / "a.h5")
+        checker.check({}, tmp_path / "a.h5")
     with pytest.raises(StorageError, match="was killed"):
-        _scout("import os, sys; sys.stdin.readline(); os.kill(os.getpid(), 9)").look({}, tmp_path / "a.h5")
+        _checker("import os, sys; sys.stdin.readline(); os.kill(os.getpid(), 9)").check({}, tmp_path / "a.h5")
     with pytest.raises(StorageError, match="ended with 3"):
-        _scout("raise SystemExit(3)").look({}, tmp_path / "a.h5")
+        _checker("raise SystemExit(3)").check({}, tmp_path / "a.h5")
     with pytest.raises(StorageError, match="No such file"):
-        Scout(("/none/python",)).look({}, tmp_path / "a.h5")
+        StructureChecker(("/none/python",)).check({}, tmp_path / "a.h5")
 
 
 def test_one_process_serves_many_files(tmp_path: Path) -> None:
-    scout, path = Scout(), write_recording(tmp_path / "a.h5", boards())
-    identity = scout.look({"path": str(path)}, path)
+    checker, path = StructureChecker(), write_recording(tmp_path / "a.h5", boards())
+    identity = checker.check({"path": str(path)}, path)
     assert identity[2] == path.stat().st_size
-    process = scout._process
+    process = checker._process
     (tmp_path / "b.h5").write_text("no")
     with pytest.raises(BadInputError, match=r"b\.h5: not an HDF5 file"):
-        scout.look({"path": str(tmp_path / "b.h5")}, tmp_path / "b.h5")
-    assert scout.look({"path": str(path)}, path) == identity
-    assert scout._process is process
-    scout.close()
-    scout.close()
+        checker.check({"path": str(tmp_path / "b.h5")}, tmp_path / "b.h5")
+    assert checker.check({"path": str(path)}, path) == identity
+    assert checker._process is process
+    checker.close()
+    checker.close()
 
 
 def test_memory_of_a_look_is_bounded(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     program = (
         f"import sys; sys.path.append({str(PACKAGE.parent)!r})\n"
-        "from tofmix.io.guard import child\n"
-        "child.check_structure = lambda *_: bytearray(3 << 30)\nguard_child.main()\n"
+        "from tofmix.io.guard import structure_process\n"
+        "structure_process.check_structure = lambda *_: bytearray(3 << 30)\nguard_child.main()\n"
     )
     write_recording(path, boards())
-    scout = _scout(program)
+    checker = _checker(program)
     with pytest.raises(BadInputError, match="takes more memory"):
-        scout.look({"path": str(path)}, path)
-    scout.close()
+        checker.check({"path": str(path)}, path)
+    checker.close()
 
 
 def test_no_memory_for_a_look_is_no_fault_of_the_file(tmp_path: Path) -> None:
     program = (
         f"import sys; sys.path.append({str(PACKAGE.parent)!r})\n"
-        "from tofmix.io.guard import child\n"
+        "from tofmix.io.guard import structure_process\n"
         "def none():\n    raise MemoryError\n"
-        "child.make_room = none\nguard_child.main()\n"
+        "structure_process.make_room = none\nguard_child.main()\n"
     )
-    scout = _scout(program)
+    checker = _checker(program)
     with pytest.raises(MemoryError):
-        scout.look({"path": str(write_recording(tmp_path / "a.h5", boards()))}, tmp_path / "a.h5")
-    scout.close()
+        checker.check({"path": str(write_recording(tmp_path / "a.h5", boards()))}, tmp_path / "a.h5")
+    checker.close()
 
 
 def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_a_file_that_is_replaced_is_read_as_it_was(tmp_path: Path) -> None:
 
 def test_another_file_than_was_looked_at_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_recording(tmp_path / "a.h5", boards())
-    monkeypatch.setattr(guard._scout, "look", lambda *_: [0, 0, 0, 0])
+    monkeypatch.setattr(guard._checker, "look", lambda *_: [0, 0, 0, 0])
     with pytest.raises(BadInputError, match="another file now than a moment ago"), open_recording(path):
         pass
 

@@ -27,7 +27,7 @@ from tofmix.estimation.learnt.counting import (
     Thresholds,
     first_surface,
     gain_of_jump,
-    new_work,
+    new_workspace,
     start_empty,
     try_one_more,
 )
@@ -225,16 +225,16 @@ def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, ou
     """Fill `out` (pixel,) with the gain of the first surface, where pixels have none, or of a second one or a jump."""
     pixels, frames = block.shape
     value, time = np.empty(frames), np.empty(frames)
-    work = new_work(3, frames, 1)
+    work = new_workspace(3, frames, 1)
     for pixel in range(pixels):
         n = take_samples(block[pixel].astype(np.float32), value, time)
         data = Samples(value[:n], time[:n])
-        fill_times(data, work.room)
+        fill_times(data, work.scratch)
         start_empty(data, work.fit, beam)
         gain, _ = first_surface(data, work, laws[0], beam)
         if empty:
             out[pixel] = gain
         elif gain > 0.0:
             copy_fit(work.best, work.fit)
-            jump = gain_of_jump(data, work.fit, laws[0], beam, work.room)
+            jump = gain_of_jump(data, work.fit, laws[0], beam, work.scratch)
             out[pixel] = max(jump, try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH))

@@ -13,7 +13,7 @@ Varadhan and Roland, Scandinavian J. Statistics 35(2), 2008, doi:10.1111/j.1467-
 import math
 
 from tofmix.estimation.mixture.beam import Beam
-from tofmix.estimation.mixture.components import MEAN, SIGMA, STEPS, UNIT, WEIGHT, Components, Room
+from tofmix.estimation.mixture.components import MEAN, SIGMA, STEPS, UNIT, WEIGHT, Components, Scratch
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.mixture.em import PRIOR_SAMPLES, em_step, expect, maximise
 from tofmix.estimation.samples import Readings
@@ -73,7 +73,7 @@ def _penalty(k: int, fit: Components, beam: Beam, mode: int) -> float:
 
 @borrowing
 def maximise_likelihood(
-    data: Readings, k: int, fit: Components, beam: Beam, mode: int, max_iter: int, tol: float, room: Room
+    data: Readings, k: int, fit: Components, beam: Beam, mode: int, max_iter: int, tol: float, scratch: Scratch
 ) -> int:
     """Run accelerated EM on `k` surfaces from the values in `fit`.
 
@@ -85,10 +85,10 @@ def maximise_likelihood(
         for i in range(k):
             fit[UNIT, i] = fit[SIGMA, i]
         _pack(k, fit, _FIRST)
-        expect(data, k, fit, beam, room)  # em_step, but for the likelihood, which nobody asks for
+        expect(data, k, fit, beam, scratch)  # em_step, but for the likelihood, which nobody asks for
         maximise(k, fit, beam, mode)
         _pack(k, fit, _SECOND)
-        before = _penalty(k, fit, beam, mode) + em_step(data, k, fit, beam, mode, room)
+        before = _penalty(k, fit, beam, mode) + em_step(data, k, fit, beam, mode, scratch)
         _pack(k, fit, _THIRD)
         iterations += 2
         step2, bend2, last = 0.0, 0.0, 0.0
@@ -112,9 +112,9 @@ def maximise_likelihood(
         if _unpack(k, fit, _FIRST, beam, mode):
             penalty = _penalty(k, fit, beam, mode)
             iterations += 1
-            if penalty + em_step(data, k, fit, beam, mode, room) < before:
+            if penalty + em_step(data, k, fit, beam, mode, scratch) < before:
                 _unpack(k, fit, _THIRD, beam, mode)
     if iterations < max_iter:
-        em_step(data, k, fit, beam, mode, room)
+        em_step(data, k, fit, beam, mode, scratch)
         iterations += 1
     return -iterations

@@ -1,4 +1,4 @@
-"""The surfaces of a mixture under fit, and room to fit them in.
+"""The surfaces of a mixture under fit, and scratch arrays for the fit.
 
 Both are plain arrays with a row for each quantity. A kernel that takes a dozen arrays
 out of a structure spends more time on counting references to them than on a pixel's
@@ -8,7 +8,7 @@ samples.
 a surface's responsibilities, in samples), GAIN (what the likelihood loses without it,
 nat), and rows to work in. The last column is that of c_0: its WEIGHT is p(c_0).
 
-`Room` (rows, values): TOTAL is p(r_j), SHARE the count of r_j by p(r_j), SPARE and OTHER
+`Scratch` (rows, values): TOTAL is p(r_j), SHARE the count of r_j by p(r_j), SPARE and OTHER
 are free for any loop. From DENSITY on stand the normal densities of the surfaces, in
 1/mm, and `no_return_row` is that of c_0. From `gradient_row` on there is room for three
 rows more for each surface.
@@ -28,7 +28,7 @@ ROWS = STEPS + 9
 TOTAL, SHARE, SPARE, OTHER, MEAN_SCORE, SHARE_SCORE, DENSITY = range(7)
 
 Components = FloatArray
-Room = FloatArray
+Scratch = FloatArray
 
 
 @jit
@@ -38,7 +38,7 @@ def new_components(capacity: int) -> Components:
 
 
 @jit
-def new_room(capacity: int, values: int) -> Room:
+def new_scratch(capacity: int, values: int) -> Scratch:
     """Room for pixels of up to `values` different values and `capacity` surfaces."""
     return np.empty((DENSITY + 4 * capacity + 1, values))
 

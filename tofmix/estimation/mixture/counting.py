@@ -24,11 +24,11 @@ from tofmix.estimation.mixture.components import (
     TOTAL,
     WEIGHT,
     Components,
-    Room,
+    Scratch,
     capacity_of,
     copy_components,
     new_components,
-    new_room,
+    new_scratch,
     no_return_row,
     remove_surface,
 )
@@ -36,7 +36,7 @@ from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.peaks.density import within_reach
 from tofmix.estimation.mixture.gradient import best_share, steepest_place
 from tofmix.estimation.mixture.em import expect, log_likelihood, mix
-from tofmix.estimation.mixture.gain_bound import promise_of_clear
+from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.jit import borrowing, jit
@@ -55,7 +55,7 @@ CERTAIN_SUPPORT = 5.0
 CERTAIN_SIGMAS = 5.0
 """A surface of 5 samples, 5 sigma from all else, is missed by more than 50 nats: no need to try."""
 
-ORPHAN_SIGMAS = 3.0
+UNEXPLAINED_SIGMAS = 3.0
 """Samples that only c_r explains are gathered when they lie within this many sigma of one of them."""
 
 SPLIT_SIGMAS = 0.8
@@ -76,8 +76,8 @@ _STEEPEST, _SPLIT, _MOVED = 0, 1, 2  # starts of one surface more
 BY_CHANCE = 0.1
 """Part of the wanted false alarms that heaps of outliers may add: `false_alarms` has used up the rest."""
 
-PROMISE = 0.4
-"""One more surface is tried where its promise (see `gradient`) is this part of the least gain."""
+LEAST_BOUND = 0.4
+"""One more surface is tried where its gain bound (see `gradient`) is this part of the least gain."""
 
 
 class Rules(NamedTuple):
@@ -92,39 +92,39 @@ class Rules(NamedTuple):
     no_return_gain: float
 
 
-class Workshop(NamedTuple):
-    """Three fits and the room they share: `fit` is what stands, `trial` what is tried, `best` the best of the tries."""
+class Workspace(NamedTuple):
+    """Three fits and the scratch that they share: `fit` is what stands, `trial` what is tried, `best` the best of the tries."""
 
     fit: Components
     trial: Components
     best: Components
-    room: Room
+    scratch: Scratch
 
 
 @jit
-def new_workshop(capacity: int, values: int) -> Workshop:
-    """Make a workshop for pixels of up to `values` different values and `capacity` surfaces."""
-    return Workshop(
-        new_components(capacity), new_components(capacity), new_components(capacity), new_room(capacity, values)
+def new_workspace(capacity: int, values: int) -> Workspace:
+    """Make a workspace for pixels of up to `values` different values and `capacity` surfaces."""
+    return Workspace(
+        new_components(capacity), new_components(capacity), new_components(capacity), new_scratch(capacity, values)
     )
 
 
 @borrowing
-def _most_orphans(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> tuple[float, float]:
+def _most_unexplained(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> tuple[float, float]:
     """Find where most samples lie together that only c_r explains; return their number and mean."""
-    mix(data, k, fit, beam, room)
-    orphans, counts, n = room[SPARE], room[OTHER], 0
+    mix(data, k, fit, beam, scratch)
+    unexplained, counts, n = scratch[SPARE], scratch[OTHER], 0
     for j in range(len(data.value)):
-        if beam.outlier_density > 0.5 * room[TOTAL, j] and not is_beyond(data.value[j], beam):
-            orphans[n], counts[n] = data.value[j], data.times[j]
+        if beam.outlier_density > 0.5 * scratch[TOTAL, j] and not is_beyond(data.value[j], beam):
+            unexplained[n], counts[n] = data.value[j], data.times[j]
             n += 1
     most, place, first, stop = 0.0, 0.0, 0, 0
-    for centre in orphans[:n]:
-        reach = ORPHAN_SIGMAS * sigma_at(centre, beam.curve_range, beam.curve_sigma)
-        first, stop = within_reach(orphans[:n], first, stop, centre - reach, centre + reach)
+    for centre in unexplained[:n]:
+        reach = UNEXPLAINED_SIGMAS * sigma_at(centre, beam.curve_range, beam.curve_sigma)
+        first, stop = within_reach(unexplained[:n], first, stop, centre - reach, centre + reach)
         together = total_of(counts[first:stop])
         if together > most:
-            most, place = together, product_of(orphans[first:stop], counts[first:stop]) / together
+            most, place = together, product_of(unexplained[first:stop], counts[first:stop]) / together
     return most, place
 
 
@@ -141,20 +141,20 @@ def _add_surface(k: int, place: float, share: float, fit: Components, beam: Beam
 
 
 @borrowing
-def _settle(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> int:
+def _settle(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> int:
     """Fit with tied sigmas, as far as a comparison of likelihoods needs; return the EM iterations."""
-    return abs(maximise_likelihood(data, k, fit, beam, MODE_TIED, COUNT_ITER, COUNT_TOL, room))
+    return abs(maximise_likelihood(data, k, fit, beam, MODE_TIED, COUNT_ITER, COUNT_TOL, scratch))
 
 
 @borrowing
-def _adopt_orphans(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> int:
+def _add_unexplained(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> int:
     """Add surfaces for samples that only c_r explains; return the surfaces."""
     while k < capacity_of(fit):
-        together, place = _most_orphans(data, k, fit, beam, room)
+        together, place = _most_unexplained(data, k, fit, beam, scratch)
         if together < MIN_SUPPORT:
             break
         k = _add_surface(k, place, together / data.total, fit, beam)
-        _settle(data, k, fit, beam, room)
+        _settle(data, k, fit, beam, scratch)
         if fit[SUPPORT, k - 1] < MIN_SUPPORT:
             break
     return k
@@ -234,9 +234,9 @@ def _leave_out(k: int, index: int, fit: Components, trial: Components, beam: Bea
 
 
 @borrowing
-def weigh_no_return(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> bool:
+def weigh_no_return(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> bool:
     """Take c_0 out of work.fit where a surface stands beside it and the samples do not need both; say whether it is."""
-    fit, trial, _, room = work
+    fit, trial, _, scratch = work
     if k == 0 or fit[WEIGHT, -1] == 0.0:
         return False
     beside = False
@@ -249,8 +249,8 @@ def weigh_no_return(data: Readings, k: int, work: Workshop, beam: Beam, rules: R
     trial[WEIGHT, -1] = 0.0
     for i in range(k):
         trial[WEIGHT, i] *= scale
-    _settle(data, k, trial, beam, room)
-    if log_likelihood(data, k, fit, beam, room) - log_likelihood(data, k, trial, beam, room) >= rules.no_return_gain:
+    _settle(data, k, trial, beam, scratch)
+    if log_likelihood(data, k, fit, beam, scratch) - log_likelihood(data, k, trial, beam, scratch) >= rules.no_return_gain:
         return False
     copy_components(k, trial, fit)
     return True
@@ -260,27 +260,27 @@ def weigh_no_return(data: Readings, k: int, work: Workshop, beam: Beam, rules: R
 def prune(
     data: Readings,
     k: int,
-    work: Workshop,
+    work: Workspace,
     beam: Beam,
     rules: Rules,
 ) -> int:
     """Take out the surfaces of work.fit that are not missed, the least missed first; return how many are left."""
-    fit, trial, best, room = work
+    fit, trial, best, scratch = work
     while k > 0:
         left = drop_unsupported(data.total, k, fit, beam, rules)
         if left < k:
             k = left
-            _settle(data, k, fit, beam, room)
+            _settle(data, k, fit, beam, scratch)
             continue
         full, least = math.nan, math.inf
         for i in range(k):
             if k <= rules.max_layers and _certain(k, i, fit, beam):
                 continue
             if math.isnan(full):
-                full = log_likelihood(data, k, fit, beam, room)
+                full = log_likelihood(data, k, fit, beam, scratch)
             _leave_out(k, i, fit, trial, beam)
-            _settle(data, k - 1, trial, beam, room)
-            gain = full - log_likelihood(data, k - 1, trial, beam, room)
+            _settle(data, k - 1, trial, beam, scratch)
+            gain = full - log_likelihood(data, k - 1, trial, beam, scratch)
             if gain < least:
                 least = gain
                 copy_components(k - 1, trial, best)
@@ -292,9 +292,9 @@ def prune(
 
 
 @borrowing
-def _most_spread(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> int:
+def _most_spread(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> int:
     """Return the surface whose samples spread most beyond its sigma, by the score test of its variance."""
-    expect(data, k, fit, beam, room)
+    expect(data, k, fit, beam, scratch)
     most, largest = 0, -math.inf
     for i in range(k):
         excess = fit[MOMENT_2, i] / fit[SIGMA, i] ** 2 - fit[SUPPORT, i]
@@ -316,46 +316,46 @@ def _supported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> b
 
 
 @borrowing
-def promises_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> bool:
+def may_gain_more(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> bool:
     """Whether one more surface than work.fit has could gain enough; a quick look, true where it cannot tell."""
-    wanted = PROMISE * rules.least_gain
-    return bool(promise_of_clear(data, k, work.fit, beam, work.room, wanted) >= wanted)
+    wanted = LEAST_BOUND * rules.least_gain
+    return bool(gain_bound_of_clear(data, k, work.fit, beam, work.scratch, wanted) >= wanted)
 
 
 @borrowing
-def try_one_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> float:
+def try_one_more(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> float:
     """Fit one more surface than work.fit has; return its gain, nat, with the fit in work.best.
 
     Three starts: where the likelihood rises most, the most spread surface split in two, and a surface that takes the
-    samples of c_0. The gain is 0 where it cannot reach the least gain, or does not promise to, or the new fit has
+    samples of c_0. The gain is 0 where it cannot reach the least gain, or its bound is too low, or the new fit has
     something that is no surface.
     """
-    fit, trial, best, room = work
-    wanted = PROMISE * rules.least_gain
+    fit, trial, best, scratch = work
+    wanted = LEAST_BOUND * rules.least_gain
     if k + 1 > capacity_of(fit):
         return 0.0
-    slope, place, promise = steepest_place(data, k, fit, beam, room, wanted)
-    if slope < rules.least_gain or promise < wanted:
+    slope, place, bound = steepest_place(data, k, fit, beam, scratch, wanted)
+    if slope < rules.least_gain or bound < wanted:
         return 0.0
-    share = best_share(data, place, beam, room)
-    before, gain = log_likelihood(data, k, fit, beam, room), 0.0
+    share = best_share(data, place, beam, scratch)
+    before, gain = log_likelihood(data, k, fit, beam, scratch), 0.0
     for start in (_STEEPEST, _SPLIT, _MOVED):
         copy_components(k, fit, trial)
         if start == _STEEPEST:
             _add_surface(k, place, share, trial, beam)
         elif start == _MOVED:
-            if not _move_no_return(data, k, trial, beam, room):
+            if not _move_no_return(data, k, trial, beam, scratch):
                 continue
         elif k > 0:
-            i = _most_spread(data, k, fit, beam, room)
+            i = _most_spread(data, k, fit, beam, scratch)
             _add_surface(k, fit[MEAN, i] + SPLIT_SIGMAS * fit[SIGMA, i], 0.0, trial, beam)
             trial[MEAN, i] -= SPLIT_SIGMAS * fit[SIGMA, i]
             trial[WEIGHT, i] *= 0.5
             trial[WEIGHT, k] = trial[WEIGHT, i]
         else:
             continue
-        _settle(data, k + 1, trial, beam, room)
-        found = log_likelihood(data, k + 1, trial, beam, room) - before
+        _settle(data, k + 1, trial, beam, scratch)
+        found = log_likelihood(data, k + 1, trial, beam, scratch) - before
         if found > gain and _supported(data.total, k + 1, trial, beam, rules):
             gain = found
             copy_components(k + 1, trial, best)
@@ -363,15 +363,15 @@ def try_one_more(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rule
 
 
 @borrowing
-def _move_no_return(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> bool:
+def _move_no_return(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> bool:
     """Add a surface at the mean of c_0's samples, and give it most of them; return whether there is such a place."""
     weight = fit[WEIGHT, -1]
     if weight == 0.0:
         return False
-    expect(data, k, fit, beam, room)
-    own, term = room[no_return_row(fit)], room[SPARE, : len(data.value)]
+    expect(data, k, fit, beam, scratch)
+    own, term = scratch[no_return_row(fit)], scratch[SPARE, : len(data.value)]
     for j in range(len(data.value)):
-        term[j] = room[SHARE, j] * own[j]
+        term[j] = scratch[SHARE, j] * own[j]
     support = total_of(term)
     if weight * support < MIN_SUPPORT:
         return False
@@ -384,9 +384,9 @@ def _move_no_return(data: Readings, k: int, fit: Components, beam: Beam, room: R
 
 
 @borrowing
-def grow(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> int:
+def grow(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> int:
     """Add surfaces to work.fit while one more gains enough; return how many there are."""
-    while k < rules.max_layers and promises_more(data, k, work, beam, rules):
+    while k < rules.max_layers and may_gain_more(data, k, work, beam, rules):
         if try_one_more(data, k, work, beam, rules) < rules.least_gain:
             break
         k += 1
@@ -395,10 +395,10 @@ def grow(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> in
 
 
 @borrowing
-def count_surfaces(data: Readings, k: int, work: Workshop, beam: Beam, rules: Rules) -> int:
+def count_surfaces(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> int:
     """Count the surfaces from a start of `k` in work.fit; return how many there are, with their tied fit there."""
-    _settle(data, k, work.fit, beam, work.room)
-    k = _adopt_orphans(data, k, work.fit, beam, work.room)
+    _settle(data, k, work.fit, beam, work.scratch)
+    k = _add_unexplained(data, k, work.fit, beam, work.scratch)
     k = prune(data, k, work, beam, rules)
     k = grow(data, k, work, beam, rules)
     if weigh_no_return(data, k, work, beam, rules):
@@ -407,12 +407,12 @@ def count_surfaces(data: Readings, k: int, work: Workshop, beam: Beam, rules: Ru
 
 
 @borrowing
-def surface_gains(data: Readings, k: int, work: Workshop, beam: Beam) -> None:
+def surface_gains(data: Readings, k: int, work: Workspace, beam: Beam) -> None:
     """Set the gain of each surface of work.fit: the likelihood, nat, lost without it; infinite where it is certain.
 
     With tied sigmas, as in counting, whatever the sigmas of work.fit are.
     """
-    fit, trial, tied, room = work
+    fit, trial, tied, scratch = work
     full = math.nan
     for i in range(k):
         fit[GAIN, i] = math.inf
@@ -420,8 +420,8 @@ def surface_gains(data: Readings, k: int, work: Workshop, beam: Beam) -> None:
             continue
         if math.isnan(full):
             copy_components(k, fit, tied)
-            _settle(data, k, tied, beam, room)
-            full = log_likelihood(data, k, tied, beam, room)
+            _settle(data, k, tied, beam, scratch)
+            full = log_likelihood(data, k, tied, beam, scratch)
         _leave_out(k, i, tied, trial, beam)
-        _settle(data, k - 1, trial, beam, room)
-        fit[GAIN, i] = full - log_likelihood(data, k - 1, trial, beam, room)
+        _settle(data, k - 1, trial, beam, scratch)
+        fit[GAIN, i] = full - log_likelihood(data, k - 1, trial, beam, scratch)

@@ -31,14 +31,14 @@ from tofmix.estimation.mixture.components import (
     TOTAL,
     WEIGHT,
     Components,
-    Room,
+    Scratch,
     new_components,
-    new_room,
+    new_scratch,
     no_return_row,
 )
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings, readings_of
-from tofmix.estimation.settings import MODE_FREE, MODE_PRIOR, MODE_TIED, EstimateOptions, knobs_of
+from tofmix.estimation.settings import MODE_FREE, MODE_PRIOR, MODE_TIED, EstimateOptions, kernel_options
 from tofmix.estimation.unrolling import unrolled_pixel
 from tofmix.jit import borrowing
 from tofmix.sensor import Sensor
@@ -63,51 +63,51 @@ def gaussians(values: FloatArray, mean: float, sigma: float, out: FloatArray) ->
 
 
 @borrowing
-def mix(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None:
-    """Fill the densities of `room`, and p(r | surfaces) of equation (1)."""
-    values, total, m = data.value, room[TOTAL], len(data.value)
+def mix(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> None:
+    """Fill the densities of `scratch`, and p(r | surfaces) of equation (1)."""
+    values, total, m = data.value, scratch[TOTAL], len(data.value)
     for j in range(m):
         total[j] = beam.outlier_density
     if fit[WEIGHT, -1] > 0.0:
-        row, weight = room[no_return_row(fit)], fit[WEIGHT, -1]
+        row, weight = scratch[no_return_row(fit)], fit[WEIGHT, -1]
         gaussians(values, beam.range_max, beam.sigma_max, row)
         for j in range(m):
             total[j] += weight * row[j]
     for i in range(k):
-        row, weight = room[DENSITY + i], fit[WEIGHT, i]
+        row, weight = scratch[DENSITY + i], fit[WEIGHT, i]
         gaussians(values, fit[MEAN, i], fit[SIGMA, i], row)
         for j in range(m):
             total[j] += weight * row[j]
 
 
 @borrowing
-def _sum_of_logs(data: Readings, room: Room) -> float:
+def _sum_of_logs(data: Readings, scratch: Scratch) -> float:
     """Log likelihood, nat, of what `mix` left."""
-    count, total, term = data.times, room[TOTAL], room[SPARE, : len(data.times)]
+    count, total, term = data.times, scratch[TOTAL], scratch[SPARE, : len(data.times)]
     for j in range(len(count)):
         term[j] = count[j] * log_of(total[j])
     return float(total_of(term))
 
 
 @borrowing
-def log_likelihood(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> float:
+def log_likelihood(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> float:
     """Log likelihood of the samples under equation (1), nat."""
-    mix(data, k, fit, beam, room)
-    return _sum_of_logs(data, room)
+    mix(data, k, fit, beam, scratch)
+    return _sum_of_logs(data, scratch)
 
 
 @borrowing
-def expect(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None:
+def expect(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> None:
     """E step: support, and in rows MOMENT_1 and MOMENT_2 the moments about the means."""
-    mix(data, k, fit, beam, room)
-    count, total, share = data.times, room[TOTAL], room[SHARE, : len(data.times)]
+    mix(data, k, fit, beam, scratch)
+    count, total, share = data.times, scratch[TOTAL], scratch[SHARE, : len(data.times)]
     for j in range(len(count)):
         share[j] = count[j] / total[j]
     fit[SUPPORT, -1] = 0.0
     if fit[WEIGHT, -1] > 0.0:
-        fit[SUPPORT, -1] = fit[WEIGHT, -1] * product_of(share, room[no_return_row(fit)])
+        fit[SUPPORT, -1] = fit[WEIGHT, -1] * product_of(share, scratch[no_return_row(fit)])
     for i in range(k):
-        support, first, second = moments_of(data.value, room[DENSITY + i], share, fit[MEAN, i])
+        support, first, second = moments_of(data.value, scratch[DENSITY + i], share, fit[MEAN, i])
         fit[SUPPORT, i] = fit[WEIGHT, i] * support  # sum of p(c_i | r_j)
         fit[MOMENT_1, i] = fit[WEIGHT, i] * first
         fit[MOMENT_2, i] = fit[WEIGHT, i] * second
@@ -149,32 +149,32 @@ def maximise(k: int, fit: Components, beam: Beam, mode: int) -> float:
 
 
 @borrowing
-def draw_sigmas(data: Readings, k: int, fit: Components, beam: Beam, room: Room) -> None:
+def draw_sigmas(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> None:
     """Draw each sigma from the curve's towards the spread of its samples, as the prior has it; all else is held.
 
     Sigmas that are fitted with the means cost precision where surfaces overlap: the means of a tied fit are better.
     """
-    expect(data, k, fit, beam, room)
+    expect(data, k, fit, beam, scratch)
     for i in range(k):
         curve_sigma = sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma)
         fit[SIGMA, i] = new_sigma(curve_sigma, fit[MOMENT_2, i], fit[SUPPORT, i], MODE_PRIOR)
 
 
 @borrowing
-def em_step(data: Readings, k: int, fit: Components, beam: Beam, mode: int, room: Room) -> float:
+def em_step(data: Readings, k: int, fit: Components, beam: Beam, mode: int, scratch: Scratch) -> float:
     """One iteration of EM; return the log likelihood of the values that it started from."""
-    expect(data, k, fit, beam, room)
+    expect(data, k, fit, beam, scratch)
     maximise(k, fit, beam, mode)
-    return _sum_of_logs(data, room)
+    return _sum_of_logs(data, scratch)
 
 
 @borrowing
 def expectation_maximisation(
-    data: Readings, k: int, fit: Components, beam: Beam, mode: int, max_iter: int, tol: float, room: Room
+    data: Readings, k: int, fit: Components, beam: Beam, mode: int, max_iter: int, tol: float, scratch: Scratch
 ) -> int:
     """Run EM on `k` surfaces from the values in `fit`; return its iterations, negative if it did not converge."""
     for iteration in range(max_iter):
-        expect(data, k, fit, beam, room)
+        expect(data, k, fit, beam, scratch)
         if maximise(k, fit, beam, mode) < tol:
             return iteration + 1
     return -max_iter
@@ -244,23 +244,23 @@ def fit_mixture(
         raise ValueError("start: a starting mean is not finite")
     options = options or EstimateOptions()
     length = options.unambiguous_range_mm
-    knobs = knobs_of(options)
+    chosen = kernel_options(options)
     if length is None:
         beam = beam_of(sensor)
     else:
         values, start, beam = unrolled_pixel(data.value, start, sensor, length)
         data = Readings(values, data.times, data.total)
     k = len(start)
-    fit, room = new_components(max(k, 1)), new_room(max(k, 1), len(data.value))
+    fit, scratch = new_components(max(k, 1)), new_scratch(max(k, 1), len(data.value))
     no_return = 1.0 if math.isfinite(beam.range_max) else 0.0
     start_at(start, np.ones(k), k, no_return, fit, beam)
-    n_iter = expectation_maximisation(data, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol, room)
+    n_iter = expectation_maximisation(data, k, fit, beam, chosen.mode, chosen.max_iter, chosen.tol, scratch)
     return MixtureFit(
         mean_mm=fit[MEAN, :k].copy() if length is None else fold(fit[MEAN, :k], length),
         sigma_mm=fit[SIGMA, :k].copy(),
         weight=fit[WEIGHT, :k].copy(),
         weight_no_return=float(fit[WEIGHT, -1]),
-        log_likelihood=float(log_likelihood(data, k, fit, beam, room)),
+        log_likelihood=float(log_likelihood(data, k, fit, beam, scratch)),
         n_iter=abs(n_iter),
         converged=n_iter > 0,
     )

@@ -1,18 +1,18 @@
 """Whether one more surface could gain enough, told quickly where surfaces stand clear of each other.
 
-Use `promise_of_clear` before `gradient.steepest_place`, which looks everywhere and at
+Use `gain_bound_of_clear` before `gradient.steepest_place`, which looks everywhere and at
 every overlap, and costs far more. Most pixels see one surface, or a few far apart:
 there, the densities of a surface moved by delta sigma and of the fitted one differ by
 the factor exp(delta z - delta^2 / 2), with z = (r - mu) / sigma. The powers of
 exp(3 z / 4) give them all. What this leaves out, the noise curve's slope and c_r, changes
-a promise by a few per cent; it decides only what is tried, not what is found.
+a gain bound by a few per cent; it decides only what is tried, not what is found.
 """
 
 import math
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.mixture.beam import Beam
-from tofmix.estimation.mixture.components import MEAN, OTHER, SHARE, SIGMA, SPARE, TOTAL, WEIGHT, Components, Room
+from tofmix.estimation.mixture.components import MEAN, OTHER, SHARE, SIGMA, SPARE, TOTAL, WEIGHT, Components, Scratch
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
 from tofmix.jit import borrowing
@@ -35,13 +35,13 @@ _LARGEST_SHARE = 0.9
 
 
 @borrowing
-def promise_of_clear(data: Readings, k: int, fit: Components, beam: Beam, room: Room, least: float) -> float:
-    """Largest promise of all places, nat; infinite where the surfaces do not stand clear, or samples lie elsewhere.
+def gain_bound_of_clear(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch, least: float) -> float:
+    """Largest gain bound of all places, nat; infinite where the surfaces do not stand clear, or samples lie elsewhere.
 
     It is worked out until it reaches `least`.
     """
     values = data.value
-    promise, owned = 0.0, 0.0
+    bound, owned = 0.0, 0.0
     if fit[WEIGHT, -1] > 0.0:
         for i in range(k):
             if abs(beam.range_max - fit[MEAN, i]) < 2.0 * OWN_SIGMAS * max(fit[SIGMA, i], beam.sigma_max):
@@ -51,9 +51,9 @@ def promise_of_clear(data: Readings, k: int, fit: Components, beam: Beam, room: 
         own = Readings(values[first:stop], data.times[first:stop], total_of(data.times[first:stop]))
         owned = own.total
         if first < stop:
-            promise = _promise_near(own, beam.range_max, beam.sigma_max, room, least, 0.0)
-            if promise >= least:
-                return promise
+            bound = _gain_bound_near(own, beam.range_max, beam.sigma_max, scratch, least, 0.0)
+            if bound >= least:
+                return bound
     for i in range(k):
         for other in range(i):
             if abs(fit[MEAN, i] - fit[MEAN, other]) < 2.0 * OWN_SIGMAS * max(fit[SIGMA, i], fit[SIGMA, other]):
@@ -65,10 +65,10 @@ def promise_of_clear(data: Readings, k: int, fit: Components, beam: Beam, room: 
             return math.inf
         own = Readings(values[first:stop], data.times[first:stop], total_of(data.times[first:stop]))
         owned += own.total
-        promise = max(promise, _promise_near(own, fit[MEAN, i], sigma, room, least, 1.0))
-        if promise >= least:
-            return promise
-    return promise if owned > data.total - 0.5 else math.inf
+        bound = max(bound, _gain_bound_near(own, fit[MEAN, i], sigma, scratch, least, 1.0))
+        if bound >= least:
+            return bound
+    return bound if owned > data.total - 0.5 else math.inf
 
 
 @borrowing
@@ -85,16 +85,16 @@ def _first_from(values: FloatArray, low: float) -> int:
 
 
 @borrowing
-def _promise_near(own: Readings, mean: float, sigma: float, room: Room, least: float, free_mean: float) -> float:
-    """Largest promise of the places around one surface, from its own samples; the mean of c_0 is not free."""
+def _gain_bound_near(own: Readings, mean: float, sigma: float, scratch: Scratch, least: float, free_mean: float) -> float:
+    """Largest gain bound of the places around one surface, from its own samples; the mean of c_0 is not free."""
     value, count, m = own.value, own.times, len(own.value)
-    z, base, power = room[SPARE, :m], room[OTHER, :m], room[SHARE, :m]
+    z, base, power = scratch[SPARE, :m], scratch[OTHER, :m], scratch[SHARE, :m]
     for j in range(m):
         z[j] = (value[j] - mean) / sigma
     for j in range(m):
         base[j] = _ROOT * exp_minus(_STEP * (OWN_SIGMAS - z[j]))  # exp(_STEP z)
         power[j] = count[j] * z[j] * z[j]
-    promise, squares = 0.0, total_of(power)
+    bound, squares = 0.0, total_of(power)
     for side in range(2):
         for j in range(m):
             power[j] = 1.0
@@ -113,12 +113,12 @@ def _promise_near(own: Readings, mean: float, sigma: float, room: Room, least: f
             if squares > 0.0 and free_mean > 0.0:
                 information -= scale * scale * by_mean * by_mean / squares
             information = max(information, _LEAST_INFORMATION * own.total)
-            promise = max(promise, 0.5 * slope * slope / information)
-            if promise < least and slope * scale * math.exp(delta * farthest) > _HEAVY * information:
-                promise = max(promise, _gain_of_best_share(power, scale, own, room[TOTAL, :m]))
-            if promise >= least:
-                return promise
-    return promise
+            bound = max(bound, 0.5 * slope * slope / information)
+            if bound < least and slope * scale * math.exp(delta * farthest) > _HEAVY * information:
+                bound = max(bound, _gain_of_best_share(power, scale, own, scratch[TOTAL, :m]))
+            if bound >= least:
+                return bound
+    return bound
 
 
 @borrowing

@@ -6,7 +6,7 @@ however many surfaces, gains more than max D: where that is below what a surface
 must gain, none needs to be tried. Its place is also where to try one.
 
 max D is far above the gain where a single sample lies in a surface's tail. The
-`promise` of a place is a closer guess at the gain, and still cheap: the gain of the
+The gain bound of a place is closer to the gain, and still cheap: the gain of the
 best share there, all else held; or, where the new surface takes the place of an old
 one, the score statistic, with what the old one's mean and share explain taken off.
 
@@ -31,7 +31,7 @@ from tofmix.estimation.mixture.components import (
     TOTAL,
     WEIGHT,
     Components,
-    Room,
+    Scratch,
 )
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.peaks.density import whole_lanes, within_reach
@@ -55,18 +55,18 @@ _LEAST_NORM = 1.0e-6
 
 @borrowing
 def steepest_place(
-    data: Readings, k: int, fit: Components, beam: Beam, room: Room, least: float
+    data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch, least: float
 ) -> tuple[float, float, float]:
-    """Largest D(theta), nat, its place, mm, and the largest promise of all places.
+    """Largest D(theta), nat, its place, mm, and the largest gain bound of all places.
 
-    Promises are worked out only while the largest one is below `least`.
+    Gain bounds are computed only while the largest one is below `least`.
     """
-    mix(data, k, fit, beam, room)
+    mix(data, k, fit, beam, scratch)
     values, n, m = data.value, data.total, len(data.value)
     for j in range(m):
-        room[SHARE, j] = data.times[j] / room[TOTAL, j]
-    outliers = beam.outlier_density * total_of(room[SHARE, :m])
-    most, place, promise, nearest, norms = -n, values[0], 0.0, -1, (0.0, 0.0, 0.0)
+        scratch[SHARE, j] = data.times[j] / scratch[TOTAL, j]
+    outliers = beam.outlier_density * total_of(scratch[SHARE, :m])
+    most, place, bound, nearest, norms = -n, values[0], 0.0, -1, (0.0, 0.0, 0.0)
     near, past = 0, 0
     theta = values[0] - sigma_at(values[0], beam.curve_range, beam.curve_sigma)
     end = values[-1] + sigma_at(values[-1], beam.curve_range, beam.curve_sigma)
@@ -79,26 +79,26 @@ def steepest_place(
         if near == past and near < m:
             next_theta = max(next_theta, values[near] - sigma)  # nothing near: go to the next sample
         first, stop = whole_lanes(near, past, m)
-        value, new = values[first:stop], room[SPARE, : stop - first]
+        value, new = values[first:stop], scratch[SPARE, : stop - first]
         scale, height = 1.0 / sigma, (1.0 - beam.p_outlier) / (sigma * ROOT_TWO_PI)
         for j in range(len(value)):
             z = (value[j] - theta) * scale
             new[j] = height * exp_minus(0.5 * z * z)  # p(r_j | surface at theta), but for c_r
-        slope = product_of(new, room[SHARE, first:stop]) + outliers - n
+        slope = product_of(new, scratch[SHARE, first:stop]) + outliers - n
         is_place = not is_beyond(theta, beam)
         if is_place and slope > most:
             most, place = slope, theta
-        if is_place and slope > 0.0 and promise < least:
+        if is_place and slope > 0.0 and bound < least:
             if slope >= least:
-                promise = max(promise, _gain_of_best_share(data, first, stop, room))
-            if promise < least and k > 0:
+                bound = max(bound, _gain_of_best_share(data, first, stop, scratch))
+            if bound < least and k > 0:
                 own = _nearest(theta, k, fit)
                 if own != nearest:
                     nearest = own
-                    norms = _scores(data, own, fit, beam, room)
-                promise = max(promise, _score_statistic(data, first, stop, slope, norms, room))
+                    norms = _scores(data, own, fit, beam, scratch)
+                bound = max(bound, _score_statistic(data, first, stop, slope, norms, scratch))
         theta = next_theta
-    return most, place, promise
+    return most, place, bound
 
 
 @borrowing
@@ -112,10 +112,10 @@ def _nearest(theta: float, k: int, fit: Components) -> int:
 
 
 @borrowing
-def _gain_of_best_share(data: Readings, first: int, stop: int, room: Room) -> float:
-    """Gain, nat, of the best share of a new surface whose densities at values [first, stop) are in room[SPARE]."""
-    count, total = data.times[first:stop], room[TOTAL, first:stop]
-    new, term = room[SPARE, : stop - first], room[OTHER, : stop - first]
+def _gain_of_best_share(data: Readings, first: int, stop: int, scratch: Scratch) -> float:
+    """Gain, nat, of the best share of a new surface whose densities at values [first, stop) are in scratch[SPARE]."""
+    count, total = data.times[first:stop], scratch[TOTAL, first:stop]
+    new, term = scratch[SPARE, : stop - first], scratch[OTHER, : stop - first]
     outside, share = data.total - total_of(count), 1.0 / data.total
     for _ in range(_QUICK_STEPS):
         for j in range(len(count)):
@@ -133,14 +133,14 @@ def _gain_of_best_share(data: Readings, first: int, stop: int, room: Room) -> fl
 
 
 @borrowing
-def _scores(data: Readings, i: int, fit: Components, beam: Beam, room: Room) -> tuple[float, float, float]:
+def _scores(data: Readings, i: int, fit: Components, beam: Beam, scratch: Scratch) -> tuple[float, float, float]:
     """Fill rows MEAN_SCORE and SHARE_SCORE with what moves of surface i's mean and share do to log p(r_j).
 
     Return the sums of their squares and of their product.
     """
     m = len(data.value)
-    by_mean, by_share, density = room[MEAN_SCORE, :m], room[SHARE_SCORE, :m], room[DENSITY + i]
-    total, term = room[TOTAL], room[OTHER, :m]
+    by_mean, by_share, density = scratch[MEAN_SCORE, :m], scratch[SHARE_SCORE, :m], scratch[DENSITY + i]
+    total, term = scratch[TOTAL], scratch[OTHER, :m]
     scale, weight = 1.0 / fit[SIGMA, i], fit[WEIGHT, i]
     for j in range(m):
         ratio = density[j] / total[j]
@@ -156,16 +156,16 @@ def _scores(data: Readings, i: int, fit: Components, beam: Beam, room: Room) -> 
 
 @borrowing
 def _score_statistic(
-    data: Readings, first: int, stop: int, slope: float, norms: tuple[float, float, float], room: Room
+    data: Readings, first: int, stop: int, slope: float, norms: tuple[float, float, float], scratch: Scratch
 ) -> float:
     """Half the squared score of a new surface's share, by its information less what `_scores` explain of it."""
-    share, total = room[SHARE, first:stop], room[TOTAL, first:stop]
-    new, term = room[SPARE, : stop - first], room[OTHER, : stop - first]
+    share, total = scratch[SHARE, first:stop], scratch[TOTAL, first:stop]
+    new, term = scratch[SPARE, : stop - first], scratch[OTHER, : stop - first]
     for j in range(len(share)):
         term[j] = new[j] * share[j]
     overlap = total_of(term)
-    by_mean = product_of(term, room[MEAN_SCORE, first:stop])
-    by_share = product_of(term, room[SHARE_SCORE, first:stop])
+    by_mean = product_of(term, scratch[MEAN_SCORE, first:stop])
+    by_share = product_of(term, scratch[SHARE_SCORE, first:stop])
     for j in range(len(share)):
         term[j] *= new[j] / total[j]
     information = total_of(term) - 2.0 * overlap + data.total
@@ -180,19 +180,19 @@ def _score_statistic(
 
 
 @borrowing
-def best_share(data: Readings, place: float, beam: Beam, room: Room) -> float:
+def best_share(data: Readings, place: float, beam: Beam, scratch: Scratch) -> float:
     """Share of a new surface at `place` that raises the likelihood most, all else scaled down; by Newton's steps.
 
-    room[TOTAL] holds p(r_j), as `steepest_place` leaves it.
+    scratch[TOTAL] holds p(r_j), as `steepest_place` leaves it.
     """
     sigma = sigma_at(place, beam.curve_range, beam.curve_sigma)
     m = len(data.value)
-    term, share = room[OTHER, :m], 1.0 / data.total
-    gaussians(data.value, place, sigma, room[SPARE])
+    term, share = scratch[OTHER, :m], 1.0 / data.total
+    gaussians(data.value, place, sigma, scratch[SPARE])
     for _ in range(_NEWTON_STEPS):
         for j in range(m):
-            new = room[SPARE, j] + beam.outlier_density
-            term[j] = (new - room[TOTAL, j]) / ((1.0 - share) * room[TOTAL, j] + share * new)
+            new = scratch[SPARE, j] + beam.outlier_density
+            term[j] = (new - scratch[TOTAL, j]) / ((1.0 - share) * scratch[TOTAL, j] + share * new)
         slope = product_of(term, data.times)
         for j in range(m):
             term[j] *= term[j]

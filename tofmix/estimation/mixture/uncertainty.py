@@ -22,7 +22,7 @@ from tofmix.estimation.mixture.components import (
     TOTAL,
     WEIGHT,
     Components,
-    Room,
+    Scratch,
     gradient_row,
     no_return_row,
 )
@@ -60,16 +60,16 @@ def _moments(
 
 
 @borrowing
-def _fill_gradient(data: Readings, k: int, fit: Components, mode: int, shares: int, room: Room) -> None:
+def _fill_gradient(data: Readings, k: int, fit: Components, mode: int, shares: int, scratch: Scratch) -> None:
     """Fill the gradient's rows: log p(r_j) by k means, k log sigmas unless tied, and all shares but the last.
 
     The densities are those of the fit, as `expect` leaves them.
     """
-    m, free, rows = len(data.value), mode != MODE_TIED, room[gradient_row(fit) :]
-    total = room[TOTAL]
+    m, free, rows = len(data.value), mode != MODE_TIED, scratch[gradient_row(fit) :]
+    total = scratch[TOTAL]
     first_share = 2 * k if free else k
     for i in range(k):
-        scale, weight, density = 1.0 / fit[SIGMA, i], fit[WEIGHT, i], room[DENSITY + i]
+        scale, weight, density = 1.0 / fit[SIGMA, i], fit[WEIGHT, i], scratch[DENSITY + i]
         by_mean, by_sigma = rows[i], rows[k + i]
         for j in range(m):
             by_mean[j] = weight * density[j] * (data.value[j] - fit[MEAN, i]) * scale * scale / total[j]
@@ -78,16 +78,16 @@ def _fill_gradient(data: Readings, k: int, fit: Components, mode: int, shares: i
                 z = (data.value[j] - fit[MEAN, i]) * scale
                 by_sigma[j] = weight * density[j] * (z * z - 1.0) / total[j]
     # c_0 is the last share where it takes part; its densities stand in the last row.
-    last = room[DENSITY + k - 1] if shares == k else room[no_return_row(fit)]
+    last = scratch[DENSITY + k - 1] if shares == k else scratch[no_return_row(fit)]
     for b in range(shares - 1):
-        by_share, density = rows[first_share + b], room[DENSITY + b]
+        by_share, density = rows[first_share + b], scratch[DENSITY + b]
         for j in range(m):
             by_share[j] = (density[j] - last[j]) / total[j]
 
 
 @jit
 def _information(
-    data: Readings, k: int, fit: Components, beam: Beam, mode: int, with_no_return: bool, room: Room
+    data: Readings, k: int, fit: Components, beam: Beam, mode: int, with_no_return: bool, scratch: Scratch
 ) -> FloatArray:
     """Observed information: minus the Hessian of the log likelihood, and of the sigmas' prior where there is one.
 
@@ -99,9 +99,9 @@ def _information(
     first_share = 2 * k if free else k
     size = first_share + shares - 1
     information = np.zeros((size, size))
-    expect(data, k, fit, beam, room)
-    _fill_gradient(data, k, fit, mode, shares, room)
-    rows, term = room[gradient_row(fit) :], room[SPARE, :m]
+    expect(data, k, fit, beam, scratch)
+    _fill_gradient(data, k, fit, mode, shares, scratch)
+    rows, term = scratch[gradient_row(fit) :], scratch[SPARE, :m]
     for a in range(size):
         for j in range(m):
             term[j] = data.times[j] * rows[a, j]
@@ -109,7 +109,7 @@ def _information(
             information[a, b] = information[b, a] = product_of(term, rows[b])
     for i in range(k):
         weight, scale = fit[WEIGHT, i], 1.0 / fit[SIGMA, i]
-        m0, m1, m2, m3, m4 = _moments(data, room[DENSITY + i], room[SHARE], fit[MEAN, i], scale)
+        m0, m1, m2, m3, m4 = _moments(data, scratch[DENSITY + i], scratch[SHARE], fit[MEAN, i], scale)
         information[i, i] -= weight * (m2 - m0) * scale * scale
         if free:
             information[i, k + i] -= weight * (m3 - 3.0 * m1) * scale
@@ -179,7 +179,7 @@ def standard_errors(
     fit: Components,
     beam: Beam,
     mode: int,
-    room: Room,
+    scratch: Scratch,
     ranges: FloatArray,
     weights: FloatArray,
 ) -> bool:
@@ -200,7 +200,7 @@ def standard_errors(
         weights[0] = 0.0
         if fit[SUPPORT, 0] > n - 0.01:
             return True
-    information = _information(data, k, fit, beam, mode, with_no_return, room)
+    information = _information(data, k, fit, beam, mode, with_no_return, scratch)
     if not _invert(information):
         return False
     first_share = k if mode == MODE_TIED else 2 * k

@@ -35,14 +35,14 @@ def whole_lanes(first: int, stop: int, n: int) -> tuple[int, int]:
 
 @borrowing
 def kernel_sums(
-    data: Readings, first: int, stop: int, range_mm: float, h: float, room: FloatArray
+    data: Readings, first: int, stop: int, range_mm: float, h: float, scratch: FloatArray
 ) -> tuple[float, float]:
     """Sums over the values [first, stop) of e and e z, with z = (r - r_j) / h and e = exp(-z^2 / 2).
 
     They are p and -p' of equation (4) with h held at its local value, in units of 1 / (N h sqrt(2 pi)) and of h.
-    `room` is left with the e, by which `kernel_bend` goes on.
+    `scratch` is left with the e, by which `kernel_bend` goes on.
     """
-    value, count, e = data.value[first:stop], data.times[first:stop], room[: stop - first]
+    value, count, e = data.value[first:stop], data.times[first:stop], scratch[: stop - first]
     scale = 1.0 / h
     for j in range(len(value)):
         z = (range_mm - value[j]) * scale
@@ -52,12 +52,12 @@ def kernel_sums(
 
 
 @borrowing
-def kernel_bend(data: Readings, first: int, stop: int, range_mm: float, h: float, room: FloatArray) -> float:
+def kernel_bend(data: Readings, first: int, stop: int, range_mm: float, h: float, scratch: FloatArray) -> float:
     """Sum of e (z^2 - 1) over the same values: p'' of equation (4), after `kernel_sums`."""
     bend = 0.0
     for j in range(stop - first):
         z = (range_mm - data.value[first + j]) / h
-        bend += room[j] * (z * z - 1.0)
+        bend += scratch[j] * (z * z - 1.0)
     return bend
 
 
@@ -79,12 +79,12 @@ def within_reach(values: FloatArray, first: int, stop: int, low: float, high: fl
 
 @jit
 def _density(data: Readings, at: FloatArray, curve_range: FloatArray, curve_sigma: FloatArray) -> FloatArray:
-    out, room = np.zeros(len(at)), np.zeros(len(data.value))
+    out, scratch = np.zeros(len(at)), np.zeros(len(data.value))
     first, stop = 0, 0
     for k in range(len(at)):
         h = BANDWIDTH * sigma_at(at[k], curve_range, curve_sigma)
         first, stop = within_reach(data.value, first, stop, at[k] - REACH * h, at[k] + REACH * h)
-        total, _ = kernel_sums(data, first, stop, at[k], h, room)
+        total, _ = kernel_sums(data, first, stop, at[k], h, scratch)
         out[k] = total / (data.total * h * math.sqrt(2.0 * math.pi))  # eq. (4)
     return out
 

@@ -43,14 +43,14 @@ def find_peaks(
     curve_sigma: FloatArray,
     gamma: float,
     epsilon: float,
-    room: FloatArray,
+    scratch: FloatArray,
     places: FloatArray,
     heights: FloatArray,
 ) -> int:
     """Fill `places` (mm) and `heights` (share) with the peaks, ascending; return how many.
 
     The highest place is kept even where no peak passes gamma, with the count 0, as the start of a fit: few samples
-    may not pile up. `room` holds as many numbers as there are values.
+    may not pile up. `scratch` holds as many numbers as there are values.
     """
     n, values = data.total, data.value
     threshold = max(gamma * n, LONE_SAMPLES) * PEAK_OF_SHARE
@@ -68,11 +68,11 @@ def find_peaks(
         turns, flat, slope, total, step = False, False, math.nan, 0.0, STEP * sigma
         if first < stop:
             low, high = whole_lanes(first, stop, len(values))
-            total, moment = kernel_sums(data, low, high, r, h, room)
+            total, moment = kernel_sums(data, low, high, r, h, scratch)
             slope = -moment / total  # dp/dr in units of p / h
             turns = before > 0.0 >= slope
             if abs(slope) < epsilon:  # |dp/dr| < epsilon and d2p/dr2 < 0
-                flat = kernel_bend(data, low, high, r, h, room) < 0.0
+                flat = kernel_bend(data, low, high, r, h, scratch) < 0.0
             if abs(slope) > STEEP:
                 step *= 2.0
         elif first < len(values):
@@ -144,7 +144,7 @@ def find_modes(
     Pathak, Birk and Poppinga, IROS 2008, equation (5).
     """
     data = readings_of(samples_mm)
-    places, heights, room = np.empty(most), np.empty(most), np.empty(len(data.value))
+    places, heights, scratch = np.empty(most), np.empty(most), np.empty(len(data.value))
     curve = np.array(noise.range_mm), np.array(noise.sigma_mm)
-    count = find_peaks(data, *curve, gamma, epsilon, room, places, heights)
+    count = find_peaks(data, *curve, gamma, epsilon, scratch, places, heights)
     return places[:count].copy()

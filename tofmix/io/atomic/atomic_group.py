@@ -10,7 +10,7 @@ from tofmix.errors import TofmixError
 from tofmix.io.atomic.storage import AtomicFile
 
 
-def write_together(contents: dict[Path, bytes], *, overwrite: bool, inputs: tuple[Path, ...] = ()) -> None:
+def write_atomic_group(contents: dict[Path, bytes], *, overwrite: bool, inputs: tuple[Path, ...] = ()) -> None:
     """Write several files; each gets its name only when all of them are on disk whole.
 
     The files get their names in the order of `contents`: put one that names another after it. Should a renaming

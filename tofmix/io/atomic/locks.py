@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tofmix.errors import StorageError, UsageError, os_error_text
-from tofmix.io.atomic.partial_output import forget_unfinished, keep_unfinished, on_discard
+from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_output, on_discard
 
 _ENDING = ".tofmix-partial"
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
@@ -34,7 +34,7 @@ _begun: set[Path] = set()
 
 
 @dataclass(frozen=True, slots=True)
-class Claim:
+class OutputLock:
     """A temporary file, open and locked: its path, its descriptor."""
 
     path: Path
@@ -49,27 +49,27 @@ class Claim:
         if self.is_there():
             self.path.unlink(missing_ok=True)
         os.close(self.descriptor)
-        forget_unfinished(self.path)
+        forget_partial_output(self.path)
 
 
-_held: dict[Path, Claim] = {}
-"""Claims of this process that no writer has taken yet, by output."""
+_held: dict[Path, OutputLock] = {}
+"""Locks of this process that no writer has taken yet, by output."""
 
 
-def hold(target: Path) -> None:
-    """Claim an output for a writer of this process that comes later; raises as `take` does."""
-    _held[target] = take(target)
+def hold_lock(target: Path) -> None:
+    """Lock an output for a writer of this process that comes later; raises as `lock_output` does."""
+    _held[target] = lock_output(target)
 
 
-def let_go(target: Path) -> None:
-    """Give a held claim up, unless a writer has taken it."""
-    claim = _held.pop(target, None)
-    if claim is not None:
-        claim.release()
+def release_lock(target: Path) -> None:
+    """Give a held lock up, unless a writer has taken it."""
+    lock = _held.pop(target, None)
+    if lock is not None:
+        lock.release()
 
 
-def take(target: Path) -> Claim:
-    """Claim an output: its temporary file, new and empty; one that is held is handed over.
+def lock_output(target: Path) -> OutputLock:
+    """Lock an output: its temporary file, new and empty; one that is held is handed over.
 
     Parameters
     ----------
@@ -89,15 +89,15 @@ def take(target: Path) -> Claim:
     _begun.add(own)
     try:
         clear_folder(target.parent)
-        claim = _lock(own) or _without_locks(target)
-        keep_unfinished(claim.path, resumable=False)
+        lock = _lock(own) or _without_locks(target)
+        note_partial_output(lock.path, resumable=False)
     except BlockingIOError as error:
         raise UsageError(f"{target}: another run is writing it; wait for that, or choose another output") from error
     except OSError as error:
         raise StorageError(os_error_text(error, target)) from error
     finally:
         _begun.discard(own)
-    return claim
+    return lock
 
 
 def _discard_begun() -> None:
@@ -119,7 +119,7 @@ def _machine() -> str:
     return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 
 
-def _lock(path: Path) -> Claim | None:
+def _lock(path: Path) -> OutputLock | None:
     """Create and lock a file; None where the disk knows no locks. What a dead run left there is replaced."""
     for attempt in range(_ATTEMPTS):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
@@ -136,16 +136,16 @@ def _lock(path: Path) -> Claim | None:
             continue
         if _leads_to(path, descriptor):
             if os.fstat(descriptor).st_size == 0:
-                return Claim(path, descriptor)
+                return OutputLock(path, descriptor)
             path.unlink()  # and not truncated: its content may have another name, too
         os.close(descriptor)
     raise BlockingIOError(errno.EAGAIN, "others claim it again and again")
 
 
-def _without_locks(target: Path) -> Claim:
+def _without_locks(target: Path) -> OutputLock:
     """Create a file of a name that no other run has; nobody is refused, and a dead run's stays."""
     path = target.with_name(f".{target.name}.{secrets.token_hex(6)}{_ENDING}")
-    return Claim(path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
+    return OutputLock(path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
 
 
 def _leads_to(path: Path, descriptor: int) -> bool:

@@ -4,7 +4,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-_unfinished: set[Path] = set()
+_partial: set[Path] = set()
 _resumable: set[Path] = set()
 
 
@@ -12,30 +12,30 @@ _helpers: list[Callable[[], None]] = []
 
 
 def on_discard(helper: Callable[[], None]) -> None:
-    """Have `discard_unfinished` call a function, too."""
+    """Have `discard_partial_outputs` call a function, too."""
     _helpers.append(helper)
 
 
-def discard_unfinished() -> None:
+def discard_partial_outputs() -> None:
     """Remove the temporary files of all outputs that are being written: for a process that is about to die."""
     for helper in _helpers:
         helper()
-    for temporary in list(_unfinished):
+    for temporary in list(_partial):
         if temporary.is_dir() and not temporary.is_symlink():
             shutil.rmtree(temporary, ignore_errors=True)
         else:
             temporary.unlink(missing_ok=True)
 
 
-def keep_unfinished(*paths: Path, resumable: bool) -> None:
-    """Say of files beside an output whether `discard_unfinished` removes them, or leaves them to a later run."""
-    (_resumable if resumable else _unfinished).update(paths)
-    (_unfinished if resumable else _resumable).difference_update(paths)
+def note_partial_output(*paths: Path, resumable: bool) -> None:
+    """Say of files beside an output whether `discard_partial_outputs` removes them, or leaves them to a later run."""
+    (_resumable if resumable else _partial).update(paths)
+    (_partial if resumable else _resumable).difference_update(paths)
 
 
-def forget_unfinished(*paths: Path) -> None:
+def forget_partial_output(*paths: Path) -> None:
     """Say that files are gone or finished."""
-    _unfinished.difference_update(paths)
+    _partial.difference_update(paths)
     _resumable.difference_update(paths)
 
 

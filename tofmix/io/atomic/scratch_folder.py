@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tofmix.errors import StorageError, os_error_text
-from tofmix.io.atomic.partial_output import forget_unfinished, keep_unfinished
+from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_output
 
 _PREFIX = "tofmix-scratch-"
 _YOUNG_S = 60.0
@@ -34,7 +34,7 @@ def scratch_folder() -> Iterator[Path]:
     _clear(root)
     try:
         folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=root))
-        keep_unfinished(folder, resumable=False)
+        note_partial_output(folder, resumable=False)
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except OSError as error:
         raise StorageError(os_error_text(error, root)) from error
@@ -44,7 +44,7 @@ def scratch_folder() -> Iterator[Path]:
     finally:
         shutil.rmtree(folder, ignore_errors=True)
         os.close(descriptor)
-        forget_unfinished(folder)
+        forget_partial_output(folder)
 
 
 def _lock(descriptor: int) -> bool:

@@ -16,8 +16,8 @@ from types import TracebackType
 from typing import Self
 
 from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
-from tofmix.io.atomic.locks import Claim, hold, let_go, take
-from tofmix.io.atomic.partial_output import forget_unfinished, keep_unfinished
+from tofmix.io.atomic.locks import OutputLock, hold_lock, lock_output, release_lock
+from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_output
 
 
 class Sink:
@@ -120,31 +120,31 @@ class AtomicFile:
         # A link stays a link: its target is replaced.
         self._target = Path(os.path.realpath(path))
         self._temporary = temporary
-        self._claim: Claim | None = None
+        self._lock: OutputLock | None = None
 
     def __enter__(self) -> Self:
         if self._temporary is None:
-            self._claim = take(self._target)
+            self._lock = lock_output(self._target)
         else:
-            self._claim = self._anew(self._temporary)
-        self.sink = Sink(self._claim.descriptor)
+            self._lock = self._anew(self._temporary)
+        self.sink = Sink(self._lock.descriptor)
         return self
 
-    def _anew(self, path: Path) -> Claim:
-        keep_unfinished(path, resumable=False)
+    def _anew(self, path: Path) -> OutputLock:
+        note_partial_output(path, resumable=False)
         try:
             path.unlink(missing_ok=True)
-            return Claim(path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
+            return OutputLock(path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
         except OSError as error:
-            forget_unfinished(path)
+            forget_partial_output(path)
             raise StorageError(os_error_text(error, self.path)) from error
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        claim, self._claim = self._claim, None
-        if claim is not None:
-            claim.release()
+        lock, self._lock = self._lock, None
+        if lock is not None:
+            lock.release()
 
     def check(self) -> None:
         """Raise the first failed write, so that a long job stops at once.
@@ -168,23 +168,23 @@ class AtomicFile:
             If another program has made a file of that name meanwhile.
         """
         self.check()
-        claim = self._claim
-        if claim is None:
+        lock = self._lock
+        if lock is None:
             raise RuntimeError("a file is committed once, inside its block")
         try:
-            os.fsync(claim.descriptor)
+            os.fsync(lock.descriptor)
             check_output(self.path, overwrite=self._overwrite)
-            if not claim.is_there():
-                raise StorageError(f"{self.path}: its temporary file {claim.path.name} has gone; nothing was written")
-            claim.path.replace(self._target)
+            if not lock.is_there():
+                raise StorageError(f"{self.path}: its temporary file {lock.path.name} has gone; nothing was written")
+            lock.path.replace(self._target)
             sync_folder(self._target.parent)
         except OSError as error:
             raise StorageError(os_error_text(error, self.path)) from error
 
 
 @contextmanager
-def claimed(*paths: Path, overwrite: bool, inputs: tuple[Path, ...] = ()) -> Iterator[None]:
-    """Claim outputs before the work for them is done: no other run can write them then, and refusals come at once.
+def locked(*paths: Path, overwrite: bool, inputs: tuple[Path, ...] = ()) -> Iterator[None]:
+    """Lock outputs before the work for them is done: no other run can write them then, and refusals come at once.
 
     Those that the block writes, through `AtomicFile`, pass to the writer.
 
@@ -204,8 +204,8 @@ def claimed(*paths: Path, overwrite: bool, inputs: tuple[Path, ...] = ()) -> Ite
         check_output(path, overwrite=overwrite, inputs=inputs)
     with ExitStack() as stack:
         for target in dict.fromkeys(Path(os.path.realpath(path)) for path in paths):
-            hold(target)
-            stack.callback(let_go, target)
+            hold_lock(target)
+            stack.callback(release_lock, target)
         yield
 
 

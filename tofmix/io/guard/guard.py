@@ -1,6 +1,6 @@
 """The one place where HDF5 files are opened for reading; none is opened that has not been looked at.
 
-`open_for_reading` lets a process of its own look at a file's structure first (`tofmix.io.guard.child`, by the rules of
+`open_for_reading` lets a process of its own look at a file's structure first (`tofmix.io.guard.structure_process`, by the rules of
 `tofmix.io.guard.structure_rules`), which the library may hang or crash at no harm, and opens the file here only then.
 The process is started with the first file and serves all others.
 """
@@ -31,19 +31,19 @@ from tofmix.io.guard.unpacking import BoundedDataset
 from tofmix.io.guard.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
 
 _GRACE_S = 2.0
-_PROGRAM = (sys.executable, "-P", str(Path(__file__).with_name("child.py")))
+_PROGRAM = (sys.executable, "-P", str(Path(__file__).with_name("structure_process.py")))
 
 LIBRARY_FAULTS = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError)
 """What h5py raises on damaged files; a name that is no UTF-8 is a ValueError."""
 
 
-class Scout:
+class StructureChecker:
     """The process that looks at files first.
 
     Parameters
     ----------
     program : sequence of str
-        What to start, in place of `tofmix.io.guard.child`.
+        What to start, in place of `tofmix.io.guard.structure_process`.
     """
 
     def __init__(self, program: Sequence[str] = _PROGRAM) -> None:
@@ -52,7 +52,7 @@ class Scout:
         self._owner = 0
         self._lock = threading.Lock()
 
-    def look(self, request: dict[str, Any], what: Path) -> list[int]:
+    def check(self, request: dict[str, Any], what: Path) -> list[int]:
         """Ask for one look; return what the file was: device, inode, size, time of the last change.
 
         Raises
@@ -144,8 +144,8 @@ def _exchange(process: "subprocess.Popen[str]", line: str, seconds: float) -> st
     return process.stdout.readline()
 
 
-_scout = Scout()
-atexit.register(_scout.close)
+_checker = StructureChecker()
+atexit.register(_checker.close)
 
 
 @contextmanager
@@ -167,7 +167,7 @@ def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False)
         if kind is not None and not h5py.is_hdf5(path):  # a MATLAB file may be HDF5
             raise BadInputError(f"{path} is {kind}, not HDF5: {import_command(path)}")
         # Resolved here, for /dev/stdin and its like are other files in another process.
-        seen = _scout.look({"path": os.path.realpath(path)}, path)
+        seen = _checker.check({"path": os.path.realpath(path)}, path)
         file = _open(path)
     with file:
         if identity(file) != seen:
@@ -190,7 +190,7 @@ def _open(path: Path) -> h5py.File:
 @contextmanager
 def open_image(image: bytes, path: Path) -> Iterator[h5py.File]:
     """Open a small HDF5 file in memory, which the file `path` holds; refused as by `open_for_reading`."""
-    _scout.look({"image": base64.b64encode(image).decode()}, path)
+    _checker.check({"image": base64.b64encode(image).decode()}, path)
     make_room()
     with reading(path, "header"), h5py.File(io.BytesIO(image), "r") as root:
         yield root

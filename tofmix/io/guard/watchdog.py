@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from tofmix.errors import ExitCode
-from tofmix.io.atomic.partial_output import discard_unfinished, is_resumable
+from tofmix.io.atomic.partial_output import discard_partial_outputs, is_resumable
 
 READ_LIMIT_S = 120.0
 """For one read, which is of one stored chunk or of some MB."""
@@ -96,7 +96,7 @@ def watched(what: str, times: float = 1.0) -> Iterator[None]:
 
 
 def _end(what: str, seconds: float) -> None:
-    discard_unfinished()
+    discard_partial_outputs()
     rest = "; what is done is kept, --resume goes on from there" if is_resumable() else ""
     text = f"tofmix: {what}: reading gave nothing for {seconds:g} s; given up{rest}\n"
     os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, text.encode(errors="replace"))

@@ -19,7 +19,7 @@ from typing import Self
 from tofmix.errors import BadInputError, StorageError, UsageError, os_error_text
 from tofmix.io.layers.chunks import EncodedCell
 from tofmix.io.atomic.storage import check_input, sync_folder
-from tofmix.io.atomic.partial_output import forget_unfinished, keep_unfinished
+from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_output
 
 FORMAT = "tofmix-journal 1"
 
@@ -78,7 +78,7 @@ class Journal:
         with _faults(self.path), self._database:
             self._database.execute("INSERT INTO cells VALUES (?, ?, ?, ?, ?)", row)
         self.has_cells = True
-        keep_unfinished(*files_of(self.path), resumable=True)
+        note_partial_output(*files_of(self.path), resumable=True)
 
     def cell(self, cell: int) -> EncodedCell:
         """Return a finished cell.
@@ -104,7 +104,7 @@ class Journal:
     def close(self) -> None:
         """Close it; what is in stays."""
         self._database.close()
-        forget_unfinished(*files_of(self.path))
+        forget_partial_output(*files_of(self.path))
 
     def remove(self) -> None:
         """Close and delete it."""
@@ -137,7 +137,7 @@ class Journal:
             sync_folder(target.parent)
         except OSError as error:
             raise StorageError(os_error_text(error, target)) from error
-        forget_unfinished(*files_of(self.path))
+        forget_partial_output(*files_of(self.path))
 
     def __enter__(self) -> Self:
         return self
@@ -202,7 +202,7 @@ def open_journal(path: Path, header: bytes, shard: Shard = WHOLE) -> Journal:
     is_new = not path.exists()
     if is_new:
         remove_journal(path)  # what SQLite left beside one that is gone
-        keep_unfinished(*files_of(path), resumable=False)
+        note_partial_output(*files_of(path), resumable=False)
     with _faults(path):
         database = sqlite3.connect(path, timeout=0.0, check_same_thread=False)
         try:
@@ -211,7 +211,7 @@ def open_journal(path: Path, header: bytes, shard: Shard = WHOLE) -> Journal:
             database.close()
             if is_new and _is_full(error):
                 remove_journal(path)
-            forget_unfinished(*files_of(path))
+            forget_partial_output(*files_of(path))
             raise
 
 
@@ -237,7 +237,7 @@ def _begin(path: Path, database: sqlite3.Connection, header: bytes, shard: Shard
     journal = _opened(path, database)
     journal.has_cells = bool(journal.done())
     if journal.has_cells:
-        keep_unfinished(*files_of(path), resumable=True)
+        note_partial_output(*files_of(path), resumable=True)
     return journal
 
 

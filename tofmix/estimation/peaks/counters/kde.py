@@ -18,7 +18,7 @@ from tofmix.jit import jit
 @jit
 def _fill(samples: SortedSamples, beam: Beam, gamma: float, epsilon: float, out: Peaks) -> None:
     frames = padded(samples.values.shape[1])
-    value, count, room = np.empty(frames), np.empty(frames), np.empty(frames)
+    value, count, scratch = np.empty(frames), np.empty(frames), np.empty(frames)
     for pixel in range(len(samples.valid)):
         n = samples.valid[pixel]
         if n > 0:
@@ -29,7 +29,7 @@ def _fill(samples: SortedSamples, beam: Beam, gamma: float, epsilon: float, out:
                 own.curve_sigma,
                 gamma,
                 epsilon,
-                room,
+                scratch,
                 out.place[pixel],
                 out.height[pixel],
             )

@@ -1,6 +1,6 @@
 """The process that looks at HDF5 files first, forked instead of started: a fork that is warm already saves its start.
 
-All else about it is as it is: it runs `tofmix.io.guard.child`, behind pipes, in a session of its own, and may die of
+All else about it is as it is: it runs `tofmix.io.guard.structure_process`, behind pipes, in a session of its own, and may die of
 what it reads. That it starts as a program is tested wherever tests call the command line in a new process.
 """
 
@@ -16,10 +16,10 @@ from types import SimpleNamespace
 from typing import Any
 
 from tofmix.io.guard import guard
-from tofmix.io.guard import child
+from tofmix.io.guard import structure_process
 
 
-class ForkedScout(subprocess.Popen[str]):
+class ForkedChecker(subprocess.Popen[str]):
     """What `guard` takes for the process that it has started."""
 
     def __init__(self, program: Sequence[str], **_: Any) -> None:  # noqa: ANN401  as subprocess.Popen has it
@@ -50,14 +50,14 @@ class ForkedScout(subprocess.Popen[str]):
         sys.stdin, sys.stdout = os.fdopen(requests), os.fdopen(answers, "w")
         code = 1
         try:
-            child.main()
+            structure_process.main()
             code = 0
         finally:
             os._exit(code)
 
 
 def use() -> None:
-    """Let `guard` of this process and its forks fork its scouts."""
+    """Let `guard` of this process and its forks fork its structure checkers."""
     names = ("PIPE", "DEVNULL", "TimeoutExpired")
-    replaced = SimpleNamespace(Popen=ForkedScout, **{name: getattr(subprocess, name) for name in names})
+    replaced = SimpleNamespace(Popen=ForkedChecker, **{name: getattr(subprocess, name) for name in names})
     guard.subprocess = replaced  # type: ignore[assignment,attr-defined]
