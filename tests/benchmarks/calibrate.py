@@ -15,8 +15,8 @@ from tofmix.arrays import FloatArray
 from tofmix.estimation.mixture.beam import Beam, beam_of
 from tofmix.estimation.mixture.components import MEAN, SIGMA, WEIGHT
 from tofmix.estimation.mixture.counting import Rules, new_workspace, try_one_more
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, SAMPLES
 from tofmix.estimation.mixture.em import expectation_maximisation
+from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, SAMPLES
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.jit import jit

@@ -1,6 +1,6 @@
 """The process that looks at HDF5 files first, forked instead of started: a fork that is warm already saves its start.
 
-All else about it is as it is: it runs `tofmix.io.guard.structure_process`, behind pipes, in a session of its own, and may die of
+It runs `tofmix.io.guard.structure_process`, behind pipes, in a session of its own, and may die of
 what it reads. That it starts as a program is tested wherever tests call the command line in a new process.
 """
 
@@ -15,8 +15,7 @@ from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
 
-from tofmix.io.guard import guard
-from tofmix.io.guard import structure_process
+from tofmix.io.guard import guard, structure_process
 
 
 class ForkedChecker(subprocess.Popen[str]):

@@ -20,8 +20,8 @@ from tofmix.sensor import NoiseCurve, Sensor
 if TYPE_CHECKING:
     from xarray import Dataset
 
-    from tofmix.estimation.peaks.counters import Counter
     from tofmix.estimation.noise.measurement import MeasuredNoise
+    from tofmix.estimation.peaks.counters import Counter
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.recording import SampleSource
     from tofmix.windows import Windows
@@ -247,9 +247,9 @@ def estimate(
         If the samples scatter otherwise than the noise curve says, or drift within a window; and where the layers are
         doubtful, as `tofmix report` says it.
     """
-    from tofmix.estimation.noise.no_return import no_return_constant
     from tofmix.estimation.blocks.sample_span import sensor_with_span
     from tofmix.estimation.blocks.sequence import estimate_windows, settled_mixing
+    from tofmix.estimation.noise.no_return import no_return_constant
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.windows import plan_windows
 
@@ -412,8 +412,8 @@ def _say_doubts(
     samples: "SampleSource", sensor: Sensor, noise: str | NoiseCurve, window_frames: int, circle_mm: float | None
 ) -> None:
     """Warn of what `tofmix estimate` says of the samples before it estimates them."""
-    from tofmix.estimation.noise.consistency import check_consistency
     from tofmix.estimation.learnt.model import follows_drift
+    from tofmix.estimation.noise.consistency import check_consistency
     from tofmix.report.summary.findings import Remedy, sample_findings
 
     seen = check_consistency(

@@ -39,8 +39,8 @@ def plot(layers: "Estimate", *, pixel: tuple[int, int] | None = None, window: in
     """
     try:
         from tofmix.report.figures.overview_figure import overview_figure
-        from tofmix.report.pixels.pixel_figures import neighbours_figure
         from tofmix.report.figures.theme import LIGHT, drawing
+        from tofmix.report.pixels.pixel_figures import neighbours_figure
     except ImportError as error:
         raise UsageError("plot needs matplotlib: pip install 'tofmix[report]'") from error
     from tofmix.report.pixels.pixels import learnt_sensor, neighbour_columns, row_samples, view_pixels

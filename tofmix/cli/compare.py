@@ -49,8 +49,8 @@ def compare(
     3: the two have different sizes.
     """
     from tofmix.errors import BadInputError, UsageError
-    from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.atomic.storage import locked, write_text
+    from tofmix.io.layers.layers_file import open_layers
     from tofmix.report.comparison.comparison import compare as compare_files
     from tofmix.report.comparison.table import format_comparison
 

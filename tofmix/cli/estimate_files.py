@@ -169,8 +169,8 @@ def _estimate(
     recording: Path, target: Path, request: Request, cluster: "ClusterEngine | None", bar: "tqdm[Any]"
 ) -> tuple[str, dict[str, Any]]:
     """Estimate one recording; return what to say of it, as a line and for JSON."""
-    from tofmix.io.layers.journal import WHOLE, Shard
     from tofmix.io.atomic.storage import check_output
+    from tofmix.io.layers.journal import WHOLE, Shard
     from tofmix.pipeline.job import plan_job
     from tofmix.pipeline.local import LocalEngine
     from tofmix.pipeline.run import run_job

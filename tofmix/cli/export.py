@@ -94,10 +94,10 @@ def export(
     LAS, LAZ, PNG, TIFF and planes need the extra tofmix[export].
     """
     from tofmix.io import surfaces_file
+    from tofmix.io.atomic.storage import locked
     from tofmix.io.exporters import IMAGE, OF_LAYERS, OF_SURFACES, choose_what
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers.layers_file import open_layers
-    from tofmix.io.atomic.storage import locked
 
     given = {
         name for name in context.params if context.get_parameter_source(name) is not ParameterSource.DEFAULT

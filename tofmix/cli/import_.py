@@ -121,6 +121,7 @@ def import_(
         shape_of,
         view_of,
     )
+    from tofmix.io.atomic.storage import locked
     from tofmix.io.hdf5 import check_background
     from tofmix.io.importers import open_source
     from tofmix.io.importers.axes import check_axes
@@ -128,7 +129,6 @@ def import_(
     from tofmix.io.importers.conversion import Conversion
     from tofmix.io.importers.units import UNITS_MM
     from tofmix.io.importers.writing import write_recording
-    from tofmix.io.atomic.storage import locked
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):
         if value is not None and not math.isfinite(value):

@@ -68,8 +68,8 @@ def _describe(file: Path) -> "Description":
 
 def _is_foreign(path: Path) -> bool:
     """Whether it is for `tofmix import`: a folder, a kind of file that is no HDF5, or HDF5 without ``range``."""
-    from tofmix.io.guard import guard
     from tofmix.io.file_kind import is_foreign_hdf5
+    from tofmix.io.guard import guard
     from tofmix.io.importers import is_importable
 
     if path.is_dir():
@@ -103,8 +103,8 @@ def _of_text(name: str) -> "Description":
 
 def _of_hdf5(path: Path) -> "Description":
     from tofmix.io import surfaces_file
-    from tofmix.io.layers import layers_file
     from tofmix.io.file_kind import format_of
+    from tofmix.io.layers import layers_file
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.range_check import look, unit_doubt, zeros_doubt
     from tofmix.io.recording.recording_file import open_recording

@@ -65,8 +65,8 @@ def inspect(
     mixing was measured, a panel below shows the pixel in the complex plane: its samples'
     phasors, its neighbours', and the chord or triangle that it was unmixed on.
     """
-    from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.atomic.storage import locked
+    from tofmix.io.layers.layers_file import open_layers
     from tofmix.report.figures.figures import FIGURE_SUFFIXES
 
     inputs = tuple(path for path in (layers, recording) if path is not None)

@@ -112,10 +112,10 @@ def map_(
     cells are occupied if anything within the band of heights is. The camera stands
     at height 0; x is ahead of it and y to its left where its yaw is 0.
     """
+    from tofmix.io.atomic.atomic_group import write_atomic_group
+    from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.map_file import encode_map
-    from tofmix.io.atomic.storage import locked
-    from tofmix.io.atomic.atomic_group import write_atomic_group
     from tofmix.io.voxel_file import encode_voxels
     from tofmix.mapping.grid import plan_grid
     from tofmix.mapping.occupancy import map_beams, project

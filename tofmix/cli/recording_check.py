@@ -61,8 +61,8 @@ def findings_of_samples(
     source: "RecordingFile", sensor: "Sensor", circle_mm: float | None, remedy: "Remedy"
 ) -> list["Finding"]:
     """What some of the samples say against the noise curve of `sensor`, and of drift within a window."""
-    from tofmix.estimation.noise.consistency import check_consistency
     from tofmix.estimation.learnt.model import follows_drift
+    from tofmix.estimation.noise.consistency import check_consistency
     from tofmix.report.summary.findings import sample_findings
 
     seen = check_consistency(

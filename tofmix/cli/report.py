@@ -46,8 +46,8 @@ def report(
     a pixel to look into; without --recording it has no samples.
     """
     from tofmix.errors import UsageError
-    from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.atomic.storage import locked, write_text
+    from tofmix.io.layers.layers_file import open_layers
     from tofmix.report.summary.summary import find, remedy_for, summarise
     from tofmix.report.summary.tables import format_table
 

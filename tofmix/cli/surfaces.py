@@ -47,9 +47,9 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
     describes the file; tofmix export passes it on to other programs.
     """
     from tofmix import __version__
+    from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.recording_file import file_sha256
-    from tofmix.io.atomic.storage import locked
     from tofmix.io.surfaces_file import SurfacesWriter
     from tofmix.surfaces.found import SurfacesProvenance
 

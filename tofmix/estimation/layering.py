@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.learnt.block_layers import counts_with_learnt, layers_with_learnt
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
 from tofmix.estimation.mixture.beam import Beam, beam_of, is_no_return, reaches_no_return
 from tofmix.estimation.mixture.components import (
@@ -27,21 +28,16 @@ from tofmix.estimation.mixture.components import (
     Scratch,
     remove_surface,
 )
-from tofmix.estimation.peaks.counters import Kde
-from tofmix.estimation.peaks.counters.base import MAX_PEAKS, Peaks
 from tofmix.estimation.mixture.counting import (
     Rules,
     Workspace,
     count_surfaces,
     drop_unsupported,
     grow,
-    new_workspace,
     may_gain_more,
+    new_workspace,
     surface_gains,
 )
-from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.estimation.mixture.false_alarms import chance_of, gain_table, least_gain
-from tofmix.estimation.learnt.block_layers import counts_with_learnt, layers_with_learnt
 from tofmix.estimation.mixture.em import (
     ROOT_TWO_PI,
     draw_sigmas,
@@ -53,11 +49,15 @@ from tofmix.estimation.mixture.em import (
     new_sigma,
     start_at,
 )
-from tofmix.estimation.paper import paper_pixels
+from tofmix.estimation.mixture.false_alarms import chance_of, gain_table, least_gain
+from tofmix.estimation.mixture.uncertainty import standard_errors
+from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel, own_curves
+from tofmix.estimation.paper import paper_pixels
+from tofmix.estimation.peaks.counters import Kde
+from tofmix.estimation.peaks.counters.base import MAX_PEAKS, Peaks
 from tofmix.estimation.samples import Readings, SortedSamples, gather, padded, sort_samples
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED, EstimateOptions, KernelOptions, kernel_options
-from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.flags import Status
 from tofmix.jit import borrowing, jit
@@ -205,7 +205,12 @@ def _sort_surfaces(k: int, fit: Components) -> None:
 
 @jit
 def _layer_block(
-    block: SortedSamples, peaks: Peaks, out: tuple[NDArray[Any], ...], common: Beam, options: KernelOptions, table: FloatArray
+    block: SortedSamples,
+    peaks: Peaks,
+    out: tuple[NDArray[Any], ...],
+    common: Beam,
+    options: KernelOptions,
+    table: FloatArray,
 ) -> None:
     """Fill `out`, the arrays of `Layers` in their order, for the pixels of a block and their peaks."""
     (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
@@ -225,7 +230,9 @@ def _layer_block(
         data = gather(block.values[pixel], n, beam.curve_range, beam.curve_sigma, value, count)
         place, height, found = peaks.place[pixel], peaks.height[pixel], peaks.found[pixel]
         gain = least_gain(options.false_alarm, table[n]) if options.refine else 0.0
-        rules = Rules(gain, options.false_alarm if options.refine else math.inf, options.max_layers, options.no_return_gain)
+        rules = Rules(
+            gain, options.false_alarm if options.refine else math.inf, options.max_layers, options.no_return_gain
+        )
         k, kept, iterations, fitted = _fit_pixel(data, place, height, found, work, beam, options, rules)
         surface_gains(data, k, work, beam)
         _sort_surfaces(k, fit)

@@ -32,16 +32,16 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.estimation.mixture.beam import Beam, beam_of, is_no_return
 from tofmix.estimation.mixture.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT
-from tofmix.estimation.peaks.counters.base import MAX_PEAKS
 from tofmix.estimation.mixture.counting import new_workspace, surface_gains
-from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.estimation.peaks.density import BANDWIDTH, within_reach
-from tofmix.estimation.mixture.false_alarms import chance_of, gain_table
 from tofmix.estimation.mixture.em import ROOT_TWO_PI, log_likelihood
+from tofmix.estimation.mixture.false_alarms import chance_of, gain_table
+from tofmix.estimation.mixture.uncertainty import standard_errors
+from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.peaks.counters.base import MAX_PEAKS
+from tofmix.estimation.peaks.density import BANDWIDTH, within_reach
 from tofmix.estimation.peaks.modes import keep_peak
 from tofmix.estimation.samples import SortedSamples, gather, padded
 from tofmix.estimation.settings import MODE_FREE
-from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.flags import Status
 from tofmix.jit import borrowing, jit
 from tofmix.layers import Layers
@@ -122,7 +122,7 @@ def _start(k: int, place: FloatArray, fit: FloatArray, beam: Beam) -> bool:
 def _iterate(values: FloatArray, n: int, k: int, fit: FloatArray, beam: Beam, sums: FloatArray) -> bool:
     """One iteration of section V; return whether every sigma is still one.
 
-    `sums` (k + 1, 3) is scratch: of each event the sums of p(c_i | r_j), of that times r_j - mu_i, and times its square.
+    `sums` (k + 1, 3) is scratch: each event's sums of p(c_i | r_j), of that times r_j - mu_i, and times its square.
     """
     capacity = len(fit[MEAN]) - 1
     sums[:] = 0.0

@@ -6,8 +6,8 @@ from enum import StrEnum
 from statistics import NormalDist
 from typing import NamedTuple
 
-from tofmix.estimation.peaks.counters import COUNTERS, Counter, Kde
 from tofmix.estimation.mixture.false_alarms import check_false_alarm
+from tofmix.estimation.peaks.counters import COUNTERS, Counter, Kde
 from tofmix.layers import MAX_LAYERS_LIMIT
 
 LEAST_SAMPLES = 2

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tofmix.errors import BadInputError
+from tofmix.io.atomic.storage import AtomicFile, Sink
 from tofmix.io.guard import guard
 from tofmix.io.guard.hdf5_memory import make_room
 from tofmix.io.next_command import next_command
-from tofmix.io.atomic.storage import AtomicFile, Sink
 from tofmix.learnt_noise import LearntNoise
 from tofmix.noise_shape import NoiseShape
 from tofmix.projection import (

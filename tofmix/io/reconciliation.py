@@ -19,9 +19,9 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import StorageError, UsageError, os_error_text
+from tofmix.io.atomic.atomic_group import write_atomic_group
 from tofmix.io.atomic.locks import hold_lock, release_lock
 from tofmix.io.atomic.storage import sync_folder
-from tofmix.io.atomic.atomic_group import write_atomic_group
 
 FILES = ("report.html", "gap.json")
 """Beside the models and their maps."""

@@ -6,10 +6,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.estimation.peaks.counters import COUNTERS
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.learnt import warm_up as learnt
 from tofmix.estimation.noise.measurement import measure_noise
+from tofmix.estimation.peaks.counters import COUNTERS
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.io.model_file import load_model
 from tofmix.mapping.beams import beams_from_layers

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from tofmix.errors import BadInputError, StorageError, TofmixError, UsageError
 from tofmix.grid import Grid
+from tofmix.io.atomic.storage import check_output
 from tofmix.io.layers.journal import (
     WHOLE,
     Journal,
@@ -24,7 +25,6 @@ from tofmix.io.layers.journal import (
 )
 from tofmix.io.layers.layers_file import open_layers
 from tofmix.io.layers.provenance import read_header_image
-from tofmix.io.atomic.storage import check_output
 from tofmix.mixing import MixingLaw
 from tofmix.pipeline.assembly import assemble, total
 from tofmix.pipeline.job import Engine, Job

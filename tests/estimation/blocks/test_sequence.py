@@ -10,9 +10,9 @@ from drawing import draw
 from sizes import sized
 
 from tofmix.arrays import Float32Array
-from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.blocks.reading import MemoryTooSmallError, ReadPlan, plan_reading, read_groups, working_bytes
 from tofmix.estimation.blocks.sequence import estimate_cells, estimate_layers
+from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import Grid, plan_grid
 from tofmix.layers import LAYER_FIELDS, Layers

@@ -32,7 +32,9 @@ def test_it_ends_at_a_fixed_point_of_em_as_high_as_em_itself(
         n_slow = expectation_maximisation(samples, 3, slow, beam, mode, 20000, 1e-9, scratch)
         assert n_fast > 0
         if mode != MODE_PRIOR:  # there EM climbs likelihood and prior together
-            assert log_likelihood(samples, 3, fast, beam, scratch) > log_likelihood(samples, 3, slow, beam, scratch) - 1e-3
+            assert (
+                log_likelihood(samples, 3, fast, beam, scratch) > log_likelihood(samples, 3, slow, beam, scratch) - 1e-3
+            )
         before = fast[MEAN].copy()
         em_step(samples, 3, fast, beam, mode, scratch)
         np.testing.assert_allclose(fast[MEAN], before, atol=1e-3)

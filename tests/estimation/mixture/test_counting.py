@@ -1,4 +1,4 @@
-"""Which surfaces stand: false alarms as often as asked for, weak and close surfaces found, unexplained samples explained."""
+"""Which surfaces stand: false alarms as often as asked for; weak and close surfaces found; unexplained ones fitted."""
 
 from dataclasses import replace
 
@@ -8,9 +8,9 @@ import pytest
 from drawing import draw
 from sizes import sized
 
+from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.mixture.counting import CERTAIN_SIGMAS, CERTAIN_SUPPORT
 from tofmix.estimation.mixture.false_alarms import gain_table
-from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.sensor import NoiseCurve, Sensor
 

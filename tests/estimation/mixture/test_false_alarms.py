@@ -5,7 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, SAMPLES, chance_of, check_false_alarm, gain_table, least_gain
+from tofmix.estimation.mixture.false_alarms import (
+    FALSE_ALARMS,
+    SAMPLES,
+    chance_of,
+    check_false_alarm,
+    gain_table,
+    least_gain,
+)
 
 
 def test_rarer_alarms_and_more_samples_need_more_gain() -> None:

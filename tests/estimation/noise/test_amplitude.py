@@ -5,11 +5,11 @@ import pytest
 from numpy.typing import NDArray
 from sizes import sized
 
-from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
-from tofmix.estimation.noise.curve import smooth
-from tofmix.estimation.noise.pixel_noise import own_curves
 from tofmix.estimation.blocks.sequence import estimate_layers
+from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.noise.curve import smooth
+from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
+from tofmix.estimation.noise.pixel_noise import own_curves
 from tofmix.recording import ArrayRecording, amplitude_source
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.windows import plan_windows

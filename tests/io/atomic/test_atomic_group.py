@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from tofmix.errors import StorageError, UsageError
-from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.atomic.atomic_group import write_atomic_group
+from tofmix.io.atomic.storage import AtomicFile
 
 
 def test_all_files_are_written(tmp_path: Path) -> None:

@@ -15,8 +15,8 @@ import pytest
 
 from tofmix.errors import StorageError, UsageError
 from tofmix.io.atomic import locks
-from tofmix.io.atomic.storage import AtomicFile, locked, write_text
 from tofmix.io.atomic.partial_output import discard_partial_outputs
+from tofmix.io.atomic.storage import AtomicFile, locked, write_text
 
 WRITER = """
 import sys, time

@@ -10,8 +10,8 @@ import pytest
 
 from tofmix.errors import StorageError
 from tofmix.io.atomic import scratch_folder as module
-from tofmix.io.atomic.scratch_folder import scratch_folder
 from tofmix.io.atomic.partial_output import discard_partial_outputs
+from tofmix.io.atomic.scratch_folder import scratch_folder
 
 HOLDER = """
 import sys, tempfile

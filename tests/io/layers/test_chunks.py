@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tofmix.io import hdf5
-from tofmix.io.layers.chunks import encode_cell, fill_of, fletcher32
 from tofmix.io.atomic.storage import AtomicFile
+from tofmix.io.layers.chunks import encode_cell, fill_of, fletcher32
 from tofmix.layers import LAYER_FIELDS, Layers
 
 

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array
-from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.blocks.reading import PIECE_SAMPLES, Group, ReadPlan, plan_reading, read_groups
 from tofmix.estimation.blocks.sample_span import sensor_with_span
+from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.layers import Layers, layer_fields

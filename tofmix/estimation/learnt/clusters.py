@@ -9,8 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
-from tofmix.estimation.mixture.beam import Beam
-from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import CLOSE, new_workspace, try_one_more
 from tofmix.estimation.learnt.fitting import (
@@ -31,6 +29,8 @@ from tofmix.estimation.learnt.fitting import (
     still_row,
 )
 from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS

@@ -13,9 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.mixture.beam import NO_RETURN_REACH, Beam, is_beyond
-from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.estimation.mixture.false_alarms import least_gain
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DENSITY,
@@ -49,6 +46,10 @@ from tofmix.estimation.learnt.fitting import (
 )
 from tofmix.estimation.learnt.law import Law, at_table, precision_of_t
 from tofmix.estimation.learnt.steps import value_of_jump
+from tofmix.estimation.mixture.beam import NO_RETURN_REACH, Beam, is_beyond
+from tofmix.estimation.mixture.false_alarms import least_gain
+from tofmix.estimation.mixture.share_step import LARGEST_SHARE, next_share
+from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
 from tofmix.vector import log_of, product_of, total_of
@@ -81,7 +82,6 @@ _STEEPEST, _SPLIT, _PLAIN = 0, 1, 2  # starts of one surface more
 _STEP = 0.5
 _QUICK_STEPS = 3
 _LEAST_SHARE = 1.0e-9
-_LARGEST_SHARE = 0.9
 _LEAST_INFORMATION = 1.0e-6
 
 
@@ -108,7 +108,7 @@ class Rules(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Three fits and the scratch that they share: what stands, what is tried, the best of the tries; and a row of gains."""
+    """Three fits (what stands, what is tried, the best of the tries), their common scratch, and a row of gains."""
 
     fit: FloatArray
     trial: FloatArray
@@ -120,7 +120,9 @@ class Workspace(NamedTuple):
 @jit
 def new_workspace(capacity: int, samples: int, chances: int) -> Workspace:
     """Make what the kernels work in, for pixels of up to so many surfaces and samples."""
-    return Workspace(new_fit(capacity), new_fit(capacity), new_fit(capacity), new_scratch(capacity, samples), np.zeros(chances))
+    return Workspace(
+        new_fit(capacity), new_fit(capacity), new_fit(capacity), new_scratch(capacity, samples), np.zeros(chances)
+    )
 
 
 @borrowing
@@ -304,7 +306,7 @@ def _gain_of_share(ratio: FloatArray, n: float) -> float:
         lost = 1.0 / (1.0 - part)
         slope -= outside * lost
         bend += outside * lost * lost
-        part = min(max(part + slope / bend, 0.5 * part), 0.5 * (part + _LARGEST_SHARE))
+        part = next_share(part, slope, bend)
     gain = outside * math.log(1.0 - part)
     for j in range(len(ratio)):
         gain += log_of(1.0 + part * (ratio[j] - 1.0))
@@ -315,11 +317,11 @@ def _gain_of_share(ratio: FloatArray, n: float) -> float:
 def steepest_place(
     data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray, least: float
 ) -> tuple[float, float, float]:
-    """Largest slope D(theta) of the log likelihood by a new surface's share, nat, its place, and the largest gain bound.
+    """Largest slope D(theta) of the log likelihood by a new surface's share, nat, its place, the largest gain bound.
 
     A gain bound estimates the gain of a surface there: that of its best share, or, where it takes the place of an old
-    one, half the squared score, less what the old one's mean, share and width explain, by its information. Promises are
-    worked out while the largest is below `least`. `mix` has been called.
+    one, half the squared score, less what the old one's mean, share and width explain, by its information. Bounds are
+    computed while the largest is below `least`. `mix` has been called.
 
     References
     ----------
@@ -393,7 +395,7 @@ def _share_at(data: Samples, place: float, fit: FloatArray, law: Law, beam: Beam
             term = excess / (1.0 + part * excess)
             slope += term
             bend += term * term
-        part = min(max(part + slope / bend, 0.5 * part), 0.5 * (part + _LARGEST_SHARE))
+        part = next_share(part, slope, bend)
     return part
 
 
@@ -435,7 +437,7 @@ def first_surface(data: Samples, work: Workspace, law: Law, beam: Beam) -> tuple
     before = settle(data, 0, fit, law, beam, scratch)
     place, together = _densest(data.value, n, beam)
     copy_fit(fit, best)
-    _add(0, place, min(together / n, _LARGEST_SHARE), best, beam)
+    _add(0, place, min(together / n, LARGEST_SHARE), best, beam)
     found = settle(data, 1, best, law, beam, scratch)
     return (found - before if _stands(1, best, beam) else -math.inf), before
 

@@ -10,11 +10,11 @@ import math
 import numpy as np
 
 from tofmix.arrays import IntArray
-from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
 from tofmix.estimation.learnt.learning import LEAST_CLUSTERS, Pixels
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
+from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.noise.pixel_noise import own_curves
 from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import NoiseCurve, Sensor

@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
-from tofmix.estimation.mixture.beam import Beam, beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import LEAST_GAIN, flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, SCALE_OF_SPREAD, TAIL_DEGREES, precision_of_t
@@ -24,6 +23,7 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram, shapes_differ
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
+from tofmix.estimation.mixture.beam import Beam, beam_of
 from tofmix.estimation.noise.pixel_noise import own_curves
 from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import NoiseCurve, Sensor

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.circle import open_at
-from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.learnt.law import REACH, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.mixture.beam import beam_of
 from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import Sensor
 

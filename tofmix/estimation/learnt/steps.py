@@ -10,7 +10,6 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DRIFT,
@@ -23,6 +22,7 @@ from tofmix.estimation.learnt.fitting import (
     background_density,
 )
 from tofmix.estimation.learnt.law import Law, at_table
+from tofmix.estimation.mixture.beam import Beam
 from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
 

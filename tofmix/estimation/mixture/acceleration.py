@@ -14,8 +14,8 @@ import math
 
 from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.mixture.components import MEAN, SIGMA, STEPS, UNIT, WEIGHT, Components, Scratch
-from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.mixture.em import PRIOR_SAMPLES, em_step, expect, maximise
+from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
 from tofmix.jit import borrowing

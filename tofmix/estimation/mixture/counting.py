@@ -32,11 +32,11 @@ from tofmix.estimation.mixture.components import (
     no_return_row,
     remove_surface,
 )
-from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.estimation.peaks.density import within_reach
-from tofmix.estimation.mixture.gradient import best_share, steepest_place
 from tofmix.estimation.mixture.em import expect, log_likelihood, mix
 from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear
+from tofmix.estimation.mixture.gradient import best_share, steepest_place
+from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.peaks.density import within_reach
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.jit import borrowing, jit
@@ -93,7 +93,7 @@ class Rules(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Three fits and the scratch that they share: `fit` is what stands, `trial` what is tried, `best` the best of the tries."""
+    """Three fits and their common scratch: `fit` stands, `trial` what is tried, `best` the best of the tries."""
 
     fit: Components
     trial: Components
@@ -250,7 +250,10 @@ def weigh_no_return(data: Readings, k: int, work: Workspace, beam: Beam, rules: 
     for i in range(k):
         trial[WEIGHT, i] *= scale
     _settle(data, k, trial, beam, scratch)
-    if log_likelihood(data, k, fit, beam, scratch) - log_likelihood(data, k, trial, beam, scratch) >= rules.no_return_gain:
+    if (
+        log_likelihood(data, k, fit, beam, scratch) - log_likelihood(data, k, trial, beam, scratch)
+        >= rules.no_return_gain
+    ):
         return False
     copy_components(k, trial, fit)
     return True

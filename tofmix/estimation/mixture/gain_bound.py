@@ -13,6 +13,7 @@ import math
 from tofmix.arrays import FloatArray
 from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.mixture.components import MEAN, OTHER, SHARE, SIGMA, SPARE, TOTAL, WEIGHT, Components, Scratch
+from tofmix.estimation.mixture.share_step import next_share
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
 from tofmix.jit import borrowing
@@ -31,7 +32,6 @@ _HEAVY = 0.5
 _LEAST_INFORMATION = 1.0e-6
 _ROOT = math.exp(_STEP * OWN_SIGMAS)
 _NEWTON_STEPS = 3
-_LARGEST_SHARE = 0.9
 
 
 @borrowing
@@ -85,7 +85,9 @@ def _first_from(values: FloatArray, low: float) -> int:
 
 
 @borrowing
-def _gain_bound_near(own: Readings, mean: float, sigma: float, scratch: Scratch, least: float, free_mean: float) -> float:
+def _gain_bound_near(
+    own: Readings, mean: float, sigma: float, scratch: Scratch, least: float, free_mean: float
+) -> float:
     """Largest gain bound of the places around one surface, from its own samples; the mean of c_0 is not free."""
     value, count, m = own.value, own.times, len(own.value)
     z, base, power = scratch[SPARE, :m], scratch[OTHER, :m], scratch[SHARE, :m]
@@ -168,7 +170,7 @@ def _gain_of_best_share(power: FloatArray, scale: float, own: Readings, term: Fl
         for j in range(len(count)):
             term[j] *= term[j]
         bend = product_of(count, term) + 1.0e-12
-        share = min(max(share + slope / bend, 0.5 * share), 0.5 * (share + _LARGEST_SHARE))
+        share = next_share(share, slope, bend)
     for j in range(len(count)):
         term[j] = log_of(1.0 + share * (scale * power[j] - 1.0))
     return product_of(count, term)

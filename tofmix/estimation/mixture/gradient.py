@@ -33,9 +33,10 @@ from tofmix.estimation.mixture.components import (
     Components,
     Scratch,
 )
+from tofmix.estimation.mixture.em import ROOT_TWO_PI, gaussians, mix
+from tofmix.estimation.mixture.share_step import next_share
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.peaks.density import whole_lanes, within_reach
-from tofmix.estimation.mixture.em import ROOT_TWO_PI, gaussians, mix
 from tofmix.estimation.samples import Readings
 from tofmix.jit import borrowing
 from tofmix.vector import exp_minus, log_of, product_of, total_of
@@ -48,7 +49,6 @@ _REACH = 5.0
 
 _NEWTON_STEPS = 6
 _QUICK_STEPS = 3
-_LARGEST_SHARE = 0.9
 _LEAST_NORM = 1.0e-6
 """Below this, by sample, a direction is no direction: its information is rounding."""
 
@@ -126,7 +126,7 @@ def _gain_of_best_share(data: Readings, first: int, stop: int, scratch: Scratch)
         for j in range(len(count)):
             term[j] *= term[j]
         bend = product_of(term, count) + outside * lost * lost
-        share = min(max(share + slope / bend, 0.5 * share), 0.5 * (share + _LARGEST_SHARE))
+        share = next_share(share, slope, bend)
     for j in range(len(count)):
         term[j] = log_of(1.0 + share * (new[j] / total[j] - 1.0))
     return float(product_of(term, count) + outside * math.log(1.0 - share))
@@ -197,5 +197,5 @@ def best_share(data: Readings, place: float, beam: Beam, scratch: Scratch) -> fl
         for j in range(m):
             term[j] *= term[j]
         bend = product_of(term, data.times) + 1.0e-12
-        share = min(max(share + slope / bend, 0.5 * share), 0.5 * (share + _LARGEST_SHARE))
+        share = next_share(share, slope, bend)
     return share

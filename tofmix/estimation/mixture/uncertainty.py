@@ -26,8 +26,8 @@ from tofmix.estimation.mixture.components import (
     gradient_row,
     no_return_row,
 )
-from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.mixture.em import PRIOR_SAMPLES, expect
+from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
 from tofmix.jit import borrowing, jit

@@ -34,6 +34,7 @@ from tofmix.estimation.noise.curve import (
     smooth,
     with_law,
 )
+from tofmix.estimation.noise.outliers import measure_outliers
 from tofmix.estimation.noise.scale import single_share
 from tofmix.estimation.noise.series import (
     LEAST_SAMPLES,
@@ -46,7 +47,6 @@ from tofmix.estimation.noise.series import (
     shaped_as_one,
     trend_degree,
 )
-from tofmix.estimation.noise.outliers import measure_outliers
 from tofmix.recording import SampleSource, by_target
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.wording import counted

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tofmix.errors import UsageError
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters import (
     csv_points,
     edges_geojson,
@@ -25,7 +26,6 @@ from tofmix.io.exporters import (
 from tofmix.io.exporters.edge_lines import EdgeLine
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import Outline
-from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.surfaces_file import SurfacesFile
 from tofmix.points import PointSource
 

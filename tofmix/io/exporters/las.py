@@ -12,8 +12,8 @@ import numpy as np
 
 from tofmix import __version__
 from tofmix.errors import BadInputError, StorageError, UsageError
-from tofmix.io.extras import need
 from tofmix.io.atomic.storage import AtomicFile
+from tofmix.io.extras import need
 from tofmix.points import POINT_FIELDS, PointArray, PointSource
 
 SCALE_M = 1e-6

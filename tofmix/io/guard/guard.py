@@ -1,8 +1,8 @@
 """The one place where HDF5 files are opened for reading; none is opened that has not been looked at.
 
-`open_for_reading` lets a process of its own look at a file's structure first (`tofmix.io.guard.structure_process`, by the rules of
-`tofmix.io.guard.structure_rules`), which the library may hang or crash at no harm, and opens the file here only then.
-The process is started with the first file and serves all others.
+`open_for_reading` first lets a process of its own check a file's structure (`structure_process`, by the rules of
+`structure_rules`); the library may hang or crash there without harm. Only then the file is opened here. The process
+starts with the first file and serves all others.
 """
 
 import atexit
@@ -23,12 +23,12 @@ from typing import Any
 import h5py
 
 from tofmix.errors import BadInputError, StorageError, os_error_text
+from tofmix.io.atomic.storage import check_input
 from tofmix.io.guard.hdf5_memory import make_room
 from tofmix.io.guard.library_reason import library_reason
-from tofmix.io.next_command import folder_fault, foreign_kind, import_command
-from tofmix.io.atomic.storage import check_input
 from tofmix.io.guard.unpacking import BoundedDataset
 from tofmix.io.guard.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
+from tofmix.io.next_command import folder_fault, foreign_kind, import_command
 
 _GRACE_S = 2.0
 _PROGRAM = (sys.executable, "-P", str(Path(__file__).with_name("structure_process.py")))

@@ -20,9 +20,9 @@ sys.path.append(str(Path(__file__).parents[3]))  # started with -P: the package 
 
 import h5py
 
-from tofmix.io.guard.structure_rules import RefusedError, check_structure
 from tofmix.io.guard.hdf5_memory import make_room
 from tofmix.io.guard.library_reason import library_reason
+from tofmix.io.guard.structure_rules import RefusedError, check_structure
 
 _MEMORY_BYTES = 1 << 30
 """What looking at one file may take beyond the program itself."""

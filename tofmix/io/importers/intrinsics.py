@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from tofmix.errors import BadInputError
+from tofmix.io.atomic.storage import read_text
 from tofmix.io.extras import need
 from tofmix.io.importers.base import foreign
-from tofmix.io.atomic.storage import read_text
 from tofmix.pinhole import DISTORTION_LENGTHS, Pinhole
 
 MODELS = ("plumb_bob", "rational_polynomial")

@@ -18,9 +18,9 @@ from tofmix.errors import BadInputError
 from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.grid import Grid
 from tofmix.io import hdf5
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.guard import guard
 from tofmix.io.layers.provenance import header_image, read_provenance, write_provenance
-from tofmix.io.atomic.storage import AtomicFile
 from tofmix.layers import (
     LAW_TEXTS,
     LAYER_FIELDS,

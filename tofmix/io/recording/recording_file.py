@@ -18,9 +18,9 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.errors import BadInputError, os_error_text
 from tofmix.io import hdf5
 from tofmix.io.guard import guard
+from tofmix.io.guard.watchdog import watched
 from tofmix.io.next_command import import_command
 from tofmix.io.recording.range_check import check_range
-from tofmix.io.guard.watchdog import watched
 from tofmix.recording import DECODED_SAMPLES, MOST_FRAMES, MOST_PIXELS_A_SIDE, MOST_TARGETS
 
 FORMAT = "tofmix-recording"

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from tofmix import __version__
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.io import hdf5
-from tofmix.io.recording.recording_file import DIMS, FORMAT, TARGET
 from tofmix.io.atomic.storage import AtomicFile
+from tofmix.io.recording.recording_file import DIMS, FORMAT, TARGET
 from tofmix.io.recording.truth_effects import add_effect_truth, add_range_true_frames, write_range_true_frames
 from tofmix.sensor import Sensor
 from tofmix.simulation.effects import EffectTruth

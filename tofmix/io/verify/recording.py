@@ -9,8 +9,8 @@ from tofmix.errors import BadInputError
 from tofmix.invariants import SUM_TOLERANCE
 from tofmix.io import hdf5
 from tofmix.io.guard import guard
-from tofmix.io.verify.findings import Findings
 from tofmix.io.recording.recording_file import RecordingFile
+from tofmix.io.verify.findings import Findings
 from tofmix.io.verify.storage import check_storage
 from tofmix.wording import counted
 

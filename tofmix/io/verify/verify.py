@@ -17,15 +17,15 @@ import numpy as np
 from tofmix.errors import BadInputError
 from tofmix.invariants import layer_rules
 from tofmix.io import hdf5, surfaces_file
+from tofmix.io.atomic.storage import read_text
 from tofmix.io.guard import guard
 from tofmix.io.layers import layers_file
-from tofmix.io.verify.findings import Findings
 from tofmix.io.layers.layers_file import LayersFile
 from tofmix.io.model_file import load_model
 from tofmix.io.reconciliation import FILES, model_names
 from tofmix.io.recording.recording_file import RecordingFile
-from tofmix.io.atomic.storage import read_text
 from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.verify.findings import Findings
 from tofmix.io.verify.recording import verify_recording
 from tofmix.io.verify.storage import check_storage
 from tofmix.io.verify.surfaces import verify_surfaces

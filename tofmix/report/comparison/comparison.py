@@ -14,9 +14,9 @@ import numpy as np
 from tofmix.errors import BadInputError
 from tofmix.flags import Status, status_name
 from tofmix.layers import Layers
-from tofmix.report.summary.quantiles import ValueCounts
-from tofmix.report.sources import LayersSource
 from tofmix.report.comparison.window_difference import WindowDifference, compare_windows
+from tofmix.report.sources import LayersSource
+from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.wording import counted
 
 DEFAULT_TOLERANCE = 3.0

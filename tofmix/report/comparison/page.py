@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tofmix.report.comparison.comparison import Comparison, common_circle
-from tofmix.report.sources import LayersSource
-from tofmix.report.page.templates import load_template
 from tofmix.report.comparison.window_difference import compare_windows
+from tofmix.report.page.templates import load_template
+from tofmix.report.sources import LayersSource
 from tofmix.wording import counted
 
 if TYPE_CHECKING:

@@ -3,10 +3,10 @@
 import numpy as np
 
 from tofmix.layers import Layers
+from tofmix.report.comparison.window_difference import WindowDifference
 from tofmix.report.figures.curves import gap_histogram
 from tofmix.report.figures.images import category_image, gap_image
 from tofmix.report.figures.picture import Picture, make_picture
-from tofmix.report.comparison.window_difference import WindowDifference
 from tofmix.wording import counted
 
 _CATEGORIES = ("the same", "another range", "fewer in B", "more in B")

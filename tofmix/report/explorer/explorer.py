@@ -15,11 +15,11 @@ from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
 from tofmix.report.explorer.packing import pack_numbers
-from tofmix.report.pixels.pixels import drifts, learnt_sensor
-from tofmix.report.figures.rasters import ABOVE, BELOW, count_colours, count_label, range_shades
 from tofmix.report.explorer.sample_packing import MOST_SAMPLES, PackedSamples, pack_samples
-from tofmix.report.sources import LayersSource
+from tofmix.report.figures.rasters import ABOVE, BELOW, count_colours, count_label, range_shades
 from tofmix.report.figures.theme import DARK, LIGHT
+from tofmix.report.pixels.pixels import drifts, learnt_sensor
+from tofmix.report.sources import LayersSource
 from tofmix.sensor import Sensor
 
 MOST_PIXELS = 60_000

@@ -9,8 +9,8 @@ from matplotlib.ticker import MaxNLocator
 
 from tofmix.arrays import FloatArray
 from tofmix.noise_shape import NoiseShape
-from tofmix.report.pixels.single_pixels import SinglePixels
 from tofmix.report.figures.theme import Theme
+from tofmix.report.pixels.single_pixels import SinglePixels
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 

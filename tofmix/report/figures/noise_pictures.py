@@ -8,11 +8,11 @@ from tofmix.arrays import FloatArray
 from tofmix.layers import Layers, Provenance
 from tofmix.noise_shape import NoiseShape
 from tofmix.report.figures.noise_figures import curve_figure, shape_figure, width_figure
-from tofmix.report.summary.noise_numbers import NoiseNumbers
 from tofmix.report.figures.picture import Picture, make_picture
-from tofmix.report.pixels.pixels import drifts
 from tofmix.report.figures.rasters import ImagePicture, range_uri
+from tofmix.report.pixels.pixels import drifts
 from tofmix.report.pixels.single_pixels import SinglePixels
+from tofmix.report.summary.noise_numbers import NoiseNumbers
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 

@@ -10,8 +10,8 @@ from matplotlib.ticker import MaxNLocator
 from tofmix.flags import Status
 from tofmix.layers import Layers
 from tofmix.report.figures.images import colour_scale
-from tofmix.report.pixels.pixel_figures import new_figure
 from tofmix.report.figures.theme import RANGE_MAP, Theme, mark_no_data
+from tofmix.report.pixels.pixel_figures import new_figure
 
 _M = 1000.0
 _HEIGHT_INCH = 3.6

@@ -14,11 +14,11 @@ from tofmix.layers import Provenance
 from tofmix.projection import projection_values
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
+from tofmix.report.page.templates import load_template, read_part
 from tofmix.report.pixels.single_pixels import SinglePixels, single_pixels
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary.summary import Summary, noise_of, summarise
 from tofmix.report.summary.tables import ordinal
-from tofmix.report.page.templates import load_template, read_part
 from tofmix.sensor import Sensor
 from tofmix.surfaces.found import WindowSurfaces
 from tofmix.wording import counted

@@ -13,12 +13,12 @@ from matplotlib.lines import Line2D
 
 from tofmix.arrays import FloatArray
 from tofmix.circle import cut_between
-from tofmix.estimation.peaks.density import density
 from tofmix.estimation.learnt.pixel_mixture import PixelMixture
+from tofmix.estimation.peaks.density import density
+from tofmix.report.figures.theme import Theme
 from tofmix.report.pixels.phasor_figure import PLANE_INCH, draw_plane
 from tofmix.report.pixels.phasor_plane import PhasorPlane
 from tofmix.report.pixels.pixels import GrowingDensity, PixelView
-from tofmix.report.figures.theme import Theme
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 

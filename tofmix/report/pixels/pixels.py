@@ -11,8 +11,8 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.circle import cut_between, fold, open_at
-from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.learnt.pixel_mixture import PixelMixture, pixel_mixture
+from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.peaks.modes import find_modes
 from tofmix.estimation.settings import Refine, SigmaMode
 from tofmix.flags import Mixing, Status, mixing_name, status_name

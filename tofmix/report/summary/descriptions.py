@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.flags import Status, status_name
 from tofmix.projection import projection_values
+from tofmix.report.sources import LayersSource
 from tofmix.report.summary.findings import Finding, count_findings, target_findings
 from tofmix.report.summary.noise_numbers import noise_numbers
-from tofmix.report.sources import LayersSource
 from tofmix.report.summary.summary import remedy_for
 from tofmix.report.summary.tables import printable
 from tofmix.sensor import NoiseCurve, Sensor

@@ -14,10 +14,17 @@ from tofmix.arrays import FloatArray
 from tofmix.circle import circular_noise
 from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.layers import Layers, Provenance
-from tofmix.report.summary.findings import CLOSE_SIGMAS, Finding, Remedy, count_findings, sigma_findings, target_findings
+from tofmix.report.sources import LayersSource
+from tofmix.report.summary.findings import (
+    CLOSE_SIGMAS,
+    Finding,
+    Remedy,
+    count_findings,
+    sigma_findings,
+    target_findings,
+)
 from tofmix.report.summary.noise_numbers import NoiseNumbers, noise_numbers
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
-from tofmix.report.sources import LayersSource
 from tofmix.sensor import NoiseCurve
 
 DOMINANT_WEIGHT = 0.5

@@ -14,8 +14,8 @@ from files import boards, write_recording
 from tofmix.cli.estimate import COUNTER_OPTIONS, estimate
 from tofmix.cli.main import run
 from tofmix.errors import ExitCode
-from tofmix.estimation.peaks.counters import COUNTERS
 from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.peaks.counters import COUNTERS
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.sensor import Sensor
 

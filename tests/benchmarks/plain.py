@@ -1,12 +1,12 @@
 """Gaussian mixtures of plain samples, without a noise curve.
 
 Use `fit_gaussians` where nothing is known of sigma: to compare with other programs,
-or on data that is no recording. Where sigma(r) is known, `mixture.fit_mixture` and
-`layering.layer_pixels` tell much closer surfaces apart.
+or on data that is no recording. Where sigma(r) is known, `tofmix.estimation.mixture.em.fit_mixture` and
+`tofmix.estimation.layering.layer_pixels` tell much closer surfaces apart.
 
 The likelihood of such a mixture has many maxima. The search is deterministic: it
 climbs from one component to k, each time from partitions of the sorted samples
-(`plain_starts`), from splits of the last solution and from merges with splits of the
+(`benchmarks.plain_starts`), from splits of the last solution and from merges with splits of the
 best one so far. It mostly finds the greatest maximum, but that is not certain.
 
 References
@@ -21,10 +21,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from benchmarks.plain_starts import merged_and_split, partitions, split
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.plain_starts import merged_and_split, partitions, split
 from tofmix.estimation.samples import readings_of
 from tofmix.jit import jit
 
@@ -224,7 +224,7 @@ def fit_gaussians(
     kind = Variances(variances)
     if not 1 <= k <= len(values):
         raise ValueError(f"k: {k} is not 1 to {len(values)}, the number of samples")
-    if not 0 < floor < 1 or max_iter < 2 or not tol > 0:  # noqa: PLR2004  two iterations make a step
+    if not 0 < floor < 1 or max_iter < 2 or not tol > 0:
         raise ValueError(f"floor {floor} must be in (0, 1), max_iter {max_iter} at least 2 and tol {tol} above 0")
     centre, spread = float(values.mean()), float(values.std())
     if not spread > 0:

@@ -5,12 +5,12 @@ from dataclasses import replace
 import naive
 import numpy as np
 import pytest
+from benchmarks.rivals import ForwardModel, fit_decaying_shares, fit_thin_beam
 from drawing import draw
 from scipy.integrate import trapezoid
 from scipy.optimize import minimize_scalar
 from scipy.stats import norm
 
-from tofmix.estimation.rivals import ForwardModel, fit_decaying_shares, fit_thin_beam
 from tofmix.sensor import NoiseCurve, Sensor
 
 FLAT = NoiseCurve(np.array([0.0]), np.array([20.0]))

@@ -6,14 +6,13 @@ from pathlib import Path
 import naive
 import numpy as np
 import pytest
+from benchmarks.plain import PlainFit, Variances, fit_gaussians
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sizes import sized
 
-from tofmix.estimation.plain import PlainFit, Variances, fit_gaussians
-
-CLASSIC = Path(__file__).parents[3] / "shared" / "real" / "classic_1d"
+CLASSIC = Path(__file__).parents[2] / "shared" / "real" / "classic_1d"
 needs_classic = pytest.mark.skipif(not CLASSIC.is_dir(), reason="the classic data are not beside the checkout")
 
 
