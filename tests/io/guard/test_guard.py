@@ -30,7 +30,7 @@ def test_nothing_else_opens_a_file_for_reading() -> None:
     found = {str(path.relative_to(PACKAGE)): _calls(path) & openers for path in PACKAGE.rglob("*.py")}
     # hdf5.py wraps a new file that it has created, hdf5_memory.py makes empty ones; the child is the one that looks.
     assert {name for name, calls in found.items() if calls} == {
-        "io/guard.py", "io/child.py", "io/hdf5.py", "io/hdf5_memory.py",
+        "io/guard/guard.py", "io/guard/structure_process.py", "io/hdf5.py", "io/guard/hdf5_memory.py",
     }  # fmt: skip
     source = (PACKAGE / "io/guard/hdf5_memory.py").read_text()
     assert source.count("h5py.File(") == source.count('h5py.File(io.BytesIO(), "w")') == 1
@@ -57,7 +57,7 @@ def test_the_process_ends_itself_when_the_library_hangs(tmp_path: Path, monkeypa
         f"import sys; sys.path.append({str(PACKAGE.parent)!r})\n"
         "from tofmix.io.guard import structure_process\n"
         "def hang(*_):\n    while True:\n        pass\n"
-        "structure_process.check_structure = hang\nguard_child.main()\n"
+        "structure_process.check_structure = hang\nstructure_process.main()\n"
     )
     checker, path = _checker(program), write_recording(tmp_path / "a.h5", boards())
     with pytest.raises(BadInputError, match=r"could not be read within 0\.3 s"):
@@ -97,7 +97,7 @@ def test_memory_of_a_look_is_bounded(tmp_path: Path) -> None:
     program = (
         f"import sys; sys.path.append({str(PACKAGE.parent)!r})\n"
         "from tofmix.io.guard import structure_process\n"
-        "structure_process.check_structure = lambda *_: bytearray(3 << 30)\nguard_child.main()\n"
+        "structure_process.check_structure = lambda *_: bytearray(3 << 30)\nstructure_process.main()\n"
     )
     write_recording(path, boards())
     checker = _checker(program)
@@ -111,7 +111,7 @@ def test_no_memory_for_a_look_is_no_fault_of_the_file(tmp_path: Path) -> None:
         f"import sys; sys.path.append({str(PACKAGE.parent)!r})\n"
         "from tofmix.io.guard import structure_process\n"
         "def none():\n    raise MemoryError\n"
-        "structure_process.make_room = none\nguard_child.main()\n"
+        "structure_process.make_room = none\nstructure_process.main()\n"
     )
     checker = _checker(program)
     with pytest.raises(MemoryError):
@@ -158,7 +158,7 @@ def test_a_file_that_is_replaced_is_read_as_it_was(tmp_path: Path) -> None:
 
 def test_another_file_than_was_looked_at_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_recording(tmp_path / "a.h5", boards())
-    monkeypatch.setattr(guard._checker, "look", lambda *_: [0, 0, 0, 0])
+    monkeypatch.setattr(guard._checker, "check", lambda *_: [0, 0, 0, 0])
     with pytest.raises(BadInputError, match="another file now than a moment ago"), open_recording(path):
         pass
 
