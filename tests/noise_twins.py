@@ -11,11 +11,11 @@ from tofmix.estimation.noise.series import (
     CLIP_SIGMAS,
     LEAST_KEPT,
     LEAST_SAMPLES,
-    MAD_TO_SIGMA,
     TREND_DEGREES,
     SeriesStatistics,
 )
 from tofmix.estimation.samples import FARTHEST_MM
+from tofmix.robust import MAD_TO_SIGMA
 
 ROUNDS = 4
 

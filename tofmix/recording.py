@@ -19,7 +19,7 @@ _DIMS = ("frame", "row", "col")
 MOST_PIXELS_A_SIDE = 4096
 """Of an image, as for a camera; a damaged header must not ask for terabytes."""
 
-MOST_FRAMES = 1 << 26
+MOST_FRAMES = 1 << 26  # of a recording: a month at 25 Hz
 
 MOST_TARGETS = 64
 """Targets that a pixel returns in one frame; lidars and zone sensors return up to four."""

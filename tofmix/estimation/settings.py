@@ -146,7 +146,7 @@ class KernelOptions(NamedTuple):
     min_samples: int
 
 
-MODE_TIED, MODE_PRIOR, MODE_FREE = 0, 1, 2
+MODE_TIED, MODE_PRIOR, MODE_FREE = 0, 1, 2  # `SigmaMode` as the kernels read it
 
 
 def no_return_gain(false_alarm: float) -> float:

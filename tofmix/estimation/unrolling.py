@@ -26,6 +26,7 @@ from tofmix.estimation.samples import FARTHEST_MM, SortedSamples
 from tofmix.jit import jit
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.recording import SampleSource
+from tofmix.robust import MAD_TO_SIGMA
 from tofmix.sensor import Sensor
 
 CUT_SIGMAS = 4.0
@@ -34,7 +35,6 @@ CUT_SIGMAS = 4.0
 CUT_AFTER_SIGMAS = 5.0
 """It is tried this many sigma after a reading, or in the middle of a gap that is shorter."""
 
-MAD_TO_SIGMA = 1.4826
 
 _CLEAR_SIGMAS = 8.0
 """A series whose median is this far, in robust sigmas, from the fold has no part on the other side."""

@@ -13,7 +13,7 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.toml_table import MapReader
 
-_IMAGE_RANK = 2
+_IMAGE_RANK = 2  # (row, col)
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 """The first bytes of an HDF5 file: its format specification, III.A."""

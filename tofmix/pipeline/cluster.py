@@ -28,8 +28,8 @@ from tofmix.pipeline.local import LocalEngine
 BLOCK_SAMPLES = 1 << 22
 """Samples of a task: half a second of work or more, beside which dask's 2 ms do not count."""
 
-_CONNECT_TIMEOUT_S = 10
-_WORKER_TIMEOUT_S = 30
+_CONNECT_TIMEOUT_S = 10  # s until a scheduler that does not answer is given up
+_WORKER_TIMEOUT_S = 30  # s until a scheduler without workers is given up
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

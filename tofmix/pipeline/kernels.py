@@ -21,7 +21,7 @@ from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.simulation.cast import cast_scene
 from tofmix.surfaces.reconstruct import reconstruct
 
-_RANGE_MM = 1000.0
+_RANGE_MM = 1000.0  # of the made-up samples
 
 
 def compile_all() -> None:

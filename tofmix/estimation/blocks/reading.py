@@ -31,7 +31,7 @@ PIECE_SAMPLES = 1 << 20
 _SLAB_BYTES = 8 << 20, 1 << 18, 0
 """About a slab's size where stored chunks are smaller, in the order of preference."""
 
-_MOST_AHEAD = 64
+_MOST_AHEAD = 64  # most groups of slabs that are read ahead of the workers
 
 
 class MemoryTooSmallError(ValueError):

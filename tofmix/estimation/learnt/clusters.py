@@ -14,6 +14,8 @@ from tofmix.estimation.learnt.counting import CLOSE, new_workspace, try_one_more
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DRIFT,
+    LEARNING_ITER,
+    LEARNING_TOL,
     LOG_WIDTH,
     MEAN,
     OWN,
@@ -52,9 +54,6 @@ LEAST_SHARE = 0.1
 
 MOST_IN_PIXEL = 3
 """Clusters looked for in a pixel: later ones hold few of its samples."""
-
-
-_MAX_ITER, _TOL = 60, 1.0e-3
 
 
 class Clusters(NamedTuple):
@@ -186,7 +185,7 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
         fit[MEAN, 0], fit[SIGMA, 0] = middle, sigma_at(middle, own.curve_range, own.curve_sigma)
         fit[OWN, BACKGROUND] = 0.05
         fit[WEIGHT, 0] = 0.95
-        maximise(data, 1, fit, law, own, _MAX_ITER, _TOL, scratch)
+        maximise(data, 1, fit, law, own, LEARNING_ITER, LEARNING_TOL, scratch)
         mix(data, 1, fit, law, own, scratch)
         detrend(data, 0, fit, scratch)
         place[c], sigma[c], log_width[c] = fit[MEAN, 0], fit[SIGMA, 0], fit[OWN, LOG_WIDTH]

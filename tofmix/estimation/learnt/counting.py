@@ -79,10 +79,10 @@ NEAR_NO_RETURN = 5.0
 """Sigmas within which c_0 and a surface may stand for the same samples."""
 
 _STEEPEST, _SPLIT, _PLAIN = 0, 1, 2  # starts of one surface more
-_STEP = 0.5
-_QUICK_STEPS = 3
-_LEAST_SHARE = 1.0e-9
-_LEAST_INFORMATION = 1.0e-6
+_STEP = 0.5  # sigmas between the places where a new surface is tried
+_QUICK_STEPS = 3  # Newton steps for the share of a new surface in a gain bound; twice as many before a fit
+_LEAST_SHARE = 1.0e-9  # where less share is left, the other shares are not scaled up
+_LEAST_INFORMATION = 1.0e-6  # least information by sample; less is rounding
 
 
 class Thresholds(NamedTuple):

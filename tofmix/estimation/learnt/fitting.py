@@ -43,7 +43,7 @@ ROWS = FIRST + 3 * VECTOR
 LOG_WIDTH, BACKGROUND = 0, 1
 """Columns of row OWN."""
 
-OWN_NUMBERS = 2
+OWN_NUMBERS = 2  # numbers of a pixel's own: log width, background
 
 TOTAL, SHARE, TERM, NEW, TIME = 0, 1, 2, 3, 4
 SCORES = TIME + DRIFTS
@@ -54,9 +54,12 @@ densities of the surfaces, that of c_0, the slopes, and the samples less each su
 LONGEST_STEP = 1.0
 """No mean moves by more than this, in sigmas, in one iteration: scoring may overshoot where a shape is not concave."""
 
-_LONGEST_JUMP = 32.0
-_LEAST_SHARE = 1.0e-9
-_INFINITE = 1.0e30
+_LONGEST_JUMP = 32.0  # most EM steps that one extrapolation stands for
+_LEAST_SHARE = 1.0e-9  # an extrapolation that leaves less of a share is taken back
+_INFINITE = 1.0e30  # information of a number that is held fixed
+
+LEARNING_ITER, LEARNING_TOL = 60, 1.0e-3
+"""Most EM iterations, and tolerance in sigmas, of the fits that noise is learnt from: curves need no exact means."""
 
 
 class Samples(NamedTuple):

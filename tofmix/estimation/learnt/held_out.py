@@ -5,8 +5,16 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace
+from tofmix.estimation.learnt.fitting import (
+    LEARNING_ITER,
+    LEARNING_TOL,
+    Samples,
+    background_density,
+    fill_times,
+    maximise,
+    mix,
+)
 from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
-from tofmix.estimation.learnt.fitting import Samples, background_density, fill_times, maximise, mix
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
@@ -30,7 +38,6 @@ surprise all models alike, and say nothing of noise."""
 
 _CHANCES = len(FALSE_ALARMS)
 _MIX, _BITS = 0x9E3779B1, 0xFFFFFFFF  # 2^32 by the golden ratio, odd (Knuth): it scatters neighbouring frames
-_MAX_ITER, _TOL = 60, 1.0e-3
 
 
 def flat_thresholds() -> Thresholds:
@@ -77,7 +84,7 @@ def held_out_scores(
             data = Samples(value[:n], time[:n])
             fill_times(data, work.scratch)
             k, law = count_surfaces(data, work, laws, own, thresholds, rules)
-            maximise(data, k, work.fit, law, own, _MAX_ITER, _TOL, work.scratch)
+            maximise(data, k, work.fit, law, own, LEARNING_ITER, LEARNING_TOL, work.scratch)
             found[pixel] += k / PARTS
             for frame in range(frames):
                 part[frame] = samples[pixel, frame] if _part_of(frame) == held else np.nan

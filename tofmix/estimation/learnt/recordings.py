@@ -56,7 +56,7 @@ DISAGREE = 1.25
 FEW_PIXELS = 0.02
 """Share of the pixels whose number of samples may lie outside those that gains are drawn for, at either end."""
 
-_SEED = 20080922
+_SEED = 20080922  # of the noise that replaces the rounding, so that the same recording gives the same noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -9,6 +9,8 @@ from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
+    LEARNING_ITER,
+    LEARNING_TOL,
     LOG_WIDTH,
     MEAN,
     OWN,
@@ -24,8 +26,6 @@ from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.jit import jit
-
-_MAX_ITER, _TOL = 60, 1.0e-3
 
 
 @jit
@@ -94,7 +94,7 @@ def pixel_widths(
         k, _ = count_surfaces(data, work, laws, own, thresholds, rules)
         if k == 0:
             continue
-        maximise(data, k, work.fit, free, own, _MAX_ITER, _TOL, work.scratch)
+        maximise(data, k, work.fit, free, own, LEARNING_ITER, LEARNING_TOL, work.scratch)
         held, place = 0.0, 0.0
         for i in range(k):
             held += work.fit[SUPPORT, i]

@@ -32,7 +32,7 @@ NEAR_SIGMAS = 5.0
 LEAST_AFTER = 2
 """Samples on either side of a jump."""
 
-_ROUNDS = 8
+_ROUNDS = 8  # scoring steps for the range on one side of a jump
 
 
 @borrowing

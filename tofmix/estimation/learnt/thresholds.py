@@ -50,7 +50,7 @@ TAIL = 0.05
 SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 0.85)
 """Shares of background that are drawn, where pixels have shares of their own: those that one in a thousand has."""
 
-RARE_SHARE = 1.0e-3
+RARE_SHARE = 1.0e-3  # part of the pixels whose background may lie beyond the simulated shares, on either side
 
 SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
 """Numbers of samples that are drawn, as far as the recording's windows have them; past the last, its gains hold."""
@@ -58,7 +58,7 @@ SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
 LEAST_WORTH = 1.0
 """Gains below this, nat, need not be known: more than a twentieth of all noise exceeds them."""
 
-_SEED = 20080922
+_SEED = 20080922  # of the bootstrap, so that the same model gives the same table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,8 +14,8 @@ from tofmix.estimation.learnt.thresholds import calibrate
 from tofmix.estimation.mixture.beam import beam_of
 from tofmix.sensor import NoiseCurve, Sensor
 
-_RANGE_MM, _SIGMA_MM = 1000.0, 10.0
-_FRAMES, _PIXELS = 20, 3
+_RANGE_MM, _SIGMA_MM = 1000.0, 10.0  # of the made-up samples
+_FRAMES, _PIXELS = 20, 3  # of the made-up samples
 
 
 def warm_up() -> None:

@@ -20,8 +20,8 @@ from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
 from tofmix.jit import borrowing
 
-_LONGEST_JUMP = 64.0
-_LEAST_SHARE = 1.0e-9
+_LONGEST_JUMP = 64.0  # most EM steps that one extrapolation stands for
+_LEAST_SHARE = 1.0e-9  # an extrapolation that leaves less of a share is taken back
 
 _FIRST, _SECOND, _THIRD = STEPS, STEPS + 3, STEPS + 6
 _SHARES = 2

@@ -19,7 +19,7 @@ CONSTANT_SIGMA_MM = 0.5
 SPAN_SIGMAS = 6.0
 """Random values between extreme samples spread over this many sigma at least: as far as those of one surface do."""
 
-_SMALLEST_OUTLIER_PROBABILITY = 1.0e-12
+_SMALLEST_OUTLIER_PROBABILITY = 1.0e-12  # in the density: a sample far from all surfaces has a finite log likelihood
 
 
 class OwnCurves(NamedTuple):

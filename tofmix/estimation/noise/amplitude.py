@@ -20,7 +20,7 @@ EXPONENTS = (0.0, 2.0)
 PIECES = (1, 2, 3)
 """Powers of one law, each over its own part of the amplitudes."""
 
-FOLDS = 5
+FOLDS = 5  # parts of the pixels for cross-validation
 
 LEAST_GAIN = 10.0
 """Least gain of held-out likelihood, nat, of a law over the one with fewer pieces."""
@@ -31,12 +31,12 @@ LEAST_ERRORS = 2.0
 LEAST_EFFECT = 0.025
 """Least standard deviation of log sigma that a law makes among the series of a bin: 5 % from bright to dark."""
 
-LEAST_SERIES = 100
+LEAST_SERIES = 100  # series with amplitudes; fewer are not asked for a law
 
-_MOST_SERIES = 20_000
+_MOST_SERIES = 20_000  # series that are fitted, spread over all
 _ENDS = (0.005, 0.995)  # quantiles of the amplitudes between which a law is told
-_SEED = 20080923
-_ROUNDS = 30
+_SEED = 20080923  # of the split into folds, so that the same recording gives the same law
+_ROUNDS = 30  # most scoring steps
 _SETTLED = 1e-4  # of log sigma
 
 

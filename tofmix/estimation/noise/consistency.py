@@ -6,6 +6,7 @@ What it returns are statistics; `tofmix.report.summary.findings` says which are 
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 
@@ -40,11 +41,11 @@ LEAST_PIXELS = 30
 MEDIAN_TO_MEAN = math.sqrt(math.pi / 2.0)
 """Standard error of the median of Gaussian samples over that of their mean (Kendall and Stuart, 10.10)."""
 
-GAUSSIAN_QUARTILE = 1.1503
-"""Upper quartile of the absolute value of a standard Gaussian number."""
+_QUARTILE = 0.75  # of the pixels' changes: a drift shows in a quarter of the pixels at least
+GAUSSIAN_QUARTILE = NormalDist().inv_cdf(0.5 * (1.0 + _QUARTILE))
+"""That quantile of the absolute value of a standard Gaussian number."""
 
-_QUARTILE = 0.75
-_NO_RETURN_SIGMAS = 3.0
+_NO_RETURN_SIGMAS = 3.0  # samples this near to the largest range may be no return
 _ENDS = 3  # the change over a window is that from its first third to its last
 
 

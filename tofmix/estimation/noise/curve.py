@@ -22,7 +22,7 @@ LEAST_IN_BIN = 20
 BIN_TARGET = 60
 """Series of a bin, where there are enough."""
 
-MOST_BINS = 64
+MOST_BINS = 64  # bins of range, at most
 
 WIDE, NARROW = 0.12, 0.02
 """Extent of a bin over its range: above the first it is split, below the second it never is."""

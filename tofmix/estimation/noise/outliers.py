@@ -25,8 +25,8 @@ CELLS = 20
 LEAST_IN_CELL = 5
 """Outliers a part on average, from which the median part tells."""
 
-_SUSPECT_FACTOR = 1.35
-_BLOCK = 8192
+_SUSPECT_FACTOR = 1.35  # a series whose spread is that many times sigma(r) may see two surfaces
+_BLOCK = 8192  # series at once, for memory
 
 
 def measure_outliers(

@@ -29,7 +29,7 @@ _CONTAMINATED = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6])  # share of wider 
 _EXCESS = (0.08, 0.25, 0.7)  # mean of the exponential log factor by which they are wider
 _DISPERSION = (1.0, 0.6, 0.35, 0.2, 0.1)  # factors on the degrees of freedom: sigma itself differs between pixels
 _BACKGROUND = 0.002  # density of series that are neither, so that no single one decides
-_ROUNDS = 60
+_ROUNDS = 60  # EM steps for the chances of the mixtures
 _PRIOR_GROUPS = 1.0  # weight of equal chances for all mixtures, in groups
 
 

@@ -17,6 +17,7 @@ from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.jit import jit
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
+from tofmix.robust import MAD_TO_SIGMA
 
 SERIES_FRAMES = 100
 """Frames of a series: long enough to tell a shape, short enough for drift to be a polynomial."""
@@ -36,13 +37,12 @@ CLIP_SIGMAS = 6.0
 LEAST_KEPT = 0.7
 """A series of which a smaller share is left then sees more than one surface."""
 
-MAD_TO_SIGMA = 1.4826
 
-_ROUNDS = 4
-_RESOLUTION_MM = 0.01
-_SHAPE_TRIALS = 2000
-_SHAPE_SEED = 20080922
-_SHAPE_SIZES = (10, 13, 17, 20, 26, 34, 50, 70, 100)
+_ROUNDS = 4  # of fitting a trend and setting samples aside
+_RESOLUTION_MM = 0.01  # finer steps are not told from none
+_SHAPE_TRIALS = 2000  # simulated Gaussian series for each size
+_SHAPE_SEED = 20080922  # of these series, so that the limits are always the same
+_SHAPE_SIZES = (10, 13, 17, 20, 26, 34, 50, 70, 100)  # samples of a series; limits in between are interpolated
 
 
 class Series(NamedTuple):

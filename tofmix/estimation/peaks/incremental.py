@@ -25,7 +25,7 @@ from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.jit import jit
 from tofmix.sensor import Sensor
 
-_DIMENSIONS = 2
+_DIMENSIONS = 2  # (frame, pixel)
 
 
 @jit

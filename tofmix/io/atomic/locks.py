@@ -25,7 +25,7 @@ _ATTEMPTS = 10
 _PAUSE_S = 0.02
 """Who clears a folder holds a lock for less."""
 
-_MOST_DESCRIPTORS = 4096
+_MOST_DESCRIPTORS = 4096  # descriptors that a signal handler looks through
 
 _cleared: set[Path] = set()
 

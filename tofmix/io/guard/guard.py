@@ -30,7 +30,7 @@ from tofmix.io.guard.unpacking import BoundedDataset
 from tofmix.io.guard.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
 from tofmix.io.next_command import folder_fault, foreign_kind, import_command
 
-_GRACE_S = 2.0
+_GRACE_S = 2.0  # s beyond the limit until the process is killed
 _PROGRAM = (sys.executable, "-P", str(Path(__file__).with_name("structure_process.py")))
 
 LIBRARY_FAULTS = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError)

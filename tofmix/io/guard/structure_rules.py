@@ -32,8 +32,8 @@ MOST_WALKED_CHUNKS = 1 << 20
 MOST_VALUE_BYTES = 1 << 20
 """One value of a dataset, such as a text of fixed length."""
 
-MOST_ATTRIBUTES = 1000
-MOST_ATTRIBUTE_BYTES = 16 << 20
+MOST_ATTRIBUTES = 1000  # of one object
+MOST_ATTRIBUTE_BYTES = 16 << 20  # of one attribute
 
 FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 4: "szip", 5: "nbit", 6: "scaleoffset", 32000: "lzf"}
 """Filters that may be asked for, by their numbers: those of the library, none that is loaded from a path."""
@@ -44,7 +44,7 @@ MOST_LZF_BYTES = 16 << 20
 _OWN_COUNT = ("nbit", "scaleoffset")
 """Filters that believe their own parameters as to how many values they give."""
 
-_CHUNK_SLACK_BYTES = 64 << 10
+_CHUNK_SLACK_BYTES = 64 << 10  # of a stored chunk beyond twice its size: headers and checksums
 
 _Object: TypeAlias = "h5py.h5g.GroupID | h5py.h5d.DatasetID | h5py.h5t.TypeID"
 

@@ -15,7 +15,7 @@ import h5py
 
 from tofmix.io.guard.structure_rules import MOST_WALKED_CHUNKS
 
-GZIP, FLETCHER32 = 1, 3
+GZIP, FLETCHER32 = 1, 3  # HDF5's numbers of these filters
 
 MOST_GZIP = 1040
 """Bytes that one packed byte can become at most, and some more."""
@@ -23,7 +23,7 @@ MOST_GZIP = 1040
 UNCHECKED_BYTES = 512 << 20
 """A chunk that cannot become larger than this is not unpacked twice."""
 
-_PIECE_BYTES = 1 << 20
+_PIECE_BYTES = 1 << 20  # packed bytes that are unpacked at once
 
 
 class BoundedDataset(h5py.Dataset):  # type: ignore[misc]  # h5py has no types

@@ -22,7 +22,7 @@ STRUCTURE_LIMIT_S = 20.0
 """For a look at a file's structure."""
 
 _VARIABLE = "TOFMIX_READ_TIMEOUT"
-_POLL_S = 0.5
+_POLL_S = 0.5  # s between two looks at the clock
 
 
 def limit_s(default: float) -> float:

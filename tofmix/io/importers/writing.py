@@ -19,7 +19,7 @@ from tofmix.sensor import Sensor
 BLOCK_BYTES = 64_000_000
 """Most bytes of ranges that are held at once, where a frame is not larger."""
 
-_BYTES_A_SAMPLE = 4
+_BYTES_A_SAMPLE = 4  # of float32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,7 +27,7 @@ _SCHEMA = """
 CREATE TABLE about (key TEXT PRIMARY KEY, value BLOB) WITHOUT ROWID;
 CREATE TABLE cells (cell INTEGER PRIMARY KEY, tally TEXT, sizes TEXT, checksum INTEGER, chunks BLOB);
 """
-_PAGE_BYTES = 16384
+_PAGE_BYTES = 16384  # of SQLite: cells of many kB lie in few pages
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

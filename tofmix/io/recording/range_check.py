@@ -26,8 +26,8 @@ LEAST_OF_RANGE_MIN = 0.1
 ZEROS_SHARE = 0.01
 """Share of exact zeros that is worth a line."""
 
-_BLOCKS = 4
-_BLOCK_SAMPLES = 1 << 16
+_BLOCKS = 4  # places of the recording that are looked at
+_BLOCK_SAMPLES = 1 << 16  # samples at each place
 
 
 class FloatRecording(Protocol):

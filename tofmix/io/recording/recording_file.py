@@ -27,7 +27,7 @@ FORMAT = "tofmix-recording"
 DIMS = ("frame", "row", "col")
 TARGET = "target"
 
-_HASHED_BYTES = 1 << 20
+_HASHED_BYTES = 1 << 20  # bytes that are hashed at once
 
 _MM = ("mm", "millimeter", "millimetre", "millimeters", "millimetres")
 _CONVERTED = dict.fromkeys(("m", "meter", "metre", "meters", "metres"), "m") | dict.fromkeys(

@@ -25,9 +25,9 @@ from tofmix.simulation.truth import Truth
 CHUNK_FRAMES = 100
 """Frames stored together; also what `simulate` holds in memory at once."""
 
-_CHUNK_ROWS = 8
-_CHUNK_COLS = 22
-_NO_SAMPLE = 0
+_CHUNK_ROWS = 8  # rows of a chunk: a band of rows is read without the rest
+_CHUNK_COLS = 22  # columns of a chunk: an eighth of a 176-pixel row
+_NO_SAMPLE = 0  # value of a lost sample where ranges are uint16
 
 
 class RecordingWriter:

@@ -19,8 +19,8 @@ from tofmix.errors import StorageError, os_error_text
 from tofmix.recording import SampleSource, wanted_amplitudes
 from tofmix.sensor import Sensor
 
-_SAMPLE_BYTES = 4
-_READ_BYTES = 8 << 20
+_SAMPLE_BYTES = 4  # of float32
+_READ_BYTES = 8 << 20  # bytes that are read at once
 
 
 class ScratchRecording:

@@ -14,7 +14,7 @@ from tofmix.io.verify.findings import Findings
 from tofmix.io.verify.storage import check_storage
 from tofmix.wording import counted
 
-_BLOCK_SAMPLES = 1 << 22
+_BLOCK_SAMPLES = 1 << 22  # samples that are checked at once
 _UNITS = {"amplitude": "1", "time": "s", "temperature": "degC"}
 
 

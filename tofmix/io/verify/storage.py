@@ -8,7 +8,7 @@ import h5py
 from tofmix.io.guard import guard
 from tofmix.io.verify.findings import Findings
 
-_FLETCHER32 = 3
+_FLETCHER32 = 3  # HDF5's number of this filter
 
 
 def check_storage(dataset: h5py.Dataset, name: str, path: Path, findings: Findings, *, ours: bool) -> None:

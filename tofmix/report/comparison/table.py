@@ -4,7 +4,7 @@ from tofmix.report.comparison.comparison import Comparison, PixelDifference
 from tofmix.report.summary.tables import printable
 from tofmix.wording import counted
 
-_SHOWN_PAIRS = 5
+_SHOWN_PAIRS = 5  # most frequent pairs of numbers of surfaces that are shown
 
 
 def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: float) -> str:

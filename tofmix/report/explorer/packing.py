@@ -16,8 +16,8 @@ from tofmix.arrays import FloatArray
 NOT_KNOWN = -(2**31)
 """Stands for NaN and infinity."""
 
-_MOST = 2**31 - 1
-_BYTES = 4
+_MOST = 2**31 - 1  # of int32
+_BYTES = 4  # of int32
 
 Spec = dict[str, str | int | float]
 """Name of an array, its length, and the unit in which it is stored."""

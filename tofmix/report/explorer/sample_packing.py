@@ -21,8 +21,8 @@ MOST_SAMPLES = 4_000_000
 LEAST_FRAMES = 16
 """Fewer samples a pixel than these show nothing."""
 
-_MOST_STEPS = 65_000
-_STEPS_A_SIGMA = 20.0
+_MOST_STEPS = 65_000  # most steps from the lowest sample to the highest
+_STEPS_A_SIGMA = 20.0  # samples are rounded to a twentieth of sigma or finer
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,9 +16,9 @@ from tofmix.wording import counted
 SHOWN_LAYERS = len(LAYER_LINES)
 """Layers that are drawn each for itself; more cannot be told apart."""
 
-_HISTOGRAM_INCH = (5.0, 3.3)
-_RANGE_BINS, _WEIGHT_BINS, _SIGMA_BINS, _GAP_BINS = 80, 25, 70, 60
-_LEAST_ERRORS = 5.0
+_HISTOGRAM_INCH = (5.0, 3.3)  # width and height
+_RANGE_BINS, _WEIGHT_BINS, _SIGMA_BINS, _GAP_BINS = 80, 25, 70, 60  # bins along each axis
+_LEAST_ERRORS = 5.0  # standard errors that the axis of differences shows at least
 
 _PLAIN_NUMBER = FuncFormatter(lambda value, _: f"{value:,.0f}")
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.report.figures.theme import GAP_MAP, Theme, mark_no_data, no_data_patch
 
-WIDTH_INCH = 5.0
-_LEAST_HEIGHT, _MOST_HEIGHT = 0.8, 6.0
-_LEFT_INCH, _RIGHT_INCH, _BELOW_INCH, _ABOVE_INCH = 0.6, 1.05, 0.85, 0.1
-_BAR_GAP_INCH, _BAR_INCH = 0.1, 0.14
-_CLIPPED_PERCENT = (0.1, 99.9)
-_LEAST_GAP_MM = 0.1
+WIDTH_INCH = 5.0  # of a picture
+_LEAST_HEIGHT, _MOST_HEIGHT = 0.8, 6.0  # of the image itself, inch
+_LEFT_INCH, _RIGHT_INCH, _BELOW_INCH, _ABOVE_INCH = 0.6, 1.05, 0.85, 0.1  # margins
+_BAR_GAP_INCH, _BAR_INCH = 0.1, 0.14  # from the image to the colour bar, and the bar's width
+_CLIPPED_PERCENT = (0.1, 99.9)  # percentiles of the values between which the colours run
+_LEAST_GAP_MM = 0.1  # least half-width of the scale of differences
 
 
 def colour_scale(values: FloatArray, *, default: tuple[float, float]) -> tuple[float, float]:

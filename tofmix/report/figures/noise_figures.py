@@ -14,10 +14,10 @@ from tofmix.report.pixels.single_pixels import SinglePixels
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
-_INCH = (5.0, 3.3)
-_PLACES = 400
-_ERROR_BINS = 60
-_WIDTH_BINS = 40
+_INCH = (5.0, 3.3)  # width and height
+_PLACES = 400  # points of a drawn curve
+_ERROR_BINS = 60  # bins of standardised errors
+_WIDTH_BINS = 40  # bins of log width
 
 _LEAST_DENSITY = 1.0e-5
 """Lowest density drawn of a shape, per sigma: one sample in a few ten thousand."""

@@ -13,8 +13,8 @@ from tofmix.report.figures.images import colour_scale
 from tofmix.report.figures.theme import RANGE_MAP, Theme, mark_no_data
 from tofmix.report.pixels.pixel_figures import new_figure
 
-_M = 1000.0
-_HEIGHT_INCH = 3.6
+_M = 1000.0  # mm in a metre
+_HEIGHT_INCH = 3.6  # of the figure
 
 
 def overview_figure(layers: Layers, *, name: str, theme: Theme) -> Figure:

@@ -29,7 +29,7 @@ BELOW, ABOVE = "#000a1f", "#fff7b8"
 MARK = "#d55e00"
 """Colour of what is marked in an image of ranges."""
 
-_SHADES = 253
+_SHADES = 253  # colours of ranges; the other 3 of a byte mean no surface, below and above
 _NO_DATA, _BELOW_INDEX, _ABOVE_INDEX = 0, 1, 2  # then the shades
 
 

@@ -16,7 +16,7 @@ from tofmix.report.figures.theme import GAP_MAP, Theme, drawn, mark_no_data
 if TYPE_CHECKING:
     from tofmix.reconciliation.compare import Compared
 
-_MOST = 6
+_MOST = 6  # curves that have a picture; the rest are named
 _MANY = 40  # bins: no marker for each
 _IN_MM = ("bias", "trend", "common_mode")
 _COUNTED = ("row", "col", "surface", "surfaces_in_pixel", "frame")

@@ -22,7 +22,7 @@ from tofmix.report.pixels.pixels import GrowingDensity, PixelView
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
-WIDTH_INCH = 7.2
+WIDTH_INCH = 7.2  # of a figure
 
 _PANEL_INCH, _MOST_COLUMNS = 2.5, 2
 _STRIP_INCH, _SCATTER_INCH = 1.15, 2.4
@@ -32,9 +32,9 @@ _MOST_SIGMAS = 150.0
 """Width of a view in units of the narrowest sigma, beyond which each pixel has a view of its own."""
 _BACKGROUND_SIGMAS = 12.0
 """Under learnt noise, samples this many sigma from every layer are background, and may lie outside the view."""
-_LEAST_MARGIN_M = 0.05
-_MOST_BINS = 80
-_M = 1000.0
+_LEAST_MARGIN_M = 0.05  # beyond the outermost sample, m
+_MOST_BINS = 80  # of a histogram
+_M = 1000.0  # mm in a metre
 
 
 def new_figure(height_inch: float) -> Figure:

@@ -22,7 +22,7 @@ MOST_PIXELS = 1000
 MOST_SAMPLES = 200_000
 """Samples of all of them: windows of more than `MOST_FRAMES` are thinned out evenly, then pixels."""
 
-MOST_FRAMES = 1000
+MOST_FRAMES = 1000  # of a window; longer windows are thinned out evenly
 
 LEAST_SAMPLES = 12
 """Samples of a pixel that tell the width of their central 68 %: two at least are outside on either side."""
@@ -30,7 +30,7 @@ LEAST_SAMPLES = 12
 REACH = 12.0
 """Samples more than this many sigma from the surface are background. What it adds nearer by is taken off."""
 
-_FRAMES_A_BLOCK = 256
+_FRAMES_A_BLOCK = 256  # frames that are read at once
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -32,11 +32,11 @@ from tofmix.wording import counted, number
 GAP = 1.5
 """A step of `time` longer than this many median steps is a gap."""
 
-_BYTES_A_SAMPLE = 6
-_NAME_WIDTH = 26
-_TEXT_WIDTH = 100
-_LONGEST_SENTENCE = 1000
-_LONGEST_VALUE = 120
+_BYTES_A_SAMPLE = 6  # approximate bytes of a simulated sample in its file
+_NAME_WIDTH = 26  # characters
+_TEXT_WIDTH = 100  # characters
+_LONGEST_SENTENCE = 1000  # characters
+_LONGEST_VALUE = 120  # characters
 _SENTENCES = ("found",)
 """Names of values that are sentences, and are not cut."""
 _OF_SENTENCES = ("sources", "next_steps")

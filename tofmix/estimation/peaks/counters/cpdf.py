@@ -15,8 +15,8 @@ from tofmix.estimation.peaks.counters.base import SIGMAS_BEYOND, Peaks, no_peaks
 from tofmix.estimation.samples import SortedSamples
 from tofmix.jit import jit
 
-FEWEST_BINS, MOST_BINS = 2, 100
-LARGEST_RATIO = 10.0
+FEWEST_BINS, MOST_BINS = 2, 100  # bounds of `bins`
+LARGEST_RATIO = 10.0  # bound of `ratio`
 
 LONE_SAMPLES = 1.0
 """A maximum must hold more samples than this: one alone is no surface."""
