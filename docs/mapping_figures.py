@@ -20,7 +20,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from tofmix.estimation.sequence import estimate_layers
+from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.settings import EstimateOptions, SigmaMode
 from tofmix.io.model_file import load_model
 from tofmix.mapping.beams import Beams, beams_from_layers, beams_from_ranges
@@ -29,7 +29,7 @@ from tofmix.mapping.occupancy import FREE_THRESH, OCCUPIED_THRESH, FloorMap, Vox
 from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
-from tofmix.report.theme import LIGHT, drawing
+from tofmix.report.figures.theme import LIGHT, drawing
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Surface
 from tofmix.simulation.render import recording_sensor, render_blocks

@@ -17,10 +17,10 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.estimation.sequence import estimate_layers
+from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
-from tofmix.report.theme import LIGHT, drawing
+from tofmix.report.figures.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors import load_profile
 from tofmix.simulation.cast import cast_scene

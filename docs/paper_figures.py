@@ -17,26 +17,29 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
-from tofmix.estimation.beam import beam_of
-from tofmix.estimation.counters import Counter, Cpdf, Fourier, Kde
-from tofmix.estimation.density import density
-from tofmix.estimation.incremental import IncrementalDensity
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.modes import find_modes
-from tofmix.estimation.rivals import ForwardModel, fit_decaying_shares, fit_thin_beam
+from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.peaks.counters import Counter, Cpdf, Fourier, Kde
+from tofmix.estimation.peaks.density import density
+from tofmix.estimation.peaks.incremental import IncrementalDensity
+from tofmix.estimation.peaks.modes import find_modes
 from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.model_file import load_model
 from tofmix.layers import Layers
 from tofmix.projection import beam_directions_of
-from tofmix.report.pixel_figures import draw_density, draw_modes, new_figure, style_axes
-from tofmix.report.theme import LIGHT, drawing
+from tofmix.report.figures.theme import LIGHT, drawing
+from tofmix.report.pixels.pixel_figures import draw_density, draw_modes, new_figure, style_axes
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensors import load_profile
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.simulation.truth import Truth
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from benchmarks.rivals import ForwardModel, fit_decaying_shares, fit_thin_beam
 
 MODEL, SEED, FRAMES = "three-boards", 1, 100
 ROW, COL = 72, 92

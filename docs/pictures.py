@@ -22,7 +22,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.estimation.sequence import estimate_layers
+from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.flags import Mixing
 from tofmix.io.model_file import load_model
 from tofmix.projection import beam_directions_of

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.sequence import estimate_layers
+from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.io.model_file import load_model
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.io.recording_writer import RecordingWriter
+from tofmix.io.recording.recording_writer import RecordingWriter
 from tofmix.sensor import NoiseCurve, Sensor
 
 STEADY_MM = 50.0

@@ -81,7 +81,7 @@ def _twins() -> Iterator[None]:
     import noise_twins
     import reconcile_twins
 
-    from tofmix.estimation import noise_series
+    from tofmix.estimation.noise import series as noise_series
     from tofmix.reconciliation import likelihood
     from tofmix.simulation import cast
 

@@ -13,7 +13,7 @@ from lock_in import RANGES_MM, made
 from plates import FULL, PARTS, Plate, Scene, scene
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.estimation.sequence import estimate_layers
+from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.flags import mixing_name
 from tofmix.layers import Layers

@@ -8,10 +8,10 @@ from files import write_recording
 from noise_parts import skewed
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.learnt.held_out import flat_thresholds
-from tofmix.estimation.sequence import estimate_layers
-from tofmix.io.layers_file import LayersWriter
-from tofmix.io.recording_file import file_sha256
+from tofmix.io.layers.layers_file import LayersWriter
+from tofmix.io.recording.recording_file import file_sha256
 from tofmix.layers import Layers, Provenance
 from tofmix.learnt_noise import LearntNoise
 from tofmix.noise_shape import NoiseShape

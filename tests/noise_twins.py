@@ -1,4 +1,4 @@
-"""Twin of the kernel of `noise_series`, all series at once, in NumPy: for where kernels run as plain Python.
+"""Twin of the kernel of `series`, all series at once, in NumPy: for where kernels run as plain Python.
 
 `test_noise.py` holds the kernel against it; `conftest.py` puts it in the kernel's place with the JIT off: the limits of
 shape alone are of tens of thousands of simulated series.
@@ -7,15 +7,15 @@ shape alone are of tens of thousands of simulated series.
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.estimation.noise_series import (
+from tofmix.estimation.noise.series import (
     CLIP_SIGMAS,
     LEAST_KEPT,
     LEAST_SAMPLES,
-    MAD_TO_SIGMA,
     TREND_DEGREES,
     SeriesStatistics,
 )
 from tofmix.estimation.samples import FARTHEST_MM
+from tofmix.robust import MAD_TO_SIGMA
 
 ROUNDS = 4
 

@@ -15,7 +15,7 @@ from tofmix import jit
 PROGRAM = """
 from tofmix.jit import cache_folder
 import numpy as np
-from tofmix.estimation.density import density
+from tofmix.estimation.peaks.density import density
 from tofmix.sensor import NoiseCurve
 p = density([1000.0], [1000.0], NoiseCurve(np.array([0.0]), np.array([10.0])))
 print(p[0], len(list(cache_folder().rglob("*.nbc"))))
@@ -37,7 +37,7 @@ def test_a_change_in_a_called_kernel_reaches_its_callers(tmp_path: Path) -> None
     environment = {"PATH": "", "PYTHONPATH": str(tmp_path), "HOME": str(tmp_path)}
     before, cached = _run(tmp_path, environment)
     assert cached > 0
-    density = package / "estimation" / "density.py"
+    density = package / "estimation" / "peaks" / "density.py"
     density.write_text(density.read_text().replace("exp_minus(0.5 * z * z)", "2.0"))
     after, _ = _run(tmp_path, environment)
     assert after == pytest.approx(2 * before)

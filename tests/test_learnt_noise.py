@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tofmix.estimation.false_alarms import FALSE_ALARMS
+from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.learnt_noise import LearntNoise
 
 CHANCES = len(FALSE_ALARMS)

@@ -16,13 +16,13 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 RUNS_CODE = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "shelve", "marshal", "joblib", "code", "runpy"}
 CONNECTS = {"socket", "ssl", "http", "urllib", "urllib3", "requests", "ftplib", "smtplib", "telnetlib", "aiohttp"}
 BUILTINS = {"eval", "exec", "compile", "__import__"}
-STARTS_PROGRAMS = {"io/guard.py", "io/importers/matlab.py"}
+STARTS_PROGRAMS = {"io/guard/guard.py", "io/importers/matlab.py"}
 """Modules that start a process: each starts the interpreter with a file of the package, never what a file names."""
 
-CALLS_C = {"io/hdf5_memory.py"}
+CALLS_C = {"io/guard/hdf5_memory.py"}
 """Modules that call C themselves: one function of the HDF5 library that h5py has loaded."""
 
-IMPORTS_BY_NAME = {"__init__.py", "io/extras.py", "report/figures.py"}
+IMPORTS_BY_NAME = {"__init__.py", "io/extras.py"}
 """Optional libraries, backends and the public names of the package, by names that stand in our own code."""
 
 

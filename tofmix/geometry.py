@@ -8,7 +8,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 
-_HORIZONTAL_MOST_DEG, _VERTICAL_MOST_DEG = 360.0, 180.0
+_HORIZONTAL_MOST_DEG, _VERTICAL_MOST_DEG = 360.0, 180.0  # a whole turn, and from pole to pole
 
 
 def check_view(fov_horizontal_deg: float, fov_vertical_deg: float) -> None:

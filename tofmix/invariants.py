@@ -1,6 +1,6 @@
 """What holds in every result, whatever the data: the rules that `tofmix verify` and the property tests apply.
 
-Numbers alone; files are read in `tofmix.io.verify`.
+Numbers alone; files are read in `tofmix.io.verify.verify`.
 """
 
 from collections.abc import Iterator

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tofmix.sensor import Sensor
 
-MAX_LAYERS_LIMIT = 32
+MAX_LAYERS_LIMIT = 32  # layers of a pixel that a layers file may hold
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -34,7 +34,8 @@ class LearntNoise:
     gain_background : (b,) float64
         Shares of background, ascending, that they are known for.
     gain_more : (n, b, chance) float64
-        Gain, nat, of one surface more that noise exceeds with each of `tofmix.estimation.false_alarms.FALSE_ALARMS`.
+        Gain, nat, of one surface more that noise exceeds with each of
+        `tofmix.estimation.mixture.false_alarms.FALSE_ALARMS`.
     gain_first : (n, chance) float64
         The same for the first surface beside background alone.
 

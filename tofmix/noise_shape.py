@@ -15,7 +15,7 @@ from tofmix.arrays import FloatArray
 CENTRAL = (0.158655253931457, 0.5, 0.841344746068543)
 """Chances that a standard Gaussian number is below -1, 0 and 1."""
 
-LEAST_POINTS = 3
+LEAST_POINTS = 3  # points of a density
 
 _ROUNDING = 1.0e-12
 """How far an area may be from 1 by the rounding of some thousand sums."""

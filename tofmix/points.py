@@ -17,7 +17,7 @@ from tofmix.flags import Mixing
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.projection import Projection, beam_directions_of
 
-MM_A_METRE = 1000.0
+MM_A_METRE = 1000.0  # mm in a metre
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,7 +78,7 @@ class PointSource(Protocol):
 
 
 class WindowSource(Protocol):
-    """Layers that are read window by window, such as `tofmix.io.layers_file.LayersFile`."""
+    """Layers that are read window by window, such as `tofmix.io.layers.layers_file.LayersFile`."""
 
     @property
     def shape(self) -> tuple[int, int, int]:

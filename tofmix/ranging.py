@@ -1,6 +1,6 @@
 """Phase and range of an amplitude-modulated continuous-wave camera."""
 
-SPEED_OF_LIGHT_MM_S = 299_792_458_000.0
+SPEED_OF_LIGHT_MM_S = 299_792_458_000.0  # in vacuum, mm/s; exact by the definition of the metre
 
 
 def unambiguous_range_mm(modulation_frequency_hz: float) -> float:

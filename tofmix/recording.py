@@ -1,7 +1,7 @@
 """What travels as a recording: its sizes, its sensor, and blocks of samples.
 
 Anything with the methods of `SampleSource` can be estimated: a file
-(`tofmix.io.recording_file`), or an array in memory (`ArrayRecording`).
+(`tofmix.io.recording.recording_file`), or an array in memory (`ArrayRecording`).
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ _DIMS = ("frame", "row", "col")
 MOST_PIXELS_A_SIDE = 4096
 """Of an image, as for a camera; a damaged header must not ask for terabytes."""
 
-MOST_FRAMES = 1 << 26
+MOST_FRAMES = 1 << 26  # of a recording: a month at 25 Hz
 
 MOST_TARGETS = 64
 """Targets that a pixel returns in one frame; lidars and zone sensors return up to four."""

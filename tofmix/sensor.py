@@ -19,9 +19,9 @@ from tofmix.noise_shape import NoiseShape
 from tofmix.projection import Projection
 from tofmix.wording import counted
 
-DEFAULT_OUTLIER_PROBABILITY = 1.0e-4
+DEFAULT_OUTLIER_PROBABILITY = 1.0e-4  # p(c_r) where neither file nor option gives one
 
-_LEAST_FREQUENCY_HZ, _MOST_FREQUENCY_HZ = 1.0, 1e12
+_LEAST_FREQUENCY_HZ, _MOST_FREQUENCY_HZ = 1.0, 1e12  # of modulation; anything else is a wrong unit
 
 MOST_WIDTH_SPREAD = 2.0
 """Standard deviation of log width: widths that differ by a factor of e^2 from pixel to pixel are no camera's."""
@@ -218,7 +218,7 @@ class Sensor:
         around `range_max_mm` as those of a surface there do.
     sample_min_mm, sample_max_mm : float or None
         Least and largest valid sample of the recording, where `range_max_mm` is not known: random values spread
-        between them (`tofmix.estimation.sample_span`). None: not looked for.
+        between them (`tofmix.estimation.blocks.sample_span`). None: not looked for.
     noise : NoiseCurve or None
         sigma(r) at `integration_time_ms`.
     learnt : LearntNoise or None

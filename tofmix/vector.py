@@ -23,7 +23,7 @@ LANES = 8
 LARGEST = 700.0
 """exp(-x) is not told from exp(-700) beyond it: 10^-304."""
 
-_SQUARINGS = 10
+_SQUARINGS = 10  # the series is taken at x / 2^10, and squared ten times
 _LOG_2 = math.log(2.0)
 _ROOT_2 = math.sqrt(2.0)
 

@@ -14,13 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.acceleration import maximise_likelihood
-from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.components import MEAN, WEIGHT, new_components, new_room
-from tofmix.estimation.mixture import start_at
+from tofmix.estimation.mixture.acceleration import maximise_likelihood
+from tofmix.estimation.mixture.beam import Beam, beam_of
+from tofmix.estimation.mixture.components import MEAN, WEIGHT, new_components, new_scratch
+from tofmix.estimation.mixture.em import start_at
+from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.estimation.samples import Readings, gather, padded, readings_of
 from tofmix.estimation.settings import MODE_TIED
-from tofmix.estimation.uncertainty import standard_errors
 from tofmix.sensor import NoiseCurve, Sensor
 
 NOISE = NoiseCurve(
@@ -43,11 +43,11 @@ class Fit(NamedTuple):
 def fitted(data: Readings, start: FloatArray, beam: Beam) -> Fit:
     """Fit with tied sigmas, until nothing moves."""
     k = len(start)
-    fit, room = new_components(k), new_room(k, len(data.value))
+    fit, scratch = new_components(k), new_scratch(k, len(data.value))
     start_at(start, np.ones(k), k, 0.0, fit, beam)
-    maximise_likelihood(data, k, fit, beam, MODE_TIED, 20_000, 1e-9, room)
+    maximise_likelihood(data, k, fit, beam, MODE_TIED, 20_000, 1e-9, scratch)
     mean_error, weight_error = np.zeros(k), np.zeros(k)
-    standard_errors(data, k, fit, beam, MODE_TIED, room, mean_error, weight_error)
+    standard_errors(data, k, fit, beam, MODE_TIED, scratch, mean_error, weight_error)
     return Fit(fit[MEAN, :k].copy(), fit[WEIGHT, :k].copy(), mean_error, weight_error)
 
 
@@ -67,8 +67,8 @@ def errors(samples: int, surfaces: int, pixels: int, rng: np.random.Generator) -
             mean.append(mean[-1] + APART * float(NOISE.sigma(mean[-1])))
         seen = np.array(mean)[rng.integers(0, surfaces, samples)]
         exact = readings_of(seen + NOISE.sigma(seen) * rng.standard_normal(samples))
-        room = np.empty(padded(samples)), np.empty(padded(samples))
-        binned = gather(exact.value, samples, beam.curve_range, beam.curve_sigma, *room)
+        scratch = np.empty(padded(samples)), np.empty(padded(samples))
+        binned = gather(exact.value, samples, beam.curve_range, beam.curve_sigma, *scratch)
         left += int(np.count_nonzero(binned.times))
         one, other = fitted(exact, np.array(mean), beam), fitted(binned, np.array(mean), beam)
         of_means.append((other.mean - one.mean) / one.mean_error)

@@ -1,4 +1,4 @@
-"""The table of `tofmix.estimation.false_alarms`: how much likelihood a second surface gains where there is one.
+"""The table of `tofmix.estimation.mixture.false_alarms`: how much likelihood a second surface gains where there is one.
 
 Usage: python tests/benchmarks/calibrate.py [--pixels 100000] [--seed 1]
 
@@ -12,11 +12,11 @@ import argparse
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.components import MEAN, SIGMA, WEIGHT
-from tofmix.estimation.counting import Rules, new_workshop, try_one_more
-from tofmix.estimation.false_alarms import FALSE_ALARMS, SAMPLES
-from tofmix.estimation.mixture import expectation_maximisation
+from tofmix.estimation.mixture.beam import Beam, beam_of
+from tofmix.estimation.mixture.components import MEAN, SIGMA, WEIGHT
+from tofmix.estimation.mixture.counting import Rules, new_workspace, try_one_more
+from tofmix.estimation.mixture.em import expectation_maximisation
+from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, SAMPLES
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.jit import jit
@@ -28,14 +28,14 @@ CAMERA = Sensor(name="unit", range_min_mm=0.0, noise=NoiseCurve(np.array([10000.
 
 @jit
 def _gains(samples: FloatArray, beam: Beam, out: FloatArray) -> None:
-    work = new_workshop(8, samples.shape[1])
+    work = new_workspace(8, samples.shape[1])
     fit, rules = work.fit, Rules(LEAST_GAIN, 1.0, 8, 0.0)
     once = np.ones(samples.shape[1])
     for pixel in range(samples.shape[0]):
         data = Readings(samples[pixel], once, float(samples.shape[1]))
         fit[MEAN, 0], fit[SIGMA, 0] = samples[pixel].mean(), 1.0
         fit[WEIGHT, 0], fit[WEIGHT, -1] = 1.0 - beam.p_outlier, 0.0
-        expectation_maximisation(data, 1, fit, beam, MODE_TIED, 100, 1.0e-9, work.room)
+        expectation_maximisation(data, 1, fit, beam, MODE_TIED, 100, 1.0e-9, work.scratch)
         out[pixel] = try_one_more(data, 1, work, beam, rules)
 
 

@@ -6,6 +6,7 @@ Run as ``python tests/benchmarks/classic.py FOLDER``; the folder holds ``cls_<na
 
 import argparse
 import csv
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.estimation.plain import fit_gaussians
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from benchmarks.plain import fit_gaussians
 
 FLOOR = 0.01
 MARGIN = 1e-3

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
-from tofmix.estimation.sequence import estimate_layers
+from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.io.model_file import load_model
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve

@@ -15,10 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
-from tofmix.estimation.beam import beam_of
-from tofmix.estimation.counters import Counter, Cpdf, Fourier, Kde, Peaks
-from tofmix.estimation.incremental import IncrementalDensity
 from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.peaks.counters import Counter, Cpdf, Fourier, Kde, Peaks
+from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.model_file import load_model

@@ -25,12 +25,12 @@ import numpy as np
 from scipy.ndimage import convolve1d
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
-from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.components import Components, Room, new_components, new_room
+from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.mixture import expect, maximise, start_at
+from tofmix.estimation.mixture.beam import Beam, beam_of
+from tofmix.estimation.mixture.components import Components, Scratch, new_components, new_scratch
+from tofmix.estimation.mixture.em import expect, maximise, start_at
 from tofmix.estimation.samples import Readings, readings_of
-from tofmix.estimation.sequence import estimate_layers
 from tofmix.estimation.settings import MODE_PRIOR
 from tofmix.jit import jit
 from tofmix.recording import ArrayRecording
@@ -200,9 +200,9 @@ def _many_scalar(x: FloatArray, out: FloatArray, times: int) -> None:
 
 
 @jit
-def _many_em(data: Readings, k: int, fit: Components, beam: Beam, room: Room, times: int) -> None:
+def _many_em(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch, times: int) -> None:
     for _ in range(times):
-        expect(data, k, fit, beam, room)
+        expect(data, k, fit, beam, scratch)
         maximise(k, fit, beam, MODE_PRIOR)
 
 
@@ -211,16 +211,16 @@ def rates(rounds: int, rng: np.random.Generator) -> tuple[float, float, float]:
     x, out, times = rng.uniform(0.0, 20.0, 1000), np.empty(1000), 1000
     mean = np.array([1500.0, 2500.0, 3500.0])
     data = readings_of(mean[rng.integers(0, 3, FRAMES)] + 30.0 * rng.standard_normal(FRAMES))
-    fit, room, beam = new_components(3), new_room(3, FRAMES), beam_of(CAMERA)
+    fit, scratch, beam = new_components(3), new_scratch(3, FRAMES), beam_of(CAMERA)
     start_at(mean, np.ones(3), 3, 0.0, fit, beam)
-    _many_em(data, 3, fit, beam, room, 1)
+    _many_em(data, 3, fit, beam, scratch, 1)
     _many_vectorised(x, out, 1)
     _many_scalar(x, out, 1)
     seconds = best(
         3 * rounds,
         lambda: _many_vectorised(x, out, times),
         lambda: _many_scalar(x, out, times),
-        lambda: _many_em(data, 3, fit, beam, room, times),
+        lambda: _many_em(data, 3, fit, beam, scratch, times),
     )
     return times * 1000 / seconds[0], times * 1000 / seconds[1], times * 3 * FRAMES / seconds[2]
 

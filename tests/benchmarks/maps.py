@@ -31,7 +31,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.sequence import estimate_layers
+from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.settings import EstimateOptions, MixingChoice, SigmaMode
 from tofmix.mapping.beams import Beams, beams_from_layers, beams_from_ranges
 from tofmix.mapping.grid import plan_grid

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.estimation.noise import MeasuredNoise, disagreement, measure_noise
-from tofmix.estimation.sequence import estimate_layers
+from tofmix.estimation.blocks.sequence import estimate_layers
+from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
 from tofmix.io.model_file import load_model
-from tofmix.io.recording_file import open_recording
+from tofmix.io.recording.recording_file import open_recording
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.simulation.cast import cast_scene

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from tofmix.estimation.noise import MeasuredNoise, measure_noise
+from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
 from tofmix.io.model_file import load_model
-from tofmix.io.recording_file import open_recording
+from tofmix.io.recording.recording_file import open_recording
 from tofmix.simulation.cast import cast_scene
 
 Array = NDArray[Any]

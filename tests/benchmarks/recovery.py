@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.recordings import learn_noise
-from tofmix.estimation.sequence import estimate_layers
 from tofmix.io.model_file import load_model
-from tofmix.io.recording_file import open_recording
+from tofmix.io.recording.recording_file import open_recording
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor

@@ -23,7 +23,7 @@ import h5py
 import numpy as np
 
 from tofmix.arrays import Float32Array
-from tofmix.estimation.sequence import estimate_cells
+from tofmix.estimation.blocks.sequence import estimate_cells
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import plan_grid
 from tofmix.io.model_file import load_model
@@ -134,8 +134,8 @@ def measure(command: Sequence[str]) -> tuple[float, float, float]:
 def without_kernels(layers: Path, arguments: list[str]) -> None:
     """Run the command line with kernels that know the answer."""
     from tofmix.cli.main import run
-    from tofmix.estimation import sequence
-    from tofmix.io.layers_file import open_layers
+    from tofmix.estimation.blocks import sequence
+    from tofmix.io.layers.layers_file import open_layers
 
     with open_layers(layers) as file:
         known = file.read_window(0)

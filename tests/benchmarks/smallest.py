@@ -28,7 +28,7 @@ from blind.summary import table
 from blind.write import model_text, write_recording
 
 from tofmix.io.model_file import load_model
-from tofmix.io.recording_file import open_recording
+from tofmix.io.recording.recording_file import open_recording
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.name import KINDS as TRIED
 from tofmix.reconciliation.way import Settings

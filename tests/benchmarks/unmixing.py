@@ -25,7 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from lock_in import FAMILIES, FULL, SMALL, Judged, Scene, judge, made
 
-from tofmix.estimation.sequence import EstimatedWindows, estimate_windows
+from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.layers import Layers
 

@@ -13,7 +13,7 @@ from commandline import Tofmix
 from files import boards, write_recording
 
 from tofmix.errors import ExitCode
-from tofmix.io.recording_file import file_sha256
+from tofmix.io.recording.recording_file import file_sha256
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ import pytest
 from files import boards, write_recording
 
 from tofmix.errors import ExitCode
-from tofmix.io.layers_file import open_layers
-from tofmix.report.summary import find, remedy_for
+from tofmix.io.layers.layers_file import open_layers
+from tofmix.report.summary.summary import find, remedy_for
 
 pytestmark = [
     pytest.mark.cluster,

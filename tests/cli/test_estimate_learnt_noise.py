@@ -12,7 +12,7 @@ from learnt_pixels import KNOWN, surfaces
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.thresholds import calibrate
-from tofmix.io.layers_file import open_layers
+from tofmix.io.layers.layers_file import open_layers
 
 FRAMES, ROWS, COLS = 60, 6, 8
 

@@ -12,7 +12,7 @@ from files import boards, write_recording
 from sizes import sized
 
 from tofmix.errors import ExitCode
-from tofmix.io.journal import journal_path, open_journal
+from tofmix.io.layers.journal import journal_path, open_journal
 
 WINDOWS = ("--window", 10, "--stride", 5)
 CELL_PIXELS = sized(4096, 128)
@@ -67,7 +67,7 @@ def _killed_at(recording: Path, cells: int, number: signal.Signals) -> "subproce
     """Run the command in a process that gets a signal when some cells are in the journal."""
     program = (
         f"import os, sys\nimport tofmix.grid\ntofmix.grid._CELL_PIXELS = {CELL_PIXELS}\n"
-        "from tofmix.io.journal import Journal\nadd, count = Journal.add, [0]\n"
+        "from tofmix.io.layers.journal import Journal\nadd, count = Journal.add, [0]\n"
         "def counted(self, cell, encoded):\n"
         "    add(self, cell, encoded)\n    count[0] += 1\n"
         f"    if count[0] == {cells}:\n        os.kill(os.getpid(), {int(number)})\n"

@@ -105,7 +105,7 @@ def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path, monkeypatch: pyt
     assert nothing.code == ExitCode.BAD_INPUT
     assert "is not the recording" in nothing.err
     assert nothing.err.endswith("row 0, column 0: the pixel has no valid sample\n")
-    monkeypatch.setitem(sys.modules, "tofmix.report.pixel_figures", None)
+    monkeypatch.setitem(sys.modules, "tofmix.report.pixels.pixel_figures", None)
     missing = tofmix("inspect", layers, *pixel, "-o", tmp_path / "a.png")
     assert missing.code == ExitCode.USAGE
     assert "pip install 'tofmix[report]'" in missing.err

@@ -181,7 +181,7 @@ def test_want_of_memory_is_one_line_whatever_a_library_makes_of_it(
             if then is not None:
                 raise then
 
-    monkeypatch.setattr("tofmix.io.guard.Scout.look", none)
+    monkeypatch.setattr("tofmix.io.guard.guard.StructureChecker.check", none)
     path = write_recording(tmp_path / "a.h5", boards())
     result = tofmix("info", path)
     assert result.code == ExitCode.STORAGE

@@ -13,8 +13,8 @@ from commandline import Tofmix
 from noise_parts import model_text, shape_keys, skewed
 
 from tofmix.errors import ExitCode
-from tofmix.io.layers_file import open_layers
-from tofmix.io.recording_file import open_recording
+from tofmix.io.layers.layers_file import open_layers
+from tofmix.io.recording.recording_file import open_recording
 
 CONTRACT = Path(__file__).parents[3] / "shared" / "check_contract.py"
 PARTS = shape_keys(skewed()) + "width_spread = 0.2\n"

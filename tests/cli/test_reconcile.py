@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.io.model_file import load_model
-from tofmix.io.recording_file import open_recording
+from tofmix.io.recording.recording_file import open_recording
 from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import reconcile

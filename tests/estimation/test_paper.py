@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.counters import Cpdf, Kde
 from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.peaks.counters import Cpdf, Kde
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.flags import Status
 from tofmix.invariants import layer_rules

@@ -22,8 +22,8 @@ def test_valid_samples_come_first_and_ascend(rng: np.random.Generator) -> None:
 
 
 def _gathered(values: FloatArray, sigma_mm: float) -> Readings:
-    room = np.empty(padded(len(values))), np.empty(padded(len(values)))
-    return gather(values, len(values), np.array([1000.0]), np.array([sigma_mm]), *room)
+    scratch = np.empty(padded(len(values))), np.empty(padded(len(values)))
+    return gather(values, len(values), np.array([1000.0]), np.array([sigma_mm]), *scratch)
 
 
 def test_a_last_group_is_filled_up_with_what_never_came() -> None:

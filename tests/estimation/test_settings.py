@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from tofmix.estimation.counters import Kde
+from tofmix.estimation.peaks.counters import Kde
 from tofmix.estimation.settings import EstimateOptions, SigmaMode
 
 

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from sizes import sized
 
 from tofmix.circle import circular_noise, fold
-from tofmix.estimation.beam import beam_of
-from tofmix.estimation.counters import COUNTERS, Cpdf, Kde
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.mixture import fit_mixture
-from tofmix.estimation.noise import measure_noise
+from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.mixture.em import fit_mixture
+from tofmix.estimation.noise.measurement import measure_noise
+from tofmix.estimation.peaks.counters import COUNTERS, Cpdf, Kde
 from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.estimation.unrolling import UnrolledSource, unroll, unrolled_pixel

@@ -15,10 +15,10 @@ with atheris.instrument_imports(include=["tofmix"]):
     from tofmix.errors import TofmixError
     from tofmix.io.importers import open_source
     from tofmix.io.importers.base import Request
-    from tofmix.io.journal import open_part
-    from tofmix.io.layers_file import open_layers
+    from tofmix.io.layers.journal import open_part
+    from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.model_file import load_model
-    from tofmix.io.recording_file import open_recording
+    from tofmix.io.recording.recording_file import open_recording
 
 from faults.originals import make
 from faults.pool import Pool

@@ -247,7 +247,7 @@ def bomb(root: h5py.File, chance: Chance) -> str:
 def odd_chunks(root: h5py.File, chance: Chance) -> str:
     with _replaced(_dataset(root, chance)) as (parent, name, _, values):
         most = tuple(None for _ in values.shape)
-        if chance.random() < 0.3:  # a chunk of gigabytes is only claimed
+        if chance.random() < 0.3:  # a chunk of gigabytes is only locked
             chunks = (1, 20_000, 20_000, 1)[: values.ndim]
             parent.create_dataset(name, shape=values.shape, dtype=values.dtype, chunks=chunks, maxshape=most)
         else:

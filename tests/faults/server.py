@@ -69,11 +69,11 @@ def _warm() -> Any:  # noqa: ANN401  the program's entry, imported late
     """Import what commands import, and compile or load every kernel."""
     from tqdm import tqdm
 
-    from faults import scout
+    from faults import structure_checker
     from tofmix.cli.main import run
 
     tqdm.monitor_interval = 0  # no thread of the parent's
-    scout.use()
+    structure_checker.use()
     with tempfile.TemporaryDirectory() as name:
         for argv in _rehearsal(Path(name)):
             try:
@@ -231,7 +231,7 @@ def _begin() -> None:
     """Make this fork look like a fresh process that a shell has started."""
     from tqdm import tqdm
 
-    from tofmix.io import watchdog
+    from tofmix.io.guard import watchdog
 
     tqdm.set_lock(threading.RLock())  # its own is shared by all forks, and a killed one may hold it
     watchdog._watchdog.clear()  # its thread has stayed with the parent

@@ -17,11 +17,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tofmix.errors import UsageError
-from tofmix.estimation.counters import COUNTERS
+from tofmix.estimation.peaks.counters import COUNTERS
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.flags import Status
-from tofmix.io.layers_file import open_layers
-from tofmix.io.recording_file import open_recording
+from tofmix.io.layers.layers_file import open_layers
+from tofmix.io.recording.recording_file import open_recording
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.pipeline.job import plan_job
 from tofmix.pipeline.local import LocalEngine

@@ -6,7 +6,8 @@ import h5py
 import pytest
 
 from tofmix.errors import BadInputError
-from tofmix.io import guard, hdf5
+from tofmix.io import hdf5
+from tofmix.io.guard import guard
 
 
 def test_a_reason_is_one_short_line() -> None:

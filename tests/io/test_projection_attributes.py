@@ -12,7 +12,7 @@ from files import boards, write_recording
 from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5
-from tofmix.io.recording_file import open_recording
+from tofmix.io.recording.recording_file import open_recording
 from tofmix.pinhole import Pinhole
 from tofmix.sensor import Sensor
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tofmix.errors import StorageError, UsageError
-from tofmix.io.reconciliation import claimed_folder, write_folder
+from tofmix.io.reconciliation import locked_folder, write_folder
 
 MAPS = {"maps/pattern.npy": np.ones((2, 3))}
 
@@ -49,19 +49,19 @@ def test_a_full_disk_leaves_nothing_new(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_a_second_run_is_refused_at_once(tmp_path: Path) -> None:
     folder = tmp_path / "gap"
-    with claimed_folder(folder, overwrite=False):
+    with locked_folder(folder, overwrite=False):
         with pytest.raises(UsageError, match="another run is writing it"):
             # As another process would: what this one holds already passes to its own writers.
-            _claim_anew(folder)
+            _lock_anew(folder)
         write(folder, overwrite=False)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["gap"]
 
 
-def _claim_anew(folder: Path) -> None:
-    from tofmix.io import claims
+def _lock_anew(folder: Path) -> None:
+    from tofmix.io.atomic import locks
 
-    held = claims._held.pop(Path(os.path.realpath(folder)))
+    held = locks._held.pop(Path(os.path.realpath(folder)))
     try:
-        claims.take(Path(os.path.realpath(folder)))
+        locks.lock_output(Path(os.path.realpath(folder)))
     finally:
-        claims._held[Path(os.path.realpath(folder))] = held
+        locks._held[Path(os.path.realpath(folder))] = held

@@ -12,9 +12,9 @@ import xarray
 from planes_found import COLS, FACTOR, LAYERS, ROWS, board_and_wall, nothing_found, provenance, write_surfaces
 
 from tofmix.errors import BadInputError, StorageError, UsageError
-from tofmix.io.layers_file import open_layers
+from tofmix.io.layers.layers_file import open_layers
 from tofmix.io.surfaces_file import SurfacesWriter, open_surfaces
-from tofmix.io.verify import verify
+from tofmix.io.verify.verify import verify
 from tofmix.surfaces.found import Edges, Planes
 
 CONTRACT = Path(__file__).parents[3] / "shared" / "check_contract.py"

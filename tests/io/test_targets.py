@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io.recording_file import open_recording
-from tofmix.io.recording_writer import RecordingWriter
+from tofmix.io.recording.recording_file import open_recording
+from tofmix.io.recording.recording_writer import RecordingWriter
 from tofmix.recording import ArrayRecording, FrameSpan, TargetSeries, by_target, samples_a_frame
 from tofmix.sensor import Sensor
 

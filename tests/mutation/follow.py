@@ -77,7 +77,7 @@ class Follower:
         self._coverage.start()
         package = importlib.import_module(SOURCE.name)
         for module in pkgutil.walk_packages(package.__path__, f"{SOURCE.name}."):
-            if not module.name.endswith(("__main__", "guard_child")):  # programs: they would run
+            if not module.name.endswith(("__main__", "structure_process")):  # programs: they would run
                 with suppress(ImportError):  # an extra that is not installed
                     importlib.import_module(module.name)
         settings = FOLDER / f"process.{WORKER}.ini"

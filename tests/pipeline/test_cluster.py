@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import plan_grid
-from tofmix.io.recording_file import open_recording
+from tofmix.io.recording.recording_file import open_recording
 from tofmix.pipeline import cluster
 from tofmix.pipeline.cluster import Block, identity, run_block
 from tofmix.pipeline.job import Job, plan_job

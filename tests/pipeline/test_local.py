@@ -11,9 +11,9 @@ from files import boards, write_recording
 from tofmix.arrays import Float32Array
 from tofmix.errors import StorageError, UsageError
 from tofmix.estimation.settings import EstimateOptions
-from tofmix.io.chunks import EncodedCell
-from tofmix.io.recording_file import RecordingFile, open_recording
-from tofmix.io.scratch import on_scratch
+from tofmix.io.layers.chunks import EncodedCell
+from tofmix.io.recording.recording_file import RecordingFile, open_recording
+from tofmix.io.recording.scratch import on_scratch
 from tofmix.pipeline.job import plan_job
 from tofmix.pipeline.local import PROGRAM_BYTES, LocalEngine
 from tofmix.recording import ArrayRecording

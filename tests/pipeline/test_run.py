@@ -7,8 +7,8 @@ from files import boards, write_recording
 
 from tofmix.errors import BadInputError
 from tofmix.estimation.settings import EstimateOptions
-from tofmix.io.journal import journal_path
-from tofmix.io.recording_file import RecordingFile, open_recording
+from tofmix.io.layers.journal import journal_path
+from tofmix.io.recording.recording_file import RecordingFile, open_recording
 from tofmix.pipeline.job import plan_job
 from tofmix.pipeline.local import PROGRAM_BYTES, LocalEngine
 from tofmix.pipeline.run import run_job

@@ -5,7 +5,7 @@ import pytest
 from blind.geometry import Surface
 from lock_in import SMALL, Scene, judge, made, small
 
-from tofmix.estimation.sequence import EstimatedWindows, estimate_windows, settled_mixing
+from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, settled_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.flags import Mixing
 from tofmix.invariants import layer_rules

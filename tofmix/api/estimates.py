@@ -20,8 +20,8 @@ from tofmix.sensor import NoiseCurve, Sensor
 if TYPE_CHECKING:
     from xarray import Dataset
 
-    from tofmix.estimation.counters import Counter
-    from tofmix.estimation.noise import MeasuredNoise
+    from tofmix.estimation.noise.measurement import MeasuredNoise
+    from tofmix.estimation.peaks.counters import Counter
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.recording import SampleSource
     from tofmix.windows import Windows
@@ -168,8 +168,8 @@ class Estimate(Layers):
             If it cannot be written.
         """
         from tofmix.grid import plan_grid
-        from tofmix.io.chunks import encode_cell
-        from tofmix.io.layers_file import LayersWriter
+        from tofmix.io.layers.chunks import encode_cell
+        from tofmix.io.layers.layers_file import LayersWriter
 
         target, windows = Path(path), self._windows()
         image = int(self.shape[1]), int(self.shape[2])
@@ -247,9 +247,9 @@ def estimate(
         If the samples scatter otherwise than the noise curve says, or drift within a window; and where the layers are
         doubtful, as `tofmix report` says it.
     """
-    from tofmix.estimation.no_return import no_return_constant
-    from tofmix.estimation.sample_span import sensor_with_span
-    from tofmix.estimation.sequence import estimate_windows, settled_mixing
+    from tofmix.estimation.blocks.sample_span import sensor_with_span
+    from tofmix.estimation.blocks.sequence import estimate_windows, settled_mixing
+    from tofmix.estimation.noise.no_return import no_return_constant
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.windows import plan_windows
 
@@ -304,7 +304,7 @@ def read_estimate(path: Path) -> Estimate:
     BadInputError
         If it is missing, damaged or no layers file.
     """
-    from tofmix.io.layers_file import open_layers
+    from tofmix.io.layers.layers_file import open_layers
 
     with open_layers(path) as file:
         layers = file.read_block(slice(None), slice(None))
@@ -412,9 +412,9 @@ def _say_doubts(
     samples: "SampleSource", sensor: Sensor, noise: str | NoiseCurve, window_frames: int, circle_mm: float | None
 ) -> None:
     """Warn of what `tofmix estimate` says of the samples before it estimates them."""
-    from tofmix.estimation.consistency import check_consistency
     from tofmix.estimation.learnt.model import follows_drift
-    from tofmix.report.findings import Remedy, sample_findings
+    from tofmix.estimation.noise.consistency import check_consistency
+    from tofmix.report.summary.findings import Remedy, sample_findings
 
     seen = check_consistency(
         samples, sensor.noise, window_frames=window_frames, unambiguous_range_mm=circle_mm,
@@ -440,7 +440,7 @@ _IN_PYTHON = {
 
 def _say_findings(layers: Estimate) -> None:
     """Warn of what `tofmix estimate` says of the layers that it made."""
-    from tofmix.report.summary import find
+    from tofmix.report.summary.summary import find
 
     for finding in find(layers):
         text = f"{finding.text} {_IN_PYTHON.get(finding.code, '')}".strip()
@@ -448,7 +448,7 @@ def _say_findings(layers: Estimate) -> None:
 
 
 def _measured(source: Recording, length: float | None) -> "MeasuredNoise":
-    from tofmix.estimation.noise import measure_noise
+    from tofmix.estimation.noise.measurement import measure_noise
     from tofmix.estimation.unrolling import UnrolledSource
     from tofmix.recording import by_target
 
@@ -462,7 +462,7 @@ def _measured(source: Recording, length: float | None) -> "MeasuredNoise":
 def _checksum(source: Recording) -> str:
     """SHA-256 of the file, or of the samples."""
     if source.path is not None:
-        from tofmix.io.recording_file import file_sha256
+        from tofmix.io.recording.recording_file import file_sha256
 
         return file_sha256(source.path)
     return hashlib.sha256(np.ascontiguousarray(source.range_mm).tobytes()).hexdigest()

@@ -132,7 +132,7 @@ class Recording:
         if isinstance(self._source, ArrayRecording):
             yield self._source.with_sensor(self._sensor)
             return
-        from tofmix.io.recording_file import open_recording
+        from tofmix.io.recording.recording_file import open_recording
 
         with open_recording(self._source) as file:
             file.sensor = self._sensor
@@ -164,7 +164,7 @@ class Recording:
         """Start of each frame (frame,) float64, s; None where it is not known."""
         if isinstance(self._source, ArrayRecording):
             return self._time_s
-        from tofmix.io.recording_file import open_recording
+        from tofmix.io.recording.recording_file import open_recording
 
         with open_recording(self._source) as file:
             return file.read_time()
@@ -174,7 +174,7 @@ class Recording:
         """Temperature of the camera (frame,) float64, degC; None where it is not known."""
         if isinstance(self._source, ArrayRecording):
             return None
-        from tofmix.io.recording_file import open_recording
+        from tofmix.io.recording.recording_file import open_recording
 
         with open_recording(self._source) as file:
             return file.read_temperature()
@@ -201,7 +201,7 @@ class Recording:
         StorageError
             If it cannot be written.
         """
-        from tofmix.io.recording_writer import RecordingWriter
+        from tofmix.io.recording.recording_writer import RecordingWriter
 
         target, range_mm, amplitude, time_s = Path(path), self.range_mm, self.amplitude, self.time_s
         temperature_c = self.temperature_c
@@ -245,8 +245,8 @@ def open_file(path: str | Path) -> "Recording | Estimate":
     """
     from tofmix.api.estimates import read_estimate
     from tofmix.io.file_kind import format_of
-    from tofmix.io.layers_file import FORMAT
-    from tofmix.io.recording_file import open_recording
+    from tofmix.io.layers.layers_file import FORMAT
+    from tofmix.io.recording.recording_file import open_recording
 
     file = Path(path)
     if format_of(file) == FORMAT:

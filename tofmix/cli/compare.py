@@ -49,17 +49,17 @@ def compare(
     3: the two have different sizes.
     """
     from tofmix.errors import BadInputError, UsageError
-    from tofmix.io.layers_file import open_layers
-    from tofmix.io.storage import claimed, write_text
-    from tofmix.report.comparison import compare as compare_files
-    from tofmix.report.comparison_table import format_comparison
+    from tofmix.io.atomic.storage import locked, write_text
+    from tofmix.io.layers.layers_file import open_layers
+    from tofmix.report.comparison.comparison import compare as compare_files
+    from tofmix.report.comparison.table import format_comparison
 
     if window is not None and html is None:
         raise UsageError("--window goes with --html")
     with ExitStack() as stack:
         files = [stack.enter_context(open_layers(path)) for path in (a, b)]
         if html is not None:
-            stack.enter_context(claimed(html, overwrite=overwrite, inputs=(a, b)))
+            stack.enter_context(locked(html, overwrite=overwrite, inputs=(a, b)))
         if window is not None and window >= files[0].shape[0]:
             raise UsageError(f"--window {window}: {a} has windows 0 to {files[0].shape[0] - 1}")
         try:
@@ -68,7 +68,7 @@ def compare(
             raise BadInputError(f"{a} and {b}: {error}") from error
         equal = comparison.equal(allow)
         if html is not None:
-            from tofmix.report.comparison_page import render_comparison
+            from tofmix.report.comparison.page import render_comparison
 
             page = render_comparison(*files, comparison=comparison, window=window, names=(a.name, b.name))
             write_text(html, page, overwrite=overwrite, inputs=(a, b))

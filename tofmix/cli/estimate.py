@@ -12,10 +12,10 @@ from tofmix.cli.sensor_choice import AUTO, circle_choice, outlier_choice
 from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
-    from tofmix.estimation.counters import Counter
+    from tofmix.estimation.peaks.counters import Counter
 
 COUNTER_OPTIONS = {"kde": ("gamma", "epsilon"), "cpdf": ("bins", "ratio"), "fourier": ("order", "level")}
-"""The counters and their options: `tofmix.estimation.counters.COUNTERS` in words, for it imports numba."""
+"""The counters and their options: `tofmix.estimation.peaks.counters.COUNTERS` in words, for it imports numba."""
 
 
 @examples(
@@ -247,7 +247,7 @@ def _check_paper(context: click.Context) -> None:
 
 def _counter(context: click.Context, choices: dict[str, Any]) -> "Counter":
     """Take the counter and its options out of the choices; options of another counter are refused."""
-    from tofmix.estimation.counters import COUNTERS
+    from tofmix.estimation.peaks.counters import COUNTERS
 
     kind, own = choices.pop("counter"), {}
     for owner, names in COUNTER_OPTIONS.items():

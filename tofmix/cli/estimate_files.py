@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
     from tofmix.estimation.settings import EstimateOptions
-    from tofmix.io.recording_file import RecordingFile
+    from tofmix.io.recording.recording_file import RecordingFile
     from tofmix.pipeline.cluster import ClusterEngine
     from tofmix.pipeline.job import Engine
     from tofmix.pipeline.run import Outcome
-    from tofmix.report.findings import Finding, Remedy
+    from tofmix.report.summary.findings import Finding, Remedy
     from tofmix.windows import Windows
 
 _COMPILING_AFTER_S = 4.0
@@ -116,7 +116,7 @@ def _outputs(
     recordings: Sequence[Path], output: Path | None, output_dir: Path | None, request: Request, *, several: bool
 ) -> list[tuple[Path, Path]]:
     """Pair each recording with its output; what cannot be is refused before anything is done."""
-    from tofmix.io.storage import check_output, sync_folder
+    from tofmix.io.atomic.storage import check_output, sync_folder
 
     ending = "layers.h5" if request.shard is None else "layers.{}-of-{}.part".format(*request.shard)
     if not several:
@@ -143,7 +143,7 @@ def _outputs(
 
 def _pixels(pairs: Sequence[tuple[Path, Path]], request: Request) -> int:
     """Pixels of all recordings, each window counted; what cannot be opened is told of when its turn comes."""
-    from tofmix.io.recording_file import open_recording
+    from tofmix.io.recording.recording_file import open_recording
 
     total = 0
     for recording, _ in pairs:
@@ -169,12 +169,12 @@ def _estimate(
     recording: Path, target: Path, request: Request, cluster: "ClusterEngine | None", bar: "tqdm[Any]"
 ) -> tuple[str, dict[str, Any]]:
     """Estimate one recording; return what to say of it, as a line and for JSON."""
-    from tofmix.io.journal import WHOLE, Shard
-    from tofmix.io.storage import check_output
+    from tofmix.io.atomic.storage import check_output
+    from tofmix.io.layers.journal import WHOLE, Shard
     from tofmix.pipeline.job import plan_job
     from tofmix.pipeline.local import LocalEngine
     from tofmix.pipeline.run import run_job
-    from tofmix.report.findings import Remedy
+    from tofmix.report.summary.findings import Remedy
 
     say = partial(_say, bar)
     with opened_recording(recording, say=say) as source:
@@ -227,7 +227,7 @@ def _settled(
     source: "RecordingFile", request: Request, noise: str, windows: "Windows", bar: "tqdm[Any]"
 ) -> "EstimateOptions":
     """Give the recording the sensor that is asked for; return the options with its own unambiguous range."""
-    from tofmix.estimation.sample_span import sensor_with_span
+    from tofmix.estimation.blocks.sample_span import sensor_with_span
 
     options = request.options
     if request.wrap:
@@ -266,7 +266,7 @@ def _learning(request: Request, windows: "Windows", options: "EstimateOptions") 
 
 def _no_return(source: "RecordingFile") -> float | None:
     """The file's constant of samples without a return, or the one that its samples show."""
-    from tofmix.estimation.no_return import no_return_constant
+    from tofmix.estimation.noise.no_return import no_return_constant
 
     if source.sensor.no_return_mm is not None:
         return source.sensor.no_return_mm
@@ -290,8 +290,8 @@ def say_findings(path: Path, findings: list["Finding"], say: Callable[[str], obj
 
 def findings_of(layers: Path, remedy: "Remedy | None" = None) -> list["Finding"]:
     """What a layers file makes doubtful, as `tofmix report` says it."""
-    from tofmix.io.layers_file import open_layers
-    from tofmix.report.summary import find
+    from tofmix.io.layers.layers_file import open_layers
+    from tofmix.report.summary.summary import find
 
     with open_layers(layers) as file:
         return list(find(file, remedy))

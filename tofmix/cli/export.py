@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from tofmix.io.exporters.image import RangeImage
-    from tofmix.io.layers_file import LayersFile
+    from tofmix.io.layers.layers_file import LayersFile
     from tofmix.io.surfaces_file import SurfacesFile
     from tofmix.points import PointFilter
     from tofmix.projection import Projection
@@ -94,10 +94,10 @@ def export(
     LAS, LAZ, PNG, TIFF and planes need the extra tofmix[export].
     """
     from tofmix.io import surfaces_file
+    from tofmix.io.atomic.storage import locked
     from tofmix.io.exporters import IMAGE, OF_LAYERS, OF_SURFACES, choose_what
     from tofmix.io.file_kind import format_of
-    from tofmix.io.layers_file import open_layers
-    from tofmix.io.storage import claimed
+    from tofmix.io.layers.layers_file import open_layers
 
     given = {
         name for name in context.params if context.get_parameter_source(name) is not ParameterSource.DEFAULT
@@ -105,7 +105,7 @@ def export(
     of_surfaces = format_of(file) == surfaces_file.FORMAT
     what = choose_what(output, what, OF_SURFACES if of_surfaces else OF_LAYERS)
     _check_options(given, what, output, of_surfaces=of_surfaces)
-    with claimed(output, overwrite=overwrite, inputs=(file,)):
+    with locked(output, overwrite=overwrite, inputs=(file,)):
         if of_surfaces:
             with surfaces_file.open_surfaces(file) as surfaces:
                 _check_window(surfaces, window, as_image=what == IMAGE)

@@ -121,6 +121,7 @@ def import_(
         shape_of,
         view_of,
     )
+    from tofmix.io.atomic.storage import locked
     from tofmix.io.hdf5 import check_background
     from tofmix.io.importers import open_source
     from tofmix.io.importers.axes import check_axes
@@ -128,7 +129,6 @@ def import_(
     from tofmix.io.importers.conversion import Conversion
     from tofmix.io.importers.units import UNITS_MM
     from tofmix.io.importers.writing import write_recording
-    from tofmix.io.storage import claimed
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):
         if value is not None and not math.isfinite(value):
@@ -145,7 +145,7 @@ def import_(
     )  # fmt: skip
     inputs = [Path(name) for name in (source, sensor, amplitude, intrinsics) if name is not None]
     inputs += [file for folder in inputs if folder.is_dir() for file in folder.iterdir()]
-    with claimed(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
+    with locked(output, overwrite=overwrite, inputs=tuple(inputs)), open_source(source, request) as frames:
         known = frames.sensor if sensor is None and frames.sensor is not None else sensor_of(camera, frames.shape[1:])
         check_background(known, frames.shape[1:], source if sensor is None else Path(sensor))
         geometry = geometry_of(frames, known, lens, depth_axis, source)

@@ -31,8 +31,8 @@ def camera_of(name: str | None) -> "CameraSheet":
     BadInputError
         If there is no such file or built-in sensor, or the file describes none.
     """
+    from tofmix.io.atomic.storage import read_text
     from tofmix.io.model_file import maps_beside
-    from tofmix.io.storage import read_text
     from tofmix.sensors import PROFILES, load_sheet
     from tofmix.sensors.profile_toml import parse_profile
     from tofmix.sensors.sensor_file import parse_sensor

@@ -9,7 +9,7 @@ import click
 from tofmix.cli.options import PATH, examples, json_option
 
 if TYPE_CHECKING:
-    from tofmix.report.descriptions import Description
+    from tofmix.report.summary.descriptions import Description
 
 _TOML = ".toml"
 
@@ -38,7 +38,7 @@ def info(file: Path, as_json: bool) -> None:
     samples at most a few blocks are read, to check their unit, so that it takes no
     time; what was found in a layers file is told by tofmix report.
     """
-    from tofmix.report.descriptions import format_description
+    from tofmix.report.summary.descriptions import format_description
 
     description = _describe(file)
     if as_json:
@@ -49,7 +49,7 @@ def info(file: Path, as_json: bool) -> None:
 
 def _describe(file: Path) -> "Description":
     from tofmix.io.gap_file import is_gap_folder, read_gap
-    from tofmix.report.source_descriptions import describe_gap
+    from tofmix.report.summary.source_descriptions import describe_gap
     from tofmix.sensors import PROFILES
     from tofmix.simulation.builtin import BUILTIN_MODELS
 
@@ -59,7 +59,7 @@ def _describe(file: Path) -> "Description":
     if file.suffix == _TOML or (name in BUILTIN_MODELS and not file.exists()):
         return _of_text(name)
     if name in PROFILES and not file.exists():
-        from tofmix.report.descriptions import describe_sensor
+        from tofmix.report.summary.descriptions import describe_sensor
         from tofmix.sensors import load_sheet
 
         return describe_sensor(load_sheet(name), name=name)
@@ -68,8 +68,8 @@ def _describe(file: Path) -> "Description":
 
 def _is_foreign(path: Path) -> bool:
     """Whether it is for `tofmix import`: a folder, a kind of file that is no HDF5, or HDF5 without ``range``."""
-    from tofmix.io import guard
     from tofmix.io.file_kind import is_foreign_hdf5
+    from tofmix.io.guard import guard
     from tofmix.io.importers import is_importable
 
     if path.is_dir():
@@ -83,7 +83,7 @@ def _of_source(path: Path) -> "Description":
     from tofmix.io.importers import open_source
     from tofmix.io.importers.base import Request
     from tofmix.io.next_command import import_command
-    from tofmix.report.source_descriptions import describe_source
+    from tofmix.report.summary.source_descriptions import describe_source
 
     with open_source(path, Request()) as source:
         return describe_source(source, name=str(path), command=import_command(path))
@@ -91,7 +91,7 @@ def _of_source(path: Path) -> "Description":
 
 def _of_text(name: str) -> "Description":
     from tofmix.io.model_file import load_model, load_model_text
-    from tofmix.report.descriptions import describe_model, describe_sensor
+    from tofmix.report.summary.descriptions import describe_model, describe_sensor
     from tofmix.sensors.profile_toml import parse_profile
     from tofmix.toml_table import parse_toml
 
@@ -102,12 +102,13 @@ def _of_text(name: str) -> "Description":
 
 
 def _of_hdf5(path: Path) -> "Description":
-    from tofmix.io import layers_file, surfaces_file
+    from tofmix.io import surfaces_file
     from tofmix.io.file_kind import format_of
-    from tofmix.io.layers_file import open_layers
-    from tofmix.io.range_check import look, unit_doubt, zeros_doubt
-    from tofmix.io.recording_file import open_recording
-    from tofmix.report.descriptions import describe_layers, describe_recording, describe_surfaces
+    from tofmix.io.layers import layers_file
+    from tofmix.io.layers.layers_file import open_layers
+    from tofmix.io.recording.range_check import look, unit_doubt, zeros_doubt
+    from tofmix.io.recording.recording_file import open_recording
+    from tofmix.report.summary.descriptions import describe_layers, describe_recording, describe_surfaces
 
     kind, size = format_of(path), path.stat().st_size
     if kind == layers_file.FORMAT:

@@ -12,11 +12,11 @@ from tofmix.cli.recording_check import check_recording, opened_recording
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
-    from tofmix.io.layers_file import LayersFile
+    from tofmix.io.layers.layers_file import LayersFile
     from tofmix.layers import Layers
     from tofmix.recording import SampleSource
-    from tofmix.report.phasor_plane import PhasorPlane
-    from tofmix.report.pixels import GrowingDensity, PixelView
+    from tofmix.report.pixels.phasor_plane import PhasorPlane
+    from tofmix.report.pixels.pixels import GrowingDensity, PixelView
 
 _COORDINATES = 2
 
@@ -65,29 +65,29 @@ def inspect(
     mixing was measured, a panel below shows the pixel in the complex plane: its samples'
     phasors, its neighbours', and the chord or triangle that it was unmixed on.
     """
-    from tofmix.io.layers_file import open_layers
-    from tofmix.io.storage import claimed
-    from tofmix.report.figures import FIGURE_SUFFIXES
+    from tofmix.io.atomic.storage import locked
+    from tofmix.io.layers.layers_file import open_layers
+    from tofmix.report.figures.figures import FIGURE_SUFFIXES
 
     inputs = tuple(path for path in (layers, recording) if path is not None)
     if output is not None and output.suffix.lower() not in FIGURE_SUFFIXES:
         raise UsageError(f"{output}: the name must end in one of {', '.join(FIGURE_SUFFIXES)}")
     with ExitStack() as stack:
         if output is not None:
-            stack.enter_context(claimed(output, overwrite=overwrite, inputs=inputs))
+            stack.enter_context(locked(output, overwrite=overwrite, inputs=inputs))
         file = stack.enter_context(open_layers(layers))
         row, col = _place(pixel, file)
         if window >= file.shape[0]:
             raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
         samples = source = None
         if recording is not None:
-            from tofmix.report.pixels import row_samples
+            from tofmix.report.pixels.pixels import row_samples
 
             source = stack.enter_context(opened_recording(recording))
             check_recording(file, source)
             frames = int(file.window_start[window]), int(file.window_stop[window])
             samples = row_samples(source, row=row, start=frames[0], stop=frames[1])
-        from tofmix.report.pixels import learnt_sensor, neighbour_columns, view_pixels
+        from tofmix.report.pixels.pixels import learnt_sensor, neighbour_columns, view_pixels
 
         cols = [col] if over_frames else neighbour_columns(col, cols=file.shape[2], neighbours=neighbours)
         try:
@@ -123,7 +123,7 @@ def _place(pixel: str, file: "LayersFile") -> tuple[int, int]:
 
 
 def _growth(view: "PixelView", file: "LayersFile") -> "GrowingDensity":
-    from tofmix.report.pixels import grow_density
+    from tofmix.report.pixels.pixels import grow_density
 
     if view.samples_mm is None:
         raise UsageError("--over-frames needs --recording")
@@ -138,7 +138,7 @@ def _plane(
     layers: "Layers", file: "LayersFile", source: "SampleSource", window: int, pixel: tuple[int, int]
 ) -> "PhasorPlane | None":
     """The pixel in the complex plane; None where the file does not say what samples are of, or without amplitudes."""
-    from tofmix.report.phasor_plane import phasor_plane, read_around
+    from tofmix.report.pixels.phasor_plane import phasor_plane, read_around
 
     made, (row, col) = file.provenance, pixel
     if layers.mixing is None or made.sensor.modulation_frequency_hz is None:
@@ -160,8 +160,8 @@ def _write_figure(
     inputs: tuple[Path, ...],
     overwrite: bool,
 ) -> None:
-    from tofmix.io.storage import AtomicFile
-    from tofmix.report.figures import FIGURE_SUFFIXES, pixel_figure
+    from tofmix.io.atomic.storage import AtomicFile
+    from tofmix.report.figures.figures import FIGURE_SUFFIXES, pixel_figure
 
     kind = FIGURE_SUFFIXES[output.suffix.lower()]
     made = file.provenance
@@ -175,7 +175,7 @@ def _write_figure(
 
 
 def _print(views: "list[PixelView]", col: int, growth: "GrowingDensity | None", targets: int, as_json: bool) -> None:
-    from tofmix.report.pixel_table import format_growth, format_pixels
+    from tofmix.report.pixels.table import format_growth, format_pixels
 
     if as_json:
         found: dict[str, Any] = {"pixels": [view.as_dict() for view in views]}

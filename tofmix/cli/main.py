@@ -26,8 +26,8 @@ from tofmix.cli.surfaces import surfaces
 from tofmix.cli.verify import verify
 from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
-from tofmix.io.unfinished import discard_unfinished, is_resumable
-from tofmix.io.watchdog import arm
+from tofmix.io.atomic.partial_output import discard_partial_outputs, is_resumable
+from tofmix.io.guard.watchdog import arm
 
 _EPILOG = """\b
 Start here:
@@ -141,7 +141,7 @@ def _die(number: int, _: FrameType | None) -> None:
 
     Not by an exception: raised while a kernel is compiled, it would be lost in the compiler's callbacks.
     """
-    discard_unfinished()
+    discard_partial_outputs()
     if number == signal.SIGINT:
         os.write(sys.stderr.fileno(), b"tofmix: interrupted\n")
     if is_resumable():

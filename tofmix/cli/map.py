@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from tofmix.io.layers_file import LayersFile
-    from tofmix.io.recording_file import RecordingFile
+    from tofmix.io.layers.layers_file import LayersFile
+    from tofmix.io.recording.recording_file import RecordingFile
     from tofmix.mapping.beams import Beams
     from tofmix.mapping.occupancy import FloorMap, VoxelMap
 
@@ -112,10 +112,10 @@ def map_(
     cells are occupied if anything within the band of heights is. The camera stands
     at height 0; x is ahead of it and y to its left where its yaw is 0.
     """
-    from tofmix.io.layers_file import open_layers
+    from tofmix.io.atomic.atomic_group import write_atomic_group
+    from tofmix.io.atomic.storage import locked
+    from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.map_file import encode_map
-    from tofmix.io.storage import claimed
-    from tofmix.io.together import write_together
     from tofmix.io.voxel_file import encode_voxels
     from tofmix.mapping.grid import plan_grid
     from tofmix.mapping.occupancy import map_beams, project
@@ -125,7 +125,7 @@ def map_(
     inputs = tuple(filter(None, (layers, recording)))
     outputs = _check_call(output, voxels, source, recording)
     threads = workers or default_workers()
-    with claimed(*outputs, overwrite=overwrite, inputs=inputs):
+    with locked(*outputs, overwrite=overwrite, inputs=inputs):
         with open_layers(layers) as file:
             if window >= file.shape[0]:
                 raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
@@ -150,7 +150,7 @@ def map_(
             floor = None if output is None else project(space, height)
             if output is not None and floor is not None:
                 contents |= encode_map(floor, output, comment=comment)
-            write_together(contents, overwrite=overwrite, inputs=inputs)
+            write_atomic_group(contents, overwrite=overwrite, inputs=inputs)
     _say(output, floor, voxels, space, as_json)
 
 
@@ -192,7 +192,7 @@ def _beams(
 
 def _frames(file: "LayersFile", window: int, samples: "RecordingFile") -> tuple[int, int]:
     """The window's frames, or all frames of a recording that the layers were not made from."""
-    from tofmix.io.recording_file import file_sha256
+    from tofmix.io.recording.recording_file import file_sha256
 
     if samples.shape[1:] != file.shape[1:]:
         raise BadInputError(
@@ -226,7 +226,7 @@ def _averaged(file: "LayersFile", samples: "RecordingFile", frames: tuple[int, i
 def _thin_beam(
     file: "LayersFile", samples: "RecordingFile", frames: tuple[int, int], min_probability: float, workers: int
 ) -> "Beams":
-    from tofmix.estimation.sequence import estimate_layers
+    from tofmix.estimation.blocks.sequence import estimate_layers
     from tofmix.estimation.settings import EstimateOptions, SigmaMode
     from tofmix.mapping.beams import beams_from_layers
     from tofmix.recording import FrameSpan

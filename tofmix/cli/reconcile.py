@@ -11,7 +11,7 @@ from tofmix.cli.options import PATH, examples, json_option, overwrite_option, pr
 
 if TYPE_CHECKING:
     from tofmix.arrays import FloatArray
-    from tofmix.io.recording_file import RecordingFile
+    from tofmix.io.recording.recording_file import RecordingFile
     from tofmix.reconciliation.evidence import Evidence
     from tofmix.reconciliation.workflow import Reconciliation
     from tofmix.simulation.model import Model
@@ -81,7 +81,7 @@ def reconcile(
     with --also share the effects' parameters. The page docs/reconcile.md explains
     the output.
     """
-    from tofmix.io.reconciliation import claimed_folder, model_names
+    from tofmix.io.reconciliation import locked_folder, model_names
     from tofmix.reconciliation.way import Settings
     from tofmix.reconciliation.words import summary_lines
     from tofmix.reconciliation.workflow import reconcile as run
@@ -89,7 +89,7 @@ def reconcile(
     kinds = _kinds(effects)
     files = ((model, measured), *also)
     settings = Settings(kinds=kinds, max_effects=max_effects, alpha=alpha, tolerance=tolerance, split=split, seed=seed)
-    with claimed_folder(output, overwrite=overwrite, models=len(files)):
+    with locked_folder(output, overwrite=overwrite, models=len(files)):
         first, *others = _read_all(files)
         with progress_bar(len(kinds) * max(max_effects, 1), "reconcile", "kind") as bar:
 
@@ -218,7 +218,7 @@ def _say_other_optics(measured: Path, file: "RecordingFile", scene: "Model") -> 
 def _write(result: "Reconciliation", files: "Files", output: Path, overwrite: bool) -> None:
     from tofmix.io.reconciliation import write_folder
     from tofmix.reconciliation.words import effect_tables
-    from tofmix.report.gap_page import render_gap
+    from tofmix.report.gap.page import render_gap
 
     texts = []
     for number, model in enumerate(result.models):

@@ -10,9 +10,9 @@ import click
 from tofmix.cli.sensor_choice import AUTO
 
 if TYPE_CHECKING:
-    from tofmix.io.layers_file import LayersFile
-    from tofmix.io.recording_file import RecordingFile
-    from tofmix.report.findings import Finding, Remedy
+    from tofmix.io.layers.layers_file import LayersFile
+    from tofmix.io.recording.recording_file import RecordingFile
+    from tofmix.report.summary.findings import Finding, Remedy
     from tofmix.sensor import Sensor
 
 
@@ -28,9 +28,9 @@ def opened_recording(path: Path, *, say: Callable[[str], object] = echo) -> Iter
     Raises
     ------
     BadInputError
-        As `tofmix.io.recording_file.open_recording`.
+        As `tofmix.io.recording.recording_file.open_recording`.
     """
-    from tofmix.io.recording_file import open_recording
+    from tofmix.io.recording.recording_file import open_recording
 
     with open_recording(path) as recording:
         for line in recording.remarks:
@@ -61,9 +61,9 @@ def findings_of_samples(
     source: "RecordingFile", sensor: "Sensor", circle_mm: float | None, remedy: "Remedy"
 ) -> list["Finding"]:
     """What some of the samples say against the noise curve of `sensor`, and of drift within a window."""
-    from tofmix.estimation.consistency import check_consistency
     from tofmix.estimation.learnt.model import follows_drift
-    from tofmix.report.findings import sample_findings
+    from tofmix.estimation.noise.consistency import check_consistency
+    from tofmix.report.summary.findings import sample_findings
 
     seen = check_consistency(
         source, sensor.noise, window_frames=remedy.window_frames, unambiguous_range_mm=circle_mm,
@@ -83,7 +83,7 @@ def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
         If its image or its frames are not those of the layers.
     """
     from tofmix.errors import BadInputError
-    from tofmix.io.recording_file import file_sha256
+    from tofmix.io.recording.recording_file import file_sha256
 
     if source.shape[1:] != file.shape[1:] or source.frames < int(file.window_stop[-1]):
         raise BadInputError(

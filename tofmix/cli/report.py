@@ -12,9 +12,9 @@ from tofmix.cli.options import PATH, examples, json_option, overwrite_option
 from tofmix.cli.recording_check import check_recording, findings_of_samples, opened_recording
 
 if TYPE_CHECKING:
-    from tofmix.io.layers_file import LayersFile
+    from tofmix.io.layers.layers_file import LayersFile
     from tofmix.recording import SampleSource
-    from tofmix.report.single_pixels import SinglePixels
+    from tofmix.report.pixels.single_pixels import SinglePixels
 
 
 @examples(
@@ -46,10 +46,10 @@ def report(
     a pixel to look into; without --recording it has no samples.
     """
     from tofmix.errors import UsageError
-    from tofmix.io.layers_file import open_layers
-    from tofmix.io.storage import claimed, write_text
-    from tofmix.report.summary import find, remedy_for, summarise
-    from tofmix.report.tables import format_table
+    from tofmix.io.atomic.storage import locked, write_text
+    from tofmix.io.layers.layers_file import open_layers
+    from tofmix.report.summary.summary import find, remedy_for, summarise
+    from tofmix.report.summary.tables import format_table
 
     if surfaces is not None and html is None:
         raise UsageError("--surfaces goes with --html: surfaces are shown in pictures")
@@ -62,7 +62,7 @@ def report(
         if window >= file.shape[0]:
             raise UsageError(f"--window {window}: {layers} has windows 0 to {file.shape[0] - 1}")
         if html is not None:
-            stack.enter_context(claimed(html, overwrite=overwrite, inputs=inputs))
+            stack.enter_context(locked(html, overwrite=overwrite, inputs=inputs))
         summary = summarise(file)
         if source is not None:
             made = file.provenance
@@ -74,7 +74,7 @@ def report(
             singles = _singles(file, window, source)
             summary = replace(summary, noise=replace(summary.noise, scatter_over_sigma=singles.spread()))
         if html is not None:
-            from tofmix.report.page import render_page
+            from tofmix.report.page.page import render_page
 
             shown: dict[str, Any] = {} if surfaces is None else _surfaces_of(surfaces, layers, window)
             page = render_page(file, recording=source, window=window, summary=summary, singles=singles, **shown)
@@ -90,7 +90,7 @@ def report(
 def _singles(file: "LayersFile", window: int, source: "SampleSource") -> "SinglePixels":
     """How far samples of single pixels scatter."""
     from tofmix.errors import BadInputError
-    from tofmix.report.single_pixels import single_pixels
+    from tofmix.report.pixels.single_pixels import single_pixels
 
     start, stop = int(file.window_start[window]), int(file.window_stop[window])
     try:
@@ -108,7 +108,7 @@ def _surfaces_of(path: Path, layers: Path, window: int) -> dict[str, Any]:
         If the file cannot be read, or was made from other layers.
     """
     from tofmix.errors import BadInputError
-    from tofmix.io.recording_file import file_sha256
+    from tofmix.io.recording.recording_file import file_sha256
     from tofmix.io.surfaces_file import open_surfaces
 
     with open_surfaces(path) as file:

@@ -13,8 +13,8 @@ from tofmix.errors import BadInputError, UsageError
 if TYPE_CHECKING:
     from tqdm import tqdm
 
-    from tofmix.estimation.noise import MeasuredNoise
-    from tofmix.io.recording_file import RecordingFile
+    from tofmix.estimation.noise.measurement import MeasuredNoise
+    from tofmix.io.recording.recording_file import RecordingFile
     from tofmix.recording import SampleSource
     from tofmix.sensor import Sensor
     from tofmix.sensors import SensorProfile
@@ -146,7 +146,7 @@ def sensor_for(
     BadInputError
         If there is no noise curve, or the recording does not tell it.
     """
-    from tofmix.estimation.beam import beam_of
+    from tofmix.estimation.mixture.beam import beam_of
     from tofmix.sensors import PROFILES, profiles_with_noise
 
     if noise not in (FILE, AUTO, *PROFILES):
@@ -284,7 +284,7 @@ def calibration_bar() -> Iterator[Callable[[int, int], None]]:
 
 def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_mm: float | None) -> None:
     from tofmix.circle import has_no_return
-    from tofmix.estimation.beam import outlier_interval
+    from tofmix.estimation.mixture.beam import outlier_interval
 
     if circle_mm is None and sensor.range_max_mm is None and sensor.noise is not None:
         low, high = outlier_interval(sensor, sensor.noise)
@@ -303,7 +303,7 @@ def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_
 
 
 def _measured(source: "RecordingFile", circle_mm: float | None) -> "MeasuredNoise":
-    from tofmix.estimation.noise import measure_noise
+    from tofmix.estimation.noise.measurement import measure_noise
     from tofmix.estimation.unrolling import UnrolledSource
     from tofmix.recording import by_target
 
@@ -363,7 +363,7 @@ def _amplitude_text(measured: "MeasuredNoise") -> str:
 
 
 def _warn_where_they_differ(source: "RecordingFile", measured: "MeasuredNoise") -> None:
-    from tofmix.estimation.noise import disagreement
+    from tofmix.estimation.noise.measurement import disagreement
 
     if source.sensor.noise is None or source.sensor.noise.law is not None:
         return  # the curve of a law holds at its reference amplitudes, which are not the measured ones'

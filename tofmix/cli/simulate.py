@@ -105,13 +105,13 @@ def simulate(
         _explain(scene)
         return
 
-    from tofmix.io.storage import check_output, claimed
+    from tofmix.io.atomic.storage import check_output, locked
 
     outputs = [output] if repeat is None else [_numbered(output, k) for k in range(1, repeat + 1)]
     for path in outputs:
         check_output(path, overwrite=overwrite, inputs=(Path(model),))
     for k, path in enumerate(outputs):
-        with claimed(path, overwrite=overwrite, inputs=(Path(model),)):
+        with locked(path, overwrite=overwrite, inputs=(Path(model),)):
             seeded = replace(scene, recording=replace(chosen, seed=chosen.seed + k))
             line, made = _write(seeded, model, path, averaged, overwrite)
         click.echo(json.dumps(made) if as_json else line)
@@ -128,7 +128,7 @@ def _explain(scene: "Model") -> None:
 
 
 def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: bool) -> tuple[str, dict[str, Any]]:
-    from tofmix.io.recording_writer import CHUNK_FRAMES, RecordingWriter
+    from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
     from tofmix.simulation.cast import cast_scene
     from tofmix.simulation.exposure import drawn_truth
     from tofmix.simulation.render import recording_sensor, render_blocks

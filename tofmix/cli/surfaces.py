@@ -11,7 +11,7 @@ from tofmix.errors import BadInputError
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
-    from tofmix.io.layers_file import LayersFile
+    from tofmix.io.layers.layers_file import LayersFile
     from tofmix.surfaces.found import WindowSurfaces
 
 _ENDING, _FROM = ".surfaces.h5", ".layers.h5"
@@ -47,14 +47,14 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
     describes the file; tofmix export passes it on to other programs.
     """
     from tofmix import __version__
-    from tofmix.io.layers_file import open_layers
-    from tofmix.io.recording_file import file_sha256
-    from tofmix.io.storage import claimed
+    from tofmix.io.atomic.storage import locked
+    from tofmix.io.layers.layers_file import open_layers
+    from tofmix.io.recording.recording_file import file_sha256
     from tofmix.io.surfaces_file import SurfacesWriter
     from tofmix.surfaces.found import SurfacesProvenance
 
     output = output or layers.with_name(f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}")
-    with claimed(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:
+    with locked(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:
         _check_optics(file)
         provenance = SurfacesProvenance(
             source=layers.name, source_sha256=file_sha256(layers), version=__version__,

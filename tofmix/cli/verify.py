@@ -11,7 +11,7 @@ from tofmix.errors import ExitCode
 from tofmix.wording import counted
 
 if TYPE_CHECKING:
-    from tofmix.io.findings import Findings
+    from tofmix.io.verify.findings import Findings
 
 
 @examples(
@@ -33,7 +33,7 @@ def verify(files: tuple[Path, ...], as_json: bool) -> ExitCode:
     one line a fault. Exit code 0: nothing is wrong; 3: something is; 5: something is with
     some of several files.
     """
-    from tofmix.io.verify import verify as verify_file
+    from tofmix.io.verify.verify import verify as verify_file
 
     found = {}
     for path in files:

@@ -1,7 +1,8 @@
 """Recording -> density -> modes -> mixture -> counting -> layers.
 
-One module a step: `density` and `modes` are the paper's step 1, `mixture` its
-step 2, `counting` decides which surfaces stand, `uncertainty` gives their
-standard errors, `layering` runs all of it over pixels, and `sequence` runs
-`layering` over a recording in parallel blocks. `settings` holds what they share.
+`peaks` is the paper's step 1 and `mixture` its step 2. `mixture.counting` decides which
+surfaces stand, `mixture.uncertainty` gives their standard errors. `layering` runs all of it
+over pixels, and `blocks.sequence` runs `layering` over a recording in parallel blocks.
+`noise` measures sigma(r) and p(c_r) from a recording; `learnt` learns noise that sigma(r)
+does not describe. `settings` holds the options that all share.
 """

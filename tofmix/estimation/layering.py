@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.acceleration import maximise_likelihood
-from tofmix.estimation.beam import Beam, beam_of, is_no_return, reaches_no_return
-from tofmix.estimation.components import (
+from tofmix.estimation.learnt.block_layers import counts_with_learnt, layers_with_learnt
+from tofmix.estimation.mixture.acceleration import maximise_likelihood
+from tofmix.estimation.mixture.beam import Beam, beam_of, is_no_return, reaches_no_return
+from tofmix.estimation.mixture.components import (
     GAIN,
     MEAN,
     SHARE,
@@ -24,25 +25,20 @@ from tofmix.estimation.components import (
     TOTAL,
     WEIGHT,
     Components,
-    Room,
+    Scratch,
     remove_surface,
 )
-from tofmix.estimation.counters import Kde
-from tofmix.estimation.counters.base import MAX_PEAKS, Peaks
-from tofmix.estimation.counting import (
+from tofmix.estimation.mixture.counting import (
     Rules,
-    Workshop,
+    Workspace,
     count_surfaces,
     drop_unsupported,
     grow,
-    new_workshop,
-    promises_more,
+    may_gain_more,
+    new_workspace,
     surface_gains,
 )
-from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.false_alarms import chance_of, gain_table, least_gain
-from tofmix.estimation.learnt.block_layers import counts_with_learnt, layers_with_learnt
-from tofmix.estimation.mixture import (
+from tofmix.estimation.mixture.em import (
     ROOT_TWO_PI,
     draw_sigmas,
     em_step,
@@ -53,11 +49,15 @@ from tofmix.estimation.mixture import (
     new_sigma,
     start_at,
 )
+from tofmix.estimation.mixture.false_alarms import chance_of, gain_table, least_gain
+from tofmix.estimation.mixture.uncertainty import standard_errors
+from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.noise.pixel_noise import beam_of_pixel, own_curves
 from tofmix.estimation.paper import paper_pixels
-from tofmix.estimation.pixel_noise import beam_of_pixel, own_curves
+from tofmix.estimation.peaks.counters import Kde
+from tofmix.estimation.peaks.counters.base import MAX_PEAKS, Peaks
 from tofmix.estimation.samples import Readings, SortedSamples, gather, padded, sort_samples
-from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED, EstimateOptions, Knobs, knobs_of
-from tofmix.estimation.uncertainty import standard_errors
+from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED, EstimateOptions, KernelOptions, kernel_options
 from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.flags import Status
 from tofmix.jit import borrowing, jit
@@ -105,11 +105,11 @@ def _fit_clear(data: Readings, fit: Components, beam: Beam) -> bool:
 
 
 @borrowing
-def _no_return_helps(data: Readings, fit: Components, beam: Beam, room: Room) -> bool:
+def _no_return_helps(data: Readings, fit: Components, beam: Beam, scratch: Scratch) -> bool:
     """Whether the likelihood rises as share moves from the one surface to c_0: if not, p(c_0) is 0."""
-    mix(data, 1, fit, beam, room)
-    m, count, total = len(data.value), data.times, room[TOTAL]
-    no_return, share = room[SPARE, :m], room[SHARE]
+    mix(data, 1, fit, beam, scratch)
+    m, count, total = len(data.value), data.times, scratch[TOTAL]
+    no_return, share = scratch[SPARE, :m], scratch[SHARE]
     gaussians(data.value, beam.range_max, beam.sigma_max, no_return)
     for j in range(m):
         share[j] = count[j] / total[j]
@@ -118,13 +118,13 @@ def _no_return_helps(data: Readings, fit: Components, beam: Beam, room: Room) ->
 
 
 @borrowing
-def _finish_clear(data: Readings, fit: Components, beam: Beam, mode: int, room: Room) -> float:
+def _finish_clear(data: Readings, fit: Components, beam: Beam, mode: int, scratch: Scratch) -> float:
     """Give the sigma of the one surface that holds all samples; return the log likelihood, nat.
 
     Where even the farthest sample is not c_r's, all samples are the surface's, and both follow from their spread.
     """
     values, m, mean = data.value, len(data.value), fit[MEAN, 0]
-    square, away = room[SPARE, :m], max(values[m - 1] - mean, mean - values[0])
+    square, away = scratch[SPARE, :m], max(values[m - 1] - mean, mean - values[0])
     for j in range(m):
         square[j] = (values[j] - mean) * (values[j] - mean)
     squares = product_of(square, data.times)
@@ -135,15 +135,15 @@ def _finish_clear(data: Readings, fit: Components, beam: Beam, mode: int, room: 
         fit[SIGMA, 0] = sigma
         return float(data.total * math.log(height) - 0.5 * squares / sigma**2)
     if mode != MODE_TIED:
-        em_step(data, 1, fit, beam, mode, room)  # one EM iteration is the solution
+        em_step(data, 1, fit, beam, mode, scratch)  # one EM iteration is the solution
         fit[SUPPORT, 0], fit[SUPPORT, -1] = data.total, 0.0
-    return log_likelihood(data, 1, fit, beam, room)
+    return log_likelihood(data, 1, fit, beam, scratch)
 
 
 @borrowing
-def _held(knobs: Knobs) -> int:
+def _held(options: KernelOptions) -> int:
     """Mode that means and shares are fitted in: counted by likelihood, a prior's sigmas are drawn from a tied fit."""
-    return MODE_TIED if knobs.refine and knobs.mode == MODE_PRIOR else knobs.mode
+    return MODE_TIED if options.refine and options.mode == MODE_PRIOR else options.mode
 
 
 @borrowing
@@ -152,43 +152,43 @@ def _fit_pixel(
     places: FloatArray,
     heights: FloatArray,
     found: int,
-    work: Workshop,
+    work: Workspace,
     beam: Beam,
-    knobs: Knobs,
+    options: KernelOptions,
     rules: Rules,
 ) -> tuple[int, int, int, float]:
     """Return surfaces found, peaks found, EM iterations (negative: not converged) and the log likelihood, nat.
 
     The fit is work.fit.
     """
-    fit, room = work.fit, work.room
+    fit, scratch = work.fit, work.scratch
     start, no_return = _split_no_return(places, heights, max(found, 1), beam)
     n_peaks = min(start, found)
     near = reaches_no_return(data.value, beam)
     k = 0
-    clear = (start == 1 or knobs.refine) and no_return == 0.0 and _fit_clear(data, fit, beam)
-    if clear and not (near and _no_return_helps(data, fit, beam, room)):
-        if not knobs.refine or not promises_more(data, 1, work, beam, rules):
-            return 1, n_peaks, 0, _finish_clear(data, fit, beam, knobs.mode, room)
+    clear = (start == 1 or options.refine) and no_return == 0.0 and _fit_clear(data, fit, beam)
+    if clear and not (near and _no_return_helps(data, fit, beam, scratch)):
+        if not options.refine or not may_gain_more(data, 1, work, beam, rules):
+            return 1, n_peaks, 0, _finish_clear(data, fit, beam, options.mode, scratch)
         k = grow(data, 1, work, beam, rules) if start == 1 else 0
         if k == 1:
-            return 1, n_peaks, 0, _finish_clear(data, fit, beam, knobs.mode, room)
+            return 1, n_peaks, 0, _finish_clear(data, fit, beam, options.mode, scratch)
     if k == 0:
         no_return = max(no_return, 1.0 / data.total) if near else 0.0
         start_at(places, heights, start, no_return, fit, beam)
-        k = count_surfaces(data, start, work, beam, rules) if knobs.refine else start
+        k = count_surfaces(data, start, work, beam, rules) if options.refine else start
     while True:
-        if knobs.refine:
-            n_iter = maximise_likelihood(data, k, fit, beam, _held(knobs), knobs.max_iter, knobs.tol, room)
+        if options.refine:
+            n_iter = maximise_likelihood(data, k, fit, beam, _held(options), options.max_iter, options.tol, scratch)
         else:
-            n_iter = expectation_maximisation(data, k, fit, beam, knobs.mode, knobs.max_iter, knobs.tol, room)
+            n_iter = expectation_maximisation(data, k, fit, beam, options.mode, options.max_iter, options.tol, scratch)
         left = drop_unsupported(data.total, k, fit, beam, rules)
-        while left > knobs.max_layers:
+        while left > options.max_layers:
             left = remove_surface(left, int(np.argmin(fit[WEIGHT, :left])), fit)
         if left == k:
-            if knobs.mode != _held(knobs):
-                draw_sigmas(data, k, fit, beam, room)
-            return k, n_peaks, n_iter, log_likelihood(data, k, fit, beam, room)
+            if options.mode != _held(options):
+                draw_sigmas(data, k, fit, beam, scratch)
+            return k, n_peaks, n_iter, log_likelihood(data, k, fit, beam, scratch)
         k = left
 
 
@@ -205,7 +205,12 @@ def _sort_surfaces(k: int, fit: Components) -> None:
 
 @jit
 def _layer_block(
-    block: SortedSamples, peaks: Peaks, out: tuple[NDArray[Any], ...], common: Beam, knobs: Knobs, table: FloatArray
+    block: SortedSamples,
+    peaks: Peaks,
+    out: tuple[NDArray[Any], ...],
+    common: Beam,
+    options: KernelOptions,
+    table: FloatArray,
 ) -> None:
     """Fill `out`, the arrays of `Layers` in their order, for the pixels of a block and their peaks."""
     (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
@@ -213,23 +218,25 @@ def _layer_block(
     columns = padded(block.values.shape[1])
     value, count = np.empty(columns), np.empty(columns)
     range_errors, weight_errors = np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)
-    work = new_workshop(MAX_PEAKS, columns)
+    work = new_workspace(MAX_PEAKS, columns)
     fit = work.fit
     for pixel in range(len(block.valid)):
         n = block.valid[pixel]
         n_samples[pixel] = n
-        if n < knobs.min_samples:
+        if n < options.min_samples:
             status[pixel] = _TOO_FEW_SAMPLES
             continue
         beam = beam_of_pixel(common, pixel)
         data = gather(block.values[pixel], n, beam.curve_range, beam.curve_sigma, value, count)
         place, height, found = peaks.place[pixel], peaks.height[pixel], peaks.found[pixel]
-        gain = least_gain(knobs.false_alarm, table[n]) if knobs.refine else 0.0
-        rules = Rules(gain, knobs.false_alarm if knobs.refine else math.inf, knobs.max_layers, knobs.no_return_gain)
-        k, kept, iterations, fitted = _fit_pixel(data, place, height, found, work, beam, knobs, rules)
+        gain = least_gain(options.false_alarm, table[n]) if options.refine else 0.0
+        rules = Rules(
+            gain, options.false_alarm if options.refine else math.inf, options.max_layers, options.no_return_gain
+        )
+        k, kept, iterations, fitted = _fit_pixel(data, place, height, found, work, beam, options, rules)
         surface_gains(data, k, work, beam)
         _sort_surfaces(k, fit)
-        known = standard_errors(data, k, fit, beam, knobs.mode, work.room, range_errors, weight_errors)
+        known = standard_errors(data, k, fit, beam, options.mode, work.scratch, range_errors, weight_errors)
         n_modes[pixel], n_peaks[pixel] = k, kept
         n_iter[pixel] = abs(iterations)
         for i in range(k):
@@ -308,7 +315,7 @@ def layer_pixels(
 
 def _layers_on_line(samples: SortedSamples, beam: Beam, options: EstimateOptions, out: Layers) -> None:
     table = gain_table(samples.values.shape[1])
-    _layer_block(samples, options.counter.peaks(samples, beam), out.arrays(), beam, knobs_of(options), table)
+    _layer_block(samples, options.counter.peaks(samples, beam), out.arrays(), beam, kernel_options(options), table)
 
 
 def _layers_on_circle(

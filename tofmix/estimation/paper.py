@@ -30,18 +30,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam, beam_of, is_no_return
-from tofmix.estimation.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT
-from tofmix.estimation.counters.base import MAX_PEAKS
-from tofmix.estimation.counting import new_workshop, surface_gains
-from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.density import BANDWIDTH, within_reach
-from tofmix.estimation.false_alarms import chance_of, gain_table
-from tofmix.estimation.mixture import ROOT_TWO_PI, log_likelihood
-from tofmix.estimation.modes import keep_peak
+from tofmix.estimation.mixture.beam import Beam, beam_of, is_no_return
+from tofmix.estimation.mixture.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT
+from tofmix.estimation.mixture.counting import new_workspace, surface_gains
+from tofmix.estimation.mixture.em import ROOT_TWO_PI, log_likelihood
+from tofmix.estimation.mixture.false_alarms import chance_of, gain_table
+from tofmix.estimation.mixture.uncertainty import standard_errors
+from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.peaks.counters.base import MAX_PEAKS
+from tofmix.estimation.peaks.density import BANDWIDTH, within_reach
+from tofmix.estimation.peaks.modes import keep_peak
 from tofmix.estimation.samples import SortedSamples, gather, padded
 from tofmix.estimation.settings import MODE_FREE
-from tofmix.estimation.uncertainty import standard_errors
 from tofmix.flags import Status
 from tofmix.jit import borrowing, jit
 from tofmix.layers import Layers
@@ -122,7 +122,7 @@ def _start(k: int, place: FloatArray, fit: FloatArray, beam: Beam) -> bool:
 def _iterate(values: FloatArray, n: int, k: int, fit: FloatArray, beam: Beam, sums: FloatArray) -> bool:
     """One iteration of section V; return whether every sigma is still one.
 
-    `sums` (k + 1, 3) is room: of each event the sums of p(c_i | r_j), of that times r_j - mu_i, and times its square.
+    `sums` (k + 1, 3) is scratch: each event's sums of p(c_i | r_j), of that times r_j - mu_i, and times its square.
     """
     capacity = len(fit[MEAN]) - 1
     sums[:] = 0.0
@@ -195,7 +195,7 @@ def _paper_block(
     value, times = np.empty(columns), np.empty(columns)
     place, height = np.empty(MAX_PEAKS), np.empty(MAX_PEAKS)
     range_errors, weight_errors = np.zeros(MAX_PEAKS), np.zeros(MAX_PEAKS)
-    work, sums = new_workshop(MAX_PEAKS, columns), np.zeros((MAX_PEAKS + 1, 3))
+    work, sums = new_workspace(MAX_PEAKS, columns), np.zeros((MAX_PEAKS + 1, 3))
     fit = work.fit
     for pixel in range(len(block.valid)):
         n = block.valid[pixel]
@@ -224,9 +224,9 @@ def _paper_block(
         _in_order(k, fit)
         data = gather(values, n, beam.curve_range, beam.curve_sigma, value, times)
         fitted = _with_sigma_0(beam, fit[SIGMA, -1])
-        likelihood[pixel] = log_likelihood(data, k, fit, fitted, work.room)
+        likelihood[pixel] = log_likelihood(data, k, fit, fitted, work.scratch)
         surface_gains(data, k, work, fitted)
-        known = standard_errors(data, k, fit, fitted, MODE_FREE, work.room, range_errors, weight_errors) and known
+        known = standard_errors(data, k, fit, fitted, MODE_FREE, work.scratch, range_errors, weight_errors) and known
         n_modes[pixel] = k
         for i in range(k):
             mean[pixel, i], sigma[pixel, i], weight[pixel, i] = fit[MEAN, i], fit[SIGMA, i], fit[WEIGHT, i]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.estimation.curve import sigma_at
+from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.jit import borrowing, jit
 from tofmix.vector import LANES
 

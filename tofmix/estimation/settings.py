@@ -6,8 +6,8 @@ from enum import StrEnum
 from statistics import NormalDist
 from typing import NamedTuple
 
-from tofmix.estimation.counters import COUNTERS, Counter, Kde
-from tofmix.estimation.false_alarms import check_false_alarm
+from tofmix.estimation.mixture.false_alarms import check_false_alarm
+from tofmix.estimation.peaks.counters import COUNTERS, Counter, Kde
 from tofmix.layers import MAX_LAYERS_LIMIT
 
 LEAST_SAMPLES = 2
@@ -52,7 +52,7 @@ class EstimateOptions:
     max_layers : int
         Most surfaces kept in a pixel, 1 to 32; the weakest are left out.
     counter : Counter
-        How step 1 counts, with its parameters; one of `tofmix.estimation.counters.COUNTERS`.
+        How step 1 counts, with its parameters; one of `tofmix.estimation.peaks.counters.COUNTERS`.
     refine : Refine
         ``likelihood``: count by likelihood, from the peaks; ``none``: the peaks are the surfaces, as in the paper.
     false_alarm : float
@@ -133,7 +133,7 @@ class EstimateOptions:
         return {name: value for name, value in options.items() if name not in without}
 
 
-class Knobs(NamedTuple):
+class KernelOptions(NamedTuple):
     """`EstimateOptions` as the kernels read them; `mode` is 0 tied, 1 prior, 2 free."""
 
     mode: int
@@ -146,7 +146,7 @@ class Knobs(NamedTuple):
     min_samples: int
 
 
-MODE_TIED, MODE_PRIOR, MODE_FREE = 0, 1, 2
+MODE_TIED, MODE_PRIOR, MODE_FREE = 0, 1, 2  # `SigmaMode` as the kernels read it
 
 
 def no_return_gain(false_alarm: float) -> float:
@@ -163,10 +163,10 @@ def no_return_gain(false_alarm: float) -> float:
     return 0.5 * NormalDist().inv_cdf(1.0 - false_alarm) ** 2
 
 
-def knobs_of(options: EstimateOptions) -> Knobs:
+def kernel_options(options: EstimateOptions) -> KernelOptions:
     """Translate options for the kernels."""
     mode = {SigmaMode.TIED: MODE_TIED, SigmaMode.PRIOR: MODE_PRIOR, SigmaMode.FREE: MODE_FREE}[options.sigma]
-    return Knobs(
+    return KernelOptions(
         mode=mode,
         refine=options.refine is Refine.LIKELIHOOD,
         false_alarm=float(options.false_alarm),

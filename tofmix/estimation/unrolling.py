@@ -20,12 +20,13 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.circle import FOLD_SIGMAS, fold, unseen_zone
-from tofmix.estimation.beam import Beam, beam_of
-from tofmix.estimation.curve import sigma_at
+from tofmix.estimation.mixture.beam import Beam, beam_of
+from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import FARTHEST_MM, SortedSamples
 from tofmix.jit import jit
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.recording import SampleSource
+from tofmix.robust import MAD_TO_SIGMA
 from tofmix.sensor import Sensor
 
 CUT_SIGMAS = 4.0
@@ -34,7 +35,6 @@ CUT_SIGMAS = 4.0
 CUT_AFTER_SIGMAS = 5.0
 """It is tried this many sigma after a reading, or in the middle of a gap that is shorter."""
 
-MAD_TO_SIGMA = 1.4826
 
 _CLEAR_SIGMAS = 8.0
 """A series whose median is this far, in robust sigmas, from the fold has no part on the other side."""

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from tofmix.io import guard, hdf5
+from tofmix.io import hdf5
+from tofmix.io.guard import guard
 
 
 def format_of(path: Path) -> str | None:

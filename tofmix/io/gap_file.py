@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from tofmix.errors import BadInputError
-from tofmix.io.storage import read_text
+from tofmix.io.atomic.storage import read_text
 
 GAP = "gap.json"
 _NEEDED = {"verdict": str, "effects": list, "gap": dict}

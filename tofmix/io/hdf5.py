@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io import guard
-from tofmix.io.hdf5_memory import make_room
+from tofmix.io.atomic.storage import AtomicFile, Sink
+from tofmix.io.guard import guard
+from tofmix.io.guard.hdf5_memory import make_room
 from tofmix.io.next_command import next_command
-from tofmix.io.storage import AtomicFile, Sink
 from tofmix.learnt_noise import LearntNoise
 from tofmix.noise_shape import NoiseShape
 from tofmix.projection import (
@@ -41,7 +41,7 @@ CONVENTIONS = "CF-1.11"
 # Readable by h5dump of Debian 12 and by netCDF-C; "latest" is not.
 _LIBVER = (h5py.h5f.LIBVER_V18, h5py.h5f.LIBVER_V110)
 
-_MOST_POINTS = 100_000
+_MOST_POINTS = 100_000  # of a list in the group `sensor`
 _MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
 
 _LAYERS, _SURFACES = "tofmix-layers", "tofmix-surfaces"
@@ -87,7 +87,7 @@ _LEARNT = {
 _PRIOR, _MEMORY = "noise_background_prior", "noise_memory"
 
 _WIDTH_SPREAD, _BACKGROUND = "noise_width_spread", "noise_background"
-_IMAGE_RANK = 2
+_IMAGE_RANK = 2  # (row, col)
 
 
 @contextmanager

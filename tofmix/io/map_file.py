@@ -30,7 +30,7 @@ def map_paths(path: Path) -> tuple[Path, Path]:
 
 
 def encode_map(map_: FloorMap, path: Path, *, comment: str) -> dict[Path, bytes]:
-    """Encode a map, ready for `tofmix.io.together.write_together`: first the image, then the text that names it.
+    """Encode a map, ready for `atomic_group.write_atomic_group`: first the image, then the text that names it.
 
     Parameters
     ----------

@@ -19,9 +19,9 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import StorageError, UsageError, os_error_text
-from tofmix.io.claims import hold, let_go
-from tofmix.io.storage import sync_folder
-from tofmix.io.together import write_together
+from tofmix.io.atomic.atomic_group import write_atomic_group
+from tofmix.io.atomic.locks import hold_lock, release_lock
+from tofmix.io.atomic.storage import sync_folder
 
 FILES = ("report.html", "gap.json")
 """Beside the models and their maps."""
@@ -56,8 +56,8 @@ def check_folder(folder: Path, *, overwrite: bool, models: int = 1) -> None:
 
 
 @contextmanager
-def claimed_folder(folder: Path, *, overwrite: bool, models: int = 1) -> Iterator[None]:
-    """Claim the folder before the work for it is done; a second run is refused at once.
+def locked_folder(folder: Path, *, overwrite: bool, models: int = 1) -> Iterator[None]:
+    """Lock the folder before the work for it is done; a second run is refused at once.
 
     Raises
     ------
@@ -68,11 +68,11 @@ def claimed_folder(folder: Path, *, overwrite: bool, models: int = 1) -> Iterato
     """
     check_folder(folder, overwrite=overwrite, models=models)
     target = Path(os.path.realpath(folder))
-    hold(target)
+    hold_lock(target)
     try:
         yield
     finally:
-        let_go(target)
+        release_lock(target)
 
 
 def write_folder(
@@ -118,7 +118,7 @@ def write_folder(
     for name, text in zip((*names, *FILES), (*model_texts, page, gap_text), strict=True):
         contents[folder / name] = text.encode()
     with _folders({folder, *(path.parent for path in contents)}):
-        write_together(contents, overwrite=overwrite, inputs=inputs)
+        write_atomic_group(contents, overwrite=overwrite, inputs=inputs)
     for stale in folder.glob("model_[0-9]*.toml"):  # of more recordings, by an earlier run
         if stale.name not in names:
             stale.unlink()

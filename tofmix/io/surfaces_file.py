@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io import guard, hdf5
-from tofmix.io.provenance import read_surfaces_provenance, write_surfaces_provenance
-from tofmix.io.storage import AtomicFile
+from tofmix.io import hdf5
+from tofmix.io.atomic.storage import AtomicFile
+from tofmix.io.guard import guard
+from tofmix.io.layers.provenance import read_surfaces_provenance, write_surfaces_provenance
 from tofmix.layers import MAX_LAYERS_LIMIT
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.surfaces.found import NO_SURFACE, Edges, Planes, SurfacesProvenance, WindowSurfaces

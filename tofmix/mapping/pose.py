@@ -11,8 +11,8 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 
-MAX_PITCH_DEG = 89.0
-MAX_POSITION_MM = 1.0e7
+MAX_PITCH_DEG = 89.0  # a vertical view has no yaw
+MAX_POSITION_MM = 1.0e7  # 10 km from the map's origin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

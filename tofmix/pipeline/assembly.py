@@ -15,9 +15,9 @@ import numpy as np
 from tofmix.arrays import Float32Array
 from tofmix.estimation.settings import MixingChoice
 from tofmix.grid import Cell, Grid
-from tofmix.io.chunks import EncodedCell, decode_cell, encode_cell
-from tofmix.io.layers_file import LayersWriter
-from tofmix.io.provenance import read_header_image
+from tofmix.io.layers.chunks import EncodedCell, decode_cell, encode_cell
+from tofmix.io.layers.layers_file import LayersWriter
+from tofmix.io.layers.provenance import read_header_image
 from tofmix.layers import Layers, Provenance, layer_fields
 from tofmix.mixing import MixingLaw
 from tofmix.unmixing.rewriting import Rewritten

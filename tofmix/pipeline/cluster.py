@@ -20,16 +20,16 @@ from typing import Any
 from tofmix import __version__
 from tofmix.errors import BadInputError, StorageError, TofmixError, UsageError, os_error_text
 from tofmix.grid import Cell, Grid
-from tofmix.io.chunks import EncodedCell
-from tofmix.io.recording_file import file_sha256, open_recording
+from tofmix.io.layers.chunks import EncodedCell
+from tofmix.io.recording.recording_file import file_sha256, open_recording
 from tofmix.pipeline.job import Job
 from tofmix.pipeline.local import LocalEngine
 
 BLOCK_SAMPLES = 1 << 22
 """Samples of a task: half a second of work or more, beside which dask's 2 ms do not count."""
 
-_CONNECT_TIMEOUT_S = 10
-_WORKER_TIMEOUT_S = 30
+_CONNECT_TIMEOUT_S = 10  # s until a scheduler that does not answer is given up
+_WORKER_TIMEOUT_S = 30  # s until a scheduler without workers is given up
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

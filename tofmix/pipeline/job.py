@@ -7,12 +7,12 @@ from typing import Protocol
 
 from tofmix import __version__
 from tofmix.errors import UsageError
-from tofmix.estimation.sequence import settled_mixing
+from tofmix.estimation.blocks.sequence import settled_mixing
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import Cell, Grid, plan_grid
-from tofmix.io.chunks import EncodedCell
-from tofmix.io.provenance import header_image
-from tofmix.io.recording_file import RecordingFile
+from tofmix.io.layers.chunks import EncodedCell
+from tofmix.io.layers.provenance import header_image
+from tofmix.io.recording.recording_file import RecordingFile
 from tofmix.layers import Provenance
 from tofmix.windows import Windows
 

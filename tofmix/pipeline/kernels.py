@@ -6,10 +6,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.estimation.counters import COUNTERS
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.learnt import warm_up as learnt
-from tofmix.estimation.noise import measure_noise
+from tofmix.estimation.noise.measurement import measure_noise
+from tofmix.estimation.peaks.counters import COUNTERS
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.io.model_file import load_model
 from tofmix.mapping.beams import beams_from_layers
@@ -21,7 +21,7 @@ from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.simulation.cast import cast_scene
 from tofmix.surfaces.reconstruct import reconstruct
 
-_RANGE_MM = 1000.0
+_RANGE_MM = 1000.0  # of the made-up samples
 
 
 def compile_all() -> None:

@@ -7,12 +7,12 @@ from functools import partial
 from pathlib import Path
 
 from tofmix.errors import UsageError
-from tofmix.estimation.reading import MemoryTooSmallError, plan_reading
-from tofmix.estimation.sequence import estimate_cells, settled_mixing
+from tofmix.estimation.blocks.reading import MemoryTooSmallError, plan_reading
+from tofmix.estimation.blocks.sequence import estimate_cells, settled_mixing
 from tofmix.estimation.settings import MixingChoice
 from tofmix.grid import Cell, Grid
-from tofmix.io.chunks import EncodedCell, encode_cell
-from tofmix.io.scratch import on_scratch
+from tofmix.io.layers.chunks import EncodedCell, encode_cell
+from tofmix.io.recording.scratch import on_scratch
 from tofmix.pipeline.job import Job
 from tofmix.recording import SampleSource
 

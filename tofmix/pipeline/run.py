@@ -12,7 +12,8 @@ from pathlib import Path
 
 from tofmix.errors import BadInputError, StorageError, TofmixError, UsageError
 from tofmix.grid import Grid
-from tofmix.io.journal import (
+from tofmix.io.atomic.storage import check_output
+from tofmix.io.layers.journal import (
     WHOLE,
     Journal,
     Shard,
@@ -22,9 +23,8 @@ from tofmix.io.journal import (
     partial_path,
     remove_journal,
 )
-from tofmix.io.layers_file import open_layers
-from tofmix.io.provenance import read_header_image
-from tofmix.io.storage import check_output
+from tofmix.io.layers.layers_file import open_layers
+from tofmix.io.layers.provenance import read_header_image
 from tofmix.mixing import MixingLaw
 from tofmix.pipeline.assembly import assemble, total
 from tofmix.pipeline.job import Engine, Job

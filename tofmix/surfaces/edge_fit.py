@@ -52,7 +52,7 @@ _UNIFORM = 1.0 / 12.0
 
 # Columns of a collected pixel.
 _X, _Y, _X_ROW, _Y_ROW, _X_COL, _Y_COL, _SHARE, _SAMPLES, _FLOOR, _HIDES, _HIDES_ROW, _HIDES_COL, _HIDES_AT = range(13)
-_COLUMNS = 13
+_COLUMNS = 13  # numbers of each pixel in the neighbourhood of a cut
 
 # Columns of a fit.
 KIND, ANGLE, OFFSET, THIRD, BACK, AHEAD, VAR_ANGLE, COV_ANGLE, VAR_OFFSET, VAR_THIRD, WORTH = range(11)

@@ -13,7 +13,7 @@ from tofmix.surfaces.nodes import Nodes
 _ALIKE = 0.5
 """Cost of a neighbouring pixel that does not see a node's surface, in squared standard deviations."""
 
-_SWEEPS = 4
+_SWEEPS = 4  # most passes that give nodes to planes anew
 
 _LEAST_PIECE = 8
 """Nodes from which on a piece of a surface may be joined to another that it does not touch."""

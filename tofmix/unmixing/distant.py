@@ -7,6 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.robust import MAD_TO_SIGMA
 from tofmix.unmixing.image import PhasorImage
 from tofmix.unmixing.seeds import Seeds
 
@@ -24,8 +25,6 @@ _INLIER_SIGMAS = 4.0
 
 _EXTRAPOLATED = 4.0
 """Times that the variance of a plane grows outside of its pixels: real walls are flat to about their noise."""
-
-_MAD = 1.4826
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -140,5 +139,5 @@ def _fitted(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> DistantPlane:
     plane, covariance = _least_squares(image, seeds, pixels)
     light = image.log_light[pixels]
     middle = float(np.median(light))
-    spread = _MAD * float(np.median(np.abs(light - middle)))
+    spread = MAD_TO_SIGMA * float(np.median(np.abs(light - middle)))
     return DistantPlane(plane=plane, covariance=_EXTRAPOLATED * covariance, log_light=middle, light_variance=spread**2)

@@ -16,6 +16,7 @@ import numpy as np
 from scipy import ndimage
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.robust import MAD_TO_SIGMA
 from tofmix.unmixing.distant import distant_planes
 from tofmix.unmixing.hypotheses import ENDS, Findings, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
@@ -43,8 +44,6 @@ _AGREE_SIGMAS = 3.0
 _SLOPE, _LIGHT_SLOPE, _LIGHT_STEP = 2.0, 2.0, 0.005
 """Standard deviation of the step to the next pixel of one surface: in range 2 pitches of it, in u 2 pitches and half a
 percent, as for the slopes in `tofmix.unmixing.neighbours`."""
-
-_MAD = 1.4826
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -125,7 +124,7 @@ def _open_space(image: PhasorImage) -> tuple[OpenSpace, ...]:
     if len(seen) < _LEAST_OPEN:
         return (OpenSpace(nearby=nearby, phasor=0.0, variance=0.0, scatter=0.0),)
     middle = complex(np.median(seen.real), np.median(seen.imag))
-    spread = _MAD * float(np.median(np.abs(seen - middle)))
+    spread = MAD_TO_SIGMA * float(np.median(np.abs(seen - middle)))
     scatter = 0.5 * float(np.median(image.covariance[own, 0] + image.covariance[own, 1]))
     return (
         OpenSpace(nearby=nearby, phasor=0.0, variance=0.0, scatter=scatter),

@@ -16,10 +16,10 @@ from learnt_pixels import (
 from scipy import interpolate
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.false_alarms import FALSE_ALARMS
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.counting import Thresholds, read_gains, remove
 from tofmix.estimation.learnt.fitting import BACKGROUND, LOG_WIDTH, MEAN, OWN, WEIGHT, new_fit
+from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.flags import Status
 

@@ -9,7 +9,6 @@ from learnt_pixels import KNOWN, LOW_MM, SIGMA_MM, TOP_MM, camera_with, pixel_no
 from scipy import optimize, stats
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
@@ -24,11 +23,12 @@ from tofmix.estimation.learnt.fitting import (
     fill_times,
     maximise,
     new_fit,
-    new_room,
+    new_scratch,
     value_of,
 )
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.mixture.beam import Beam, beam_of
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.learnt_noise import DRIFTS
 
@@ -50,7 +50,7 @@ class Fitted(NamedTuple):
 
 
 class Pixel:
-    """One pixel's samples and the room to fit them in."""
+    """One pixel's samples and the scratch to fit them in."""
 
     def __init__(self, samples: FloatArray, noise: PixelNoise) -> None:
         order = np.argsort(samples, kind="stable")
@@ -58,9 +58,9 @@ class Pixel:
         self.noise = noise
         self.law: Law = noise.laws()[0]
         self.beam: Beam = beam_of(camera_with(noise))
-        self.room = new_room(4, len(samples))
+        self.scratch = new_scratch(4, len(samples))
         self.fit = new_fit(4)
-        fill_times(self.data, self.room)
+        fill_times(self.data, self.scratch)
 
     def begin(self, means: tuple[float, ...], *, background: float = 0.05, no_return: float = 0.0) -> int:
         """Equal shares at these places."""
@@ -72,10 +72,10 @@ class Pixel:
         return k
 
     def maximise(self, k: int, tol: float = 1e-9) -> int:
-        return maximise(self.data, k, self.fit, self.law, self.beam, 4000, tol, self.room)
+        return maximise(self.data, k, self.fit, self.law, self.beam, 4000, tol, self.scratch)
 
     def value(self, k: int) -> float:
-        return value_of(self.data, k, self.fit, self.law, self.beam, self.room)
+        return value_of(self.data, k, self.fit, self.law, self.beam, self.scratch)
 
     def fitted(self, k: int) -> Fitted:
         return Fitted(
@@ -165,7 +165,7 @@ def test_objective_is_the_likelihood_and_the_priors_written_out(name: str, rng: 
     for _ in range(3):
         # The kernel's table of the density has 32 points a sigma, and is a line between them.
         assert pixel.value(k) == pytest.approx(written_out(samples, noise, pixel.fitted(k)), abs=0.05)
-        em_step(pixel.data, k, pixel.fit, pixel.law, pixel.beam, pixel.room)
+        em_step(pixel.data, k, pixel.fit, pixel.law, pixel.beam, pixel.scratch)
 
 
 def test_objective_counts_drift_and_its_prior(rng: np.random.Generator) -> None:
@@ -223,7 +223,7 @@ def test_likelihood_never_falls_from_one_step_to_the_next(name: str, rng: np.ran
         k = pixel.begin(tuple(rng.uniform(1900.0, 2200.0, 3)), background=float(rng.uniform(0.01, 0.9)))
         before = pixel.value(k)
         for _ in range(40):
-            em_step(pixel.data, k, pixel.fit, pixel.law, pixel.beam, pixel.room)
+            em_step(pixel.data, k, pixel.fit, pixel.law, pixel.beam, pixel.scratch)
             after = pixel.value(k)
             assert after >= before - rounding
             before = after
@@ -235,7 +235,7 @@ def test_accelerated_steps_end_where_many_plain_ones_do(name: str, rng: np.rando
     pixel = Pixel(_two_surfaces(rng), NOISES[name])
     k = pixel.begin((1990.0, 2080.0))
     for _ in range(3000):
-        em_step(pixel.data, k, pixel.fit, pixel.law, pixel.beam, pixel.room)
+        em_step(pixel.data, k, pixel.fit, pixel.law, pixel.beam, pixel.scratch)
     plain, value = pixel.fitted(k), pixel.value(k)
     pixel.begin((1990.0, 2080.0))
     assert 0 < pixel.maximise(k) < 1000

@@ -5,10 +5,10 @@ import math
 import numpy as np
 
 from tofmix.arrays import Float32Array
-from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import fill_layers
 from tofmix.estimation.learnt.model import PixelNoise, thresholds_of
-from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode, knobs_of
+from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode, kernel_options
 from tofmix.layers import Layers
 from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import Sensor
@@ -40,7 +40,7 @@ def layers_with_learnt(block: Float32Array, beam: Beam, sensor: Sensor, options:
     if options.unambiguous_range_mm is not None:
         law = law._replace(drift_mm=np.zeros(DRIFTS))
     width = np.ones(len(block))
-    fill_layers(block, out.arrays(), width, beam, (law, plain), thresholds_of(sensor.learnt), knobs_of(options))
+    fill_layers(block, out.arrays(), width, beam, (law, plain), thresholds_of(sensor.learnt), kernel_options(options))
     if out.noise_width is not None:
         out.noise_width[...] = width
     inflation = math.sqrt((1.0 + sensor.learnt.memory) / (1.0 - sensor.learnt.memory))

@@ -7,9 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.estimation.beam import Beam
-from tofmix.estimation.false_alarms import FALSE_ALARMS, chance_of
-from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_work, read_gains, remove
+from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace, read_gains, remove
 from tofmix.estimation.learnt.errors import standard_errors
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
@@ -26,9 +24,11 @@ from tofmix.estimation.learnt.fitting import (
     value_of,
 )
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.pixel_noise import beam_of_pixel
+from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, chance_of
+from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.estimation.settings import Knobs
+from tofmix.estimation.settings import KernelOptions
 from tofmix.flags import Status
 from tofmix.jit import borrowing, jit
 
@@ -76,31 +76,31 @@ def fill_layers(
     common: Beam,
     laws: tuple[Law, Law],
     thresholds: Thresholds,
-    knobs: Knobs,
+    options: KernelOptions,
 ) -> None:
     """Fill `out`, the arrays of `Layers` in their order, and `width` (pixel,), for samples (pixel, frame)."""
     (n_modes, n_peaks, mean, sigma, weight, range_stderr, weight_stderr, probability, no_return, outlier, likelihood,
      n_samples, n_iter, status) = out  # fmt: skip
     pixels, frames = block.shape
     value, time = np.empty(frames), np.empty(frames)
-    capacity = knobs.max_layers + 1
+    capacity = options.max_layers + 1
     range_errors, weight_errors = np.zeros(capacity), np.zeros(capacity)
-    work = new_work(capacity, frames, _CHANCES)
-    fit, room = work.fit, work.room
-    rules = Rules(knobs.false_alarm, knobs.no_return_gain, knobs.max_layers)
+    work = new_workspace(capacity, frames, _CHANCES)
+    fit, scratch = work.fit, work.scratch
+    rules = Rules(options.false_alarm, options.no_return_gain, options.max_layers)
     for pixel in range(pixels):
         n = take_samples(block[pixel], value, time)
         n_samples[pixel] = n
         width[pixel] = 1.0
-        if n < knobs.min_samples:
+        if n < options.min_samples:
             status[pixel] = _TOO_FEW_SAMPLES
             continue
         beam = beam_of_pixel(common, pixel)
         data = Samples(value[:n], time[:n])
-        fill_times(data, room)
+        fill_times(data, scratch)
         k, law = count_surfaces(data, work, laws, beam, thresholds, rules)
         found = k
-        iterations = maximise(data, k, fit, law, beam, knobs.max_iter, knobs.tol, room)
+        iterations = maximise(data, k, fit, law, beam, options.max_iter, options.tol, scratch)
         while k > 0:  # what the last iterations left without samples is no surface
             weakest = 0
             for i in range(1, k):
@@ -109,9 +109,9 @@ def fill_layers(
             if fit[SUPPORT, weakest] >= 1.0:
                 break
             k = remove(k, weakest, fit)
-            iterations = maximise(data, k, fit, law, beam, knobs.max_iter, knobs.tol, room)
+            iterations = maximise(data, k, fit, law, beam, options.max_iter, options.tol, scratch)
         _sort_surfaces(k, fit)
-        known = standard_errors(data, k, fit, law, beam, room, range_errors, weight_errors)
+        known = standard_errors(data, k, fit, law, beam, scratch, range_errors, weight_errors)
         width[pixel] = math.exp(fit[OWN, LOG_WIDTH])
         n_modes[pixel], n_peaks[pixel] = k, found
         n_iter[pixel] = abs(iterations)
@@ -124,7 +124,7 @@ def fill_layers(
             probability[pixel, i] = 1.0 if math.isinf(gain) else 1.0 - chance_of(gain, work.gains)
         no_return[pixel] = fit[WEIGHT, -1]
         outlier[pixel] = fit[OWN, BACKGROUND]
-        likelihood[pixel] = value_of(data, k, fit, law, beam, room)
+        likelihood[pixel] = value_of(data, k, fit, law, beam, scratch)
         if k == 0:
             status[pixel] = _NO_SURFACE
         elif iterations < 0:

@@ -9,13 +9,13 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
-from tofmix.estimation.beam import Beam
-from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.learnt.blocks import take_samples
-from tofmix.estimation.learnt.counting import CLOSE, new_work, try_one_more
+from tofmix.estimation.learnt.counting import CLOSE, new_workspace, try_one_more
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DRIFT,
+    LEARNING_ITER,
+    LEARNING_TOL,
     LOG_WIDTH,
     MEAN,
     OWN,
@@ -31,7 +31,9 @@ from tofmix.estimation.learnt.fitting import (
     still_row,
 )
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.pixel_noise import beam_of_pixel
+from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
 
@@ -52,9 +54,6 @@ LEAST_SHARE = 0.1
 
 MOST_IN_PIXEL = 3
 """Clusters looked for in a pixel: later ones hold few of its samples."""
-
-
-_MAX_ITER, _TOL = 60, 1.0e-3
 
 
 class Clusters(NamedTuple):
@@ -160,8 +159,8 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
     drift, gain = np.zeros((count, DRIFTS)), np.zeros(count)
     error = np.full((count, frames), np.nan)
     value, time = np.empty(frames), np.empty(frames)
-    work = new_work(3, frames, 1)
-    fit, room = work.fit, work.room
+    work = new_workspace(3, frames, 1)
+    fit, scratch = work.fit, work.scratch
     half = 0.5 * (frames - 1) if frames > 1 else 1.0
     for c in range(count):
         n_all = take_samples(samples[clusters.pixel[c]], value, time)
@@ -179,16 +178,16 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
             beam.outlier_density,
             clusters.low[c], clusters.high[c], beam.own,
         )  # fmt: skip
-        fill_times(data, room)
+        fill_times(data, scratch)
         for row in range(ROWS):
             fit[row, :] = 0.0
         middle = 0.5 * (clusters.low[c] + clusters.high[c])
         fit[MEAN, 0], fit[SIGMA, 0] = middle, sigma_at(middle, own.curve_range, own.curve_sigma)
         fit[OWN, BACKGROUND] = 0.05
         fit[WEIGHT, 0] = 0.95
-        maximise(data, 1, fit, law, own, _MAX_ITER, _TOL, room)
-        mix(data, 1, fit, law, own, room)
-        detrend(data, 0, fit, room)
+        maximise(data, 1, fit, law, own, LEARNING_ITER, LEARNING_TOL, scratch)
+        mix(data, 1, fit, law, own, scratch)
+        detrend(data, 0, fit, scratch)
         place[c], sigma[c], log_width[c] = fit[MEAN, 0], fit[SIGMA, 0], fit[OWN, LOG_WIDTH]
         support[c] = fit[SUPPORT, 0]
         for d in range(DRIFTS):
@@ -196,7 +195,7 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
         scale = 1.0 / (fit[SIGMA, 0] * np.exp(fit[OWN, LOG_WIDTH]))
         for j in range(n):
             frame = round((data.time[j] + 1.0) * half)
-            error[c, frame] = (room[still_row(fit), j] - fit[MEAN, 0]) * scale
+            error[c, frame] = (scratch[still_row(fit), j] - fit[MEAN, 0]) * scale
         if second:
             gain[c] = try_one_more(data, 1, work, law, own, 1.0)
     return ClusterFits(place, sigma, log_width, drift, support, gain, error)

@@ -13,9 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond
-from tofmix.estimation.curve import sigma_at
-from tofmix.estimation.false_alarms import least_gain
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DENSITY,
@@ -41,7 +38,7 @@ from tofmix.estimation.learnt.fitting import (
     maximise,
     mix,
     new_fit,
-    new_room,
+    new_scratch,
     objective,
     slope_row,
     still_row,
@@ -49,6 +46,10 @@ from tofmix.estimation.learnt.fitting import (
 )
 from tofmix.estimation.learnt.law import Law, at_table, precision_of_t
 from tofmix.estimation.learnt.steps import value_of_jump
+from tofmix.estimation.mixture.beam import NO_RETURN_REACH, Beam, is_beyond
+from tofmix.estimation.mixture.false_alarms import least_gain
+from tofmix.estimation.mixture.share_step import LARGEST_SHARE, next_share
+from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
 from tofmix.vector import log_of, product_of, total_of
@@ -68,8 +69,8 @@ SPLIT_SIGMAS = 0.8
 OWN_SIGMAS = 2.0
 """A width or a drift that is this many standard errors from none may stand for a further surface."""
 
-PROMISE = 0.4
-"""One more surface is tried where its promise (see `steepest_place`) is this part of the least gain."""
+LEAST_BOUND = 0.4
+"""One more surface is tried where its gain bound (see `steepest_place`) is this part of the least gain."""
 
 CERTAIN_SUPPORT, CERTAIN_GAIN = 5.0, 40.0
 """A surface whose loss costs more nats than the second, told by its samples' share in p, is not taken out to see."""
@@ -78,11 +79,10 @@ NEAR_NO_RETURN = 5.0
 """Sigmas within which c_0 and a surface may stand for the same samples."""
 
 _STEEPEST, _SPLIT, _PLAIN = 0, 1, 2  # starts of one surface more
-_STEP = 0.5
-_QUICK_STEPS = 3
-_LEAST_SHARE = 1.0e-9
-_LARGEST_SHARE = 0.9
-_LEAST_INFORMATION = 1.0e-6
+_STEP = 0.5  # sigmas between the places where a new surface is tried
+_QUICK_STEPS = 3  # Newton steps for the share of a new surface in a gain bound; twice as many before a fit
+_LEAST_SHARE = 1.0e-9  # where less share is left, the other shares are not scaled up
+_LEAST_INFORMATION = 1.0e-6  # least information by sample; less is rounding
 
 
 class Thresholds(NamedTuple):
@@ -107,20 +107,22 @@ class Rules(NamedTuple):
     max_layers: int
 
 
-class Work(NamedTuple):
-    """Three fits and the room they share: what stands, what is tried, the best of the tries; and a row of gains."""
+class Workspace(NamedTuple):
+    """Three fits (what stands, what is tried, the best of the tries), their common scratch, and a row of gains."""
 
     fit: FloatArray
     trial: FloatArray
     best: FloatArray
-    room: FloatArray
+    scratch: FloatArray
     gains: FloatArray
 
 
 @jit
-def new_work(capacity: int, samples: int, chances: int) -> Work:
+def new_workspace(capacity: int, samples: int, chances: int) -> Workspace:
     """Make what the kernels work in, for pixels of up to so many surfaces and samples."""
-    return Work(new_fit(capacity), new_fit(capacity), new_fit(capacity), new_room(capacity, samples), np.zeros(chances))
+    return Workspace(
+        new_fit(capacity), new_fit(capacity), new_fit(capacity), new_scratch(capacity, samples), np.zeros(chances)
+    )
 
 
 @borrowing
@@ -155,7 +157,7 @@ def read_gains(n: float, background: float, first: bool, thresholds: Thresholds,
 
 
 @borrowing
-def _wanted(n: float, k: int, fit: FloatArray, work: Work, thresholds: Thresholds, rules: Rules) -> float:
+def _wanted(n: float, k: int, fit: FloatArray, work: Workspace, thresholds: Thresholds, rules: Rules) -> float:
     """Gain, nat, that a surface beside `k` others must have."""
     read_gains(n, fit[OWN, BACKGROUND], k == 0, thresholds, work.gains)
     return least_gain(rules.false_alarm, work.gains)
@@ -229,15 +231,15 @@ def remove(k: int, index: int, fit: FloatArray) -> int:
 
 
 @borrowing
-def settle(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> float:
+def settle(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> float:
     """Fit as far as a comparison of likelihoods needs; return the objective, nat."""
-    maximise(data, k, fit, law, beam, COUNT_ITER, COUNT_TOL, room)
-    return value_of(data, k, fit, law, beam, room)
+    maximise(data, k, fit, law, beam, COUNT_ITER, COUNT_TOL, scratch)
+    return value_of(data, k, fit, law, beam, scratch)
 
 
 @borrowing
 def _scores_of(
-    data: Samples, own: int, fit: FloatArray, law: Law, room: FloatArray
+    data: Samples, own: int, fit: FloatArray, law: Law, scratch: FloatArray
 ) -> tuple[float, float, float, float, float, float]:
     """Fill three rows from SCORES on with the scores of surface `own`'s mean, share and width; after `mix`.
 
@@ -245,10 +247,10 @@ def _scores_of(
     l11, l21, l22; 0 on the diagonal where a direction is none.
     """
     n, own_width = len(data.value), math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, own]
-    weight, share = fit[WEIGHT, own], room[SHARE, :n]
-    density, slope = room[DENSITY + own], room[slope_row(fit) + own]
-    y = room[still_row(fit) + own, :n] if drifts(law) > 0 else data.value
-    a, b, c = room[SCORES, :n], room[SCORES + 1, :n], room[SCORES + 2, :n]
+    weight, share = fit[WEIGHT, own], scratch[SHARE, :n]
+    density, slope = scratch[DENSITY + own], scratch[slope_row(fit) + own]
+    y = scratch[still_row(fit) + own, :n] if drifts(law) > 0 else data.value
+    a, b, c = scratch[SCORES, :n], scratch[SCORES + 1, :n], scratch[SCORES + 2, :n]
     for j in range(n):
         a[j] = weight * slope[j] * share[j]
         b[j] = density[j] * share[j] - 1.0
@@ -304,7 +306,7 @@ def _gain_of_share(ratio: FloatArray, n: float) -> float:
         lost = 1.0 / (1.0 - part)
         slope -= outside * lost
         bend += outside * lost * lost
-        part = min(max(part + slope / bend, 0.5 * part), 0.5 * (part + _LARGEST_SHARE))
+        part = next_share(part, slope, bend)
     gain = outside * math.log(1.0 - part)
     for j in range(len(ratio)):
         gain += log_of(1.0 + part * (ratio[j] - 1.0))
@@ -313,13 +315,13 @@ def _gain_of_share(ratio: FloatArray, n: float) -> float:
 
 @borrowing
 def steepest_place(
-    data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray, least: float
+    data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray, least: float
 ) -> tuple[float, float, float]:
-    """Largest slope D(theta) of the log likelihood by a new surface's share, nat, its place, and the largest promise.
+    """Largest slope D(theta) of the log likelihood by a new surface's share, nat, its place, the largest gain bound.
 
-    A promise is a guess at the gain of a surface there: that of its best share, or, where it takes the place of an old
-    one, half the squared score, less what the old one's mean, share and width explain, by its information. Promises are
-    worked out while the largest is below `least`. `mix` has been called.
+    A gain bound estimates the gain of a surface there: that of its best share, or, where it takes the place of an old
+    one, half the squared score, less what the old one's mean, share and width explain, by its information. Bounds are
+    computed while the largest is below `least`. `mix` has been called.
 
     References
     ----------
@@ -327,11 +329,11 @@ def steepest_place(
     1974, section 9.3.
     """
     n = len(data.value)
-    y, share, new = data.value, room[SHARE], room[NEW]
+    y, share, new = data.value, scratch[SHARE], scratch[NEW]
     for j in range(n):
-        share[j] = 1.0 / room[TOTAL, j]
+        share[j] = 1.0 / scratch[TOTAL, j]
     width = math.exp(fit[OWN, LOG_WIDTH])
-    most, place, promise, nearest = -float(n), y[0], 0.0, -1
+    most, place, bound, nearest = -float(n), y[0], 0.0, -1
     l00, l10, l20, l11, l21, l22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     near, past = 0, 0
     theta = y[0] - sigma_at(y[0], beam.curve_range, beam.curve_sigma)
@@ -359,29 +361,29 @@ def steepest_place(
         slope = overlap - n
         if slope > most:
             most, place = slope, here
-        if slope <= 0.0 or promise >= least:
+        if slope <= 0.0 or bound >= least:
             continue
         if slope >= least:
-            promise = max(promise, _gain_of_share(fresh, float(n)))
-        if promise < least and k > 0:
+            bound = max(bound, _gain_of_share(fresh, float(n)))
+        if bound < least and k > 0:
             own = _nearest(here, k, fit)
             if own != nearest:
                 nearest = own
-                l00, l10, l20, l11, l21, l22 = _scores_of(data, own, fit, law, room)
-            p0 = product_of(fresh, room[SCORES, near:past])
-            p1 = product_of(fresh, room[SCORES + 1, near:past])
-            p2 = product_of(fresh, room[SCORES + 2, near:past]) if law.width_spread > 0.0 else 0.0
+                l00, l10, l20, l11, l21, l22 = _scores_of(data, own, fit, law, scratch)
+            p0 = product_of(fresh, scratch[SCORES, near:past])
+            p1 = product_of(fresh, scratch[SCORES + 1, near:past])
+            p2 = product_of(fresh, scratch[SCORES + 2, near:past]) if law.width_spread > 0.0 else 0.0
             information = product_of(fresh, fresh) - 2.0 * overlap + n
             q0 = p0 / l00 if l00 > 0.0 else 0.0
             q1 = (p1 - l10 * q0) / l11 if l11 > 0.0 else 0.0
             q2 = (p2 - l20 * q0 - l21 * q1) / l22 if l22 > 0.0 else 0.0
             information -= q0 * q0 + q1 * q1 + q2 * q2
-            promise = max(promise, 0.5 * slope * slope / max(information, _LEAST_INFORMATION * n))
-    return most, place, promise
+            bound = max(bound, 0.5 * slope * slope / max(information, _LEAST_INFORMATION * n))
+    return most, place, bound
 
 
 @borrowing
-def _share_at(data: Samples, place: float, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> float:
+def _share_at(data: Samples, place: float, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> float:
     """Share of a new surface at a place: the samples near it that others do not explain, at least one."""
     sigma = math.exp(fit[OWN, LOG_WIDTH]) * sigma_at(place, beam.curve_range, beam.curve_sigma)
     y, n = data.value, len(data.value)
@@ -389,26 +391,26 @@ def _share_at(data: Samples, place: float, fit: FloatArray, law: Law, beam: Beam
     for _ in range(_QUICK_STEPS + _QUICK_STEPS):
         slope, bend = 0.0, 1.0e-12
         for j in range(n):
-            excess = at_table((y[j] - place) / sigma, law.density) / sigma / room[TOTAL, j] - 1.0
+            excess = at_table((y[j] - place) / sigma, law.density) / sigma / scratch[TOTAL, j] - 1.0
             term = excess / (1.0 + part * excess)
             slope += term
             bend += term * term
-        part = min(max(part + slope / bend, 0.5 * part), 0.5 * (part + _LARGEST_SHARE))
+        part = next_share(part, slope, bend)
     return part
 
 
 @borrowing
-def _most_spread(data: Samples, k: int, fit: FloatArray, law: Law, room: FloatArray) -> int:
+def _most_spread(data: Samples, k: int, fit: FloatArray, law: Law, scratch: FloatArray) -> int:
     """Surface whose samples spread most beyond its width, by the score of log width; after `mix`."""
     most, largest, slopes = 0, -math.inf, slope_row(fit)
     width = math.exp(fit[OWN, LOG_WIDTH])
     for i in range(k):
         excess, support = 0.0, 0.0
-        y = room[still_row(fit) + i, : len(data.value)] if drifts(law) > 0 else data.value
+        y = scratch[still_row(fit) + i, : len(data.value)] if drifts(law) > 0 else data.value
         for j in range(len(data.value)):
-            part = fit[WEIGHT, i] / room[TOTAL, j]
-            support += part * room[DENSITY + i, j]
-            excess += part * room[slopes + i, j] * (y[j] - fit[MEAN, i])
+            part = fit[WEIGHT, i] / scratch[TOTAL, j]
+            support += part * scratch[DENSITY + i, j]
+            excess += part * scratch[slopes + i, j] * (y[j] - fit[MEAN, i])
         excess = (excess / (width * fit[SIGMA, i]) - support) / math.sqrt(max(support, 1.0))
         if excess > largest:
             most, largest = i, excess
@@ -425,18 +427,18 @@ def _stands(k: int, fit: FloatArray, beam: Beam) -> bool:
 
 
 @borrowing
-def first_surface(data: Samples, work: Work, law: Law, beam: Beam) -> tuple[float, float]:
+def first_surface(data: Samples, work: Workspace, law: Law, beam: Beam) -> tuple[float, float]:
     """Fit one surface beside work.fit, which has none; return its gain and the objective without it, nat.
 
     The fit with the surface is in work.best.
     """
-    fit, _, best, room, _ = work
+    fit, _, best, scratch, _ = work
     n = len(data.value)
-    before = settle(data, 0, fit, law, beam, room)
+    before = settle(data, 0, fit, law, beam, scratch)
     place, together = _densest(data.value, n, beam)
     copy_fit(fit, best)
-    _add(0, place, min(together / n, _LARGEST_SHARE), best, beam)
-    found = settle(data, 1, best, law, beam, room)
+    _add(0, place, min(together / n, LARGEST_SHARE), best, beam)
+    found = settle(data, 1, best, law, beam, scratch)
     return (found - before if _stands(1, best, beam) else -math.inf), before
 
 
@@ -451,11 +453,11 @@ def _moves(i: int, fit: FloatArray, law: Law, n: float) -> bool:
 
 
 @jit
-def gain_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> float:
+def gain_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> float:
     """Log likelihood, nat, that one jump gains over the drift of a fit of one surface; 0 where it does not drift."""
     if not _moves(0, fit, law, max(fit[SUPPORT, 0], 1.0)):
         return 0.0
-    drifting = value_of(data, 1, fit, law, beam, room) - log_priors(1, fit, law)
+    drifting = value_of(data, 1, fit, law, beam, scratch) - log_priors(1, fit, law)
     return value_of_jump(data, fit, law, beam) - drifting
 
 
@@ -471,7 +473,7 @@ def _may_hide_a_surface(k: int, fit: FloatArray, law: Law, n: int) -> bool:
 
 
 @borrowing
-def _widest_plain(data: Samples, k: int, fit: FloatArray, trial: FloatArray, room: FloatArray) -> tuple[int, float]:
+def _widest_plain(data: Samples, k: int, fit: FloatArray, trial: FloatArray, scratch: FloatArray) -> tuple[int, float]:
     """Move each surface of `trial` to the mean of its samples without drift; return the widest and half its split.
 
     Two equal surfaces at +-d about their mean have the variance sigma^2 + d^2.
@@ -480,12 +482,12 @@ def _widest_plain(data: Samples, k: int, fit: FloatArray, trial: FloatArray, roo
     for i in range(k):
         support, total, squares = 1.0e-12, 0.0, 0.0
         for j in range(n):
-            part = fit[WEIGHT, i] * room[DENSITY + i, j] / room[TOTAL, j]
+            part = fit[WEIGHT, i] * scratch[DENSITY + i, j] / scratch[TOTAL, j]
             support += part
             total += part * data.value[j]
         mean = total / support
         for j in range(n):
-            part = fit[WEIGHT, i] * room[DENSITY + i, j] / room[TOTAL, j]
+            part = fit[WEIGHT, i] * scratch[DENSITY + i, j] / scratch[TOTAL, j]
             squares += part * (data.value[j] - mean) ** 2
         trial[MEAN, i] = mean
         wider = math.sqrt(max(squares / support - fit[SIGMA, i] ** 2, (SPLIT_SIGMAS * fit[SIGMA, i]) ** 2))
@@ -504,27 +506,27 @@ def _forget_own(fit: FloatArray) -> None:
 
 
 @borrowing
-def try_one_more(data: Samples, k: int, work: Work, law: Law, beam: Beam, wanted: float) -> float:
+def try_one_more(data: Samples, k: int, work: Workspace, law: Law, beam: Beam, wanted: float) -> float:
     """Fit one more surface than work.fit has, k > 0; return its gain, nat, with the fit in work.best.
 
-    The gain is 0 where it does not promise `PROMISE` of what is wanted, or the new fit has something that is no
+    The gain is 0 where its bound is below `LEAST_BOUND` of the wanted gain, or the new fit has something that is no
     surface.
     """
-    fit, trial, best, room, _ = work
+    fit, trial, best, scratch, _ = work
     if k + 1 > capacity_of(fit):
         return 0.0
-    mix(data, k, fit, law, beam, room)
-    before = objective(data, k, fit, law, room)
-    slope, place, promise = steepest_place(data, k, fit, law, beam, room, PROMISE * wanted)
-    promises = slope >= wanted and promise >= PROMISE * wanted
+    mix(data, k, fit, law, beam, scratch)
+    before = objective(data, k, fit, law, scratch)
+    slope, place, bound = steepest_place(data, k, fit, law, beam, scratch, LEAST_BOUND * wanted)
+    may_gain = slope >= wanted and bound >= LEAST_BOUND * wanted
     plain = _may_hide_a_surface(k, fit, law, len(data.value))
-    if not promises and not plain:
+    if not may_gain and not plain:
         return 0.0
-    share = _share_at(data, place, fit, law, beam, room)
-    spread = _most_spread(data, k, fit, law, room)
+    share = _share_at(data, place, fit, law, beam, scratch)
+    spread = _most_spread(data, k, fit, law, scratch)
     gain = 0.0
     for start in (_STEEPEST, _SPLIT, _PLAIN):
-        if (start == _PLAIN and not plain) or (start != _PLAIN and not promises):
+        if (start == _PLAIN and not plain) or (start != _PLAIN and not may_gain):
             continue
         copy_fit(fit, trial)
         if start == _STEEPEST:
@@ -532,13 +534,13 @@ def try_one_more(data: Samples, k: int, work: Work, law: Law, beam: Beam, wanted
         else:
             apart = SPLIT_SIGMAS * fit[SIGMA, spread] * math.exp(fit[OWN, LOG_WIDTH])
             if start == _PLAIN:
-                spread, apart = _widest_plain(data, k, fit, trial, room)
+                spread, apart = _widest_plain(data, k, fit, trial, scratch)
                 _forget_own(trial)
             _add(k, trial[MEAN, spread] + apart, 0.0, trial, beam)
             trial[MEAN, spread] -= apart
             trial[WEIGHT, spread] *= 0.5
             trial[WEIGHT, k] = trial[WEIGHT, spread]
-        found = settle(data, k + 1, trial, law, beam, room) - before
+        found = settle(data, k + 1, trial, law, beam, scratch) - before
         if found > gain and _stands(k + 1, trial, beam):
             gain = found
             copy_fit(trial, best)
@@ -546,7 +548,7 @@ def try_one_more(data: Samples, k: int, work: Work, law: Law, beam: Beam, wanted
 
 
 @borrowing
-def _surely_missed(data: Samples, k: int, index: int, fit: FloatArray, beam: Beam, room: FloatArray) -> bool:
+def _surely_missed(data: Samples, k: int, index: int, fit: FloatArray, beam: Beam, scratch: FloatArray) -> bool:
     """Whether a surface's loss costs many nats, told without a fit; after `mix`.
 
     Without it, its samples are left to the densities of all else where they stand, or of another surface that moves:
@@ -565,16 +567,16 @@ def _surely_missed(data: Samples, k: int, index: int, fit: FloatArray, beam: Bea
         return False
     loss, rest = 0.0, background_density(beam)
     for j in range(len(data.value)):
-        own = fit[WEIGHT, index] * room[DENSITY + index, j]
-        if own > 0.5 * room[TOTAL, j]:
-            loss += math.log(room[TOTAL, j] / max(room[TOTAL, j] - own, rest))
+        own = fit[WEIGHT, index] * scratch[DENSITY + index, j]
+        if own > 0.5 * scratch[TOTAL, j]:
+            loss += math.log(scratch[TOTAL, j] / max(scratch[TOTAL, j] - own, rest))
     return loss > CERTAIN_GAIN
 
 
 @borrowing
-def gain_of(data: Samples, k: int, index: int, full: float, work: Work, law: Law, beam: Beam) -> float:
+def gain_of(data: Samples, k: int, index: int, full: float, work: Workspace, law: Law, beam: Beam) -> float:
     """Objective, nat, that work.fit loses without a surface; the fit without it is in work.trial. `full` is its own."""
-    fit, trial, _, room, _ = work
+    fit, trial, _, scratch, _ = work
     copy_fit(fit, trial)
     reach = abs(beam.range_max - fit[MEAN, index]) < NO_RETURN_REACH * beam.sigma_max
     if fit[WEIGHT, -1] == 0.0 and reach:
@@ -582,13 +584,13 @@ def gain_of(data: Samples, k: int, index: int, full: float, work: Work, law: Law
     remove(k, index, trial)
     if reach and trial[WEIGHT, -1] > 0.0 and k == 1:
         start_empty(data, trial, beam)
-    return full - settle(data, k - 1, trial, law, beam, room)
+    return full - settle(data, k - 1, trial, law, beam, scratch)
 
 
 @borrowing
-def _without_no_return(data: Samples, k: int, work: Work, law: Law, beam: Beam, rules: Rules) -> None:
+def _without_no_return(data: Samples, k: int, work: Workspace, law: Law, beam: Beam, rules: Rules) -> None:
     """Take c_0 out of work.fit where a surface stands beside it and the samples do not need both."""
-    fit, trial, _, room, _ = work
+    fit, trial, _, scratch, _ = work
     beside = False
     for i in range(k):
         beside = beside or abs(beam.range_max - fit[MEAN, i]) < NEAR_NO_RETURN * beam.sigma_max
@@ -600,26 +602,26 @@ def _without_no_return(data: Samples, k: int, work: Work, law: Law, beam: Beam, 
     for i in range(k):
         trial[WEIGHT, i] /= left
     trial[OWN, BACKGROUND] /= left
-    full = value_of(data, k, fit, law, beam, room)
-    if full - settle(data, k, trial, law, beam, room) < rules.no_return_gain:
+    full = value_of(data, k, fit, law, beam, scratch)
+    if full - settle(data, k, trial, law, beam, scratch) < rules.no_return_gain:
         copy_fit(trial, fit)
 
 
 @borrowing
 def _without_spare(
-    data: Samples, k: int, work: Work, law: Law, beam: Beam, thresholds: Thresholds, rules: Rules
+    data: Samples, k: int, work: Workspace, law: Law, beam: Beam, thresholds: Thresholds, rules: Rules
 ) -> int:
     """Take surfaces out of work.fit until each of several gains what it must; fill row GAIN; return how many stay."""
-    fit, _, best, room, _ = work
+    fit, _, best, scratch, _ = work
     n = float(len(data.value))
     while k > 1:
-        full = value_of(data, k, fit, law, beam, room)
+        full = value_of(data, k, fit, law, beam, scratch)
         least, weakest = math.inf, -1
         for i in range(k):
             fit[GAIN, i] = math.inf
         for i in range(k):
-            mix(data, k, fit, law, beam, room)
-            if _surely_missed(data, k, i, fit, beam, room):
+            mix(data, k, fit, law, beam, scratch)
+            if _surely_missed(data, k, i, fit, beam, scratch):
                 continue
             fit[GAIN, i] = gain_of(data, k, i, full, work, law, beam)
             if fit[GAIN, i] < least:
@@ -634,19 +636,19 @@ def _without_spare(
 
 @jit
 def count_surfaces(
-    data: Samples, work: Work, laws: tuple[Law, Law], beam: Beam, thresholds: Thresholds, rules: Rules
+    data: Samples, work: Workspace, laws: tuple[Law, Law], beam: Beam, thresholds: Thresholds, rules: Rules
 ) -> tuple[int, Law]:
     """Count the surfaces of a pixel; return how many, with their fit, as far as counting needs it, in work.fit.
 
     Of the two laws the second has no drift; the one that holds for the pixel is returned too. `fill_times` has been
     called. Row GAIN holds what each surface gains, nat; infinite where it is certain.
     """
-    fit, best, room = work.fit, work.best, work.room
+    fit, best, scratch = work.fit, work.best, work.scratch
     law = laws[0]
     n = float(len(data.value))
     start_empty(data, fit, beam)
     gain, empty = first_surface(data, work, law, beam)
-    if gain_of_jump(data, best, law, beam, room) > _wanted(n, 1, best, work, thresholds, rules):
+    if gain_of_jump(data, best, law, beam, scratch) > _wanted(n, 1, best, work, thresholds, rules):
         law = laws[1]
         start_empty(data, fit, beam)
         gain, empty = first_surface(data, work, law, beam)
@@ -661,13 +663,13 @@ def count_surfaces(
             pair = gain + try_one_more(data, 1, work, law, beam, more)
         if pair < wanted + more:
             start_empty(data, fit, beam)
-            settle(data, 0, fit, law, beam, room)
+            settle(data, 0, fit, law, beam, scratch)
             return 0, law
         copy_fit(best, fit)
         if rules.max_layers == 1:
             # Of the two, the weaker is left out; the other stands by what both gain.
             remove(2, 0 if fit[WEIGHT, 0] < fit[WEIGHT, 1] else 1, fit)
-            settle(data, 1, fit, law, beam, room)
+            settle(data, 1, fit, law, beam, scratch)
             fit[GAIN, 0] = pair - more
             return 1, law
         k = 2
@@ -681,5 +683,5 @@ def count_surfaces(
     _without_no_return(data, k, work, law, beam, rules)
     k = _without_spare(data, k, work, law, beam, thresholds, rules)
     if k == 1:
-        fit[GAIN, 0] = value_of(data, 1, fit, law, beam, room) - empty
+        fit[GAIN, 0] = value_of(data, 1, fit, law, beam, scratch) - empty
     return k, law

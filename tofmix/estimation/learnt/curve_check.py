@@ -10,13 +10,14 @@ import math
 import numpy as np
 
 from tofmix.arrays import IntArray
-from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
 from tofmix.estimation.learnt.learning import LEAST_CLUSTERS, Pixels
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
-from tofmix.estimation.pixel_noise import own_curves
+from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.noise.pixel_noise import own_curves
 from tofmix.learnt_noise import DRIFTS
+from tofmix.robust import MAD_TO_SIGMA
 from tofmix.sensor import NoiseCurve, Sensor
 
 WIDTH_TOLERANCE = 0.10
@@ -40,11 +41,10 @@ FAR_OFF = 1.5
 SURE = 3.0
 """Standard errors beyond each tolerance: chance alone makes one of some hundred recordings doubtful."""
 
-_MAD = 1.4826
 _NEAR_SIGMAS = 8.0
 _QUARTILE_ERROR = 1.83
 """Relative standard error of the upper quartile of n chi-square variables of one degree, times sqrt(n)."""
-_CENTRAL = 4.0
+_CENTRAL = 4.0  # sigmas; errors more than one sigma farther out are outliers, and no sign of a shape
 
 
 def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
@@ -84,7 +84,7 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
     typical = float(np.median(fits.log_width))
     if abs(typical) > WIDTH_TOLERANCE + SURE * math.sqrt(float(np.median(chance)) / count):
         found.append("width")
-    spread = _MAD * float(np.median(np.abs(fits.log_width - typical)))
+    spread = MAD_TO_SIGMA * float(np.median(np.abs(fits.log_width - typical)))
     if spread**2 - float(np.median(chance)) > WIDTH_TOLERANCE**2 + SURE * float(np.median(chance)) * math.sqrt(
         2 / count
     ):

@@ -13,7 +13,6 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DENSITY,
@@ -34,6 +33,7 @@ from tofmix.estimation.learnt.fitting import (
     still_row,
 )
 from tofmix.estimation.learnt.law import Law, precision_of_t
+from tofmix.estimation.mixture.beam import Beam
 from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
 
@@ -51,7 +51,7 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
     fit: FloatArray,
     law: Law,
     beam: Beam,
-    room: FloatArray,
+    scratch: FloatArray,
     by_mean: FloatArray,
     by_share: FloatArray,
 ) -> bool:
@@ -66,7 +66,7 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
     if k == 0:
         return True
     n, width, slopes = len(data.value), math.exp(fit[OWN, LOG_WIDTH]), slope_row(fit)
-    mix(data, k, fit, law, beam, room)
+    mix(data, k, fit, law, beam, scratch)
     with_width, moving = law.width_spread > 0.0, 0
     for d in range(DRIFTS):
         moving += 1 if law.drift_mm[d] > 0.0 else 0
@@ -85,24 +85,24 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
     score, mean_score = np.zeros(size), np.zeros(size)
     reference = np.zeros(shares)
     for j in range(n):
-        total = room[TOTAL, j]
+        total = scratch[TOTAL, j]
         mean_score[:] = 0.0
         place = 0
         for i in range(k):
             if i != largest:
-                mean_score[at_share + place] = (room[DENSITY + i, j] - room[DENSITY + largest, j]) / total
+                mean_score[at_share + place] = (scratch[DENSITY + i, j] - scratch[DENSITY + largest, j]) / total
                 place += 1
         if with_no_return:
-            mean_score[at_share + place] = (room[no_return_row(fit), j] - room[DENSITY + largest, j]) / total
+            mean_score[at_share + place] = (scratch[no_return_row(fit), j] - scratch[DENSITY + largest, j]) / total
             place += 1
-        mean_score[at_share + place] = (background_density(beam) - room[DENSITY + largest, j]) / total
+        mean_score[at_share + place] = (background_density(beam) - scratch[DENSITY + largest, j]) / total
         for i in range(k):
-            part = fit[WEIGHT, i] * room[DENSITY + i, j] / total
+            part = fit[WEIGHT, i] * scratch[DENSITY + i, j] / total
             if part < _NOTHING:
                 continue
             scale = 1.0 / (width * fit[SIGMA, i])
-            psi = room[slopes + i, j] / room[DENSITY + i, j]
-            z = ((room[still_row(fit) + i, j] if moving > 0 else data.value[j]) - fit[MEAN, i]) * scale
+            psi = scratch[slopes + i, j] / scratch[DENSITY + i, j]
+            z = ((scratch[still_row(fit) + i, j] if moving > 0 else data.value[j]) - fit[MEAN, i]) * scale
             score[:at_share] = 0.0
             score[i] = psi * scale
             information[i, i] += part * law.information * scale * scale
@@ -117,7 +117,7 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
             for d in range(DRIFTS):
                 if law.drift_mm[d] <= 0.0:
                     continue
-                basis = room[TIME + d, j]
+                basis = scratch[TIME + d, j]
                 score[first + place] = basis * psi * scale
                 shared = part * law.information * scale * scale * basis
                 information[i, first + place] += shared
@@ -129,7 +129,7 @@ def standard_errors(  # noqa: PLR0915  one pass over the samples
                 other = 0
                 for e in range(DRIFTS):
                     if law.drift_mm[e] > 0.0:
-                        information[first + place, first + other] += shared * room[TIME + e, j]
+                        information[first + place, first + other] += shared * scratch[TIME + e, j]
                         other += 1
                 place += 1
             for a in range(at_share):

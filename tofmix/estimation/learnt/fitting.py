@@ -7,7 +7,7 @@ The likelihood of sample j, y_j being its range less the pixel's drift, is
 with the learnt shape f, the pixel's width u, c_0's share w_0 and the background's share b. Shares are updated as in any
 EM; means, log u and the drift by Fisher's scoring on the samples' responsibilities, which for a Gaussian is EM itself.
 Priors of u, b and the drift are part of the objective (`objective`). Steps are accelerated as in
-`tofmix.estimation.acceleration`.
+`tofmix.estimation.mixture.acceleration`.
 
 References
 ----------
@@ -21,10 +21,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam
-from tofmix.estimation.curve import sigma_at
 from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, REACH, STEPS, Law, log_prior_t, precision_of_t
-from tofmix.estimation.mixture import gaussians
+from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.mixture.em import gaussians
+from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
 from tofmix.vector import log_of, product_of, total_of
@@ -43,20 +43,23 @@ ROWS = FIRST + 3 * VECTOR
 LOG_WIDTH, BACKGROUND = 0, 1
 """Columns of row OWN."""
 
-OWN_NUMBERS = 2
+OWN_NUMBERS = 2  # numbers of a pixel's own: log width, background
 
 TOTAL, SHARE, TERM, NEW, TIME = 0, 1, 2, 3, 4
 SCORES = TIME + DRIFTS
 DENSITY = SCORES + 3
-"""Rows of the room: p(r_j), 1 / p, rows to work in, polynomials of time, three scores, and from DENSITY on the
+"""Rows of the scratch: p(r_j), 1 / p, rows to work in, polynomials of time, three scores, and from DENSITY on the
 densities of the surfaces, that of c_0, the slopes, and the samples less each surface's drift."""
 
 LONGEST_STEP = 1.0
 """No mean moves by more than this, in sigmas, in one iteration: scoring may overshoot where a shape is not concave."""
 
-_LONGEST_JUMP = 32.0
-_LEAST_SHARE = 1.0e-9
-_INFINITE = 1.0e30
+_LONGEST_JUMP = 32.0  # most EM steps that one extrapolation stands for
+_LEAST_SHARE = 1.0e-9  # an extrapolation that leaves less of a share is taken back
+_INFINITE = 1.0e30  # information of a number that is held fixed
+
+LEARNING_ITER, LEARNING_TOL = 60, 1.0e-3
+"""Most EM iterations, and tolerance in sigmas, of the fits that noise is learnt from: curves need no exact means."""
 
 
 class Samples(NamedTuple):
@@ -73,7 +76,7 @@ def new_fit(capacity: int) -> FloatArray:
 
 
 @jit
-def new_room(capacity: int, samples: int) -> FloatArray:
+def new_scratch(capacity: int, samples: int) -> FloatArray:
     """Room for pixels of up to so many samples."""
     return np.zeros((DENSITY + 3 * max(capacity, OWN_NUMBERS) + 1, samples))
 
@@ -93,13 +96,13 @@ def copy_fit(source: FloatArray, target: FloatArray) -> None:
 
 
 @borrowing
-def fill_times(data: Samples, room: FloatArray) -> None:
+def fill_times(data: Samples, scratch: FloatArray) -> None:
     """Fill the rows of the polynomials of time: Legendre's of the degrees 1 to 3."""
     for j in range(len(data.value)):
         t = data.time[j]
-        room[TIME, j] = t
-        room[TIME + 1, j] = 1.5 * t * t - 0.5
-        room[TIME + 2, j] = (2.5 * t * t - 1.5) * t
+        scratch[TIME, j] = t
+        scratch[TIME + 1, j] = 1.5 * t * t - 0.5
+        scratch[TIME + 2, j] = (2.5 * t * t - 1.5) * t
 
 
 @borrowing
@@ -113,15 +116,15 @@ def drifts(law: Law) -> int:
 
 
 @borrowing
-def detrend(data: Samples, i: int, fit: FloatArray, room: FloatArray) -> None:
+def detrend(data: Samples, i: int, fit: FloatArray, scratch: FloatArray) -> None:
     """Fill the surface's row of samples with those less its drift."""
-    n, y = len(data.value), room[still_row(fit) + i]
+    n, y = len(data.value), scratch[still_row(fit) + i]
     for j in range(n):
         y[j] = data.value[j]
     for d in range(DRIFTS):
         coefficient = fit[DRIFT + d, i]
         if coefficient != 0.0:
-            basis = room[TIME + d]
+            basis = scratch[TIME + d]
             for j in range(n):
                 y[j] -= coefficient * basis[j]
 
@@ -143,25 +146,25 @@ def lend(y: FloatArray, n: int, mean: float, width: float, law: Law, density: Fl
 
 
 @borrowing
-def mix(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> None:
+def mix(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> None:
     """Fill the densities and slopes of the surfaces, and p(r)."""
     n, moving = len(data.value), drifts(law) > 0
-    total = room[TOTAL]
+    total = scratch[TOTAL]
     uniform = fit[OWN, BACKGROUND] * background_density(beam) + 1.0e-30
     for j in range(n):
         total[j] = uniform
     if fit[WEIGHT, -1] > 0.0:
-        row, weight = room[no_return_row(fit), :n], fit[WEIGHT, -1]
+        row, weight = scratch[no_return_row(fit), :n], fit[WEIGHT, -1]
         gaussians(data.value, beam.range_max, beam.sigma_max, row)
         for j in range(n):
             total[j] += weight * row[j]
     width = math.exp(fit[OWN, LOG_WIDTH])
     for i in range(k):
-        density, weight = room[DENSITY + i], fit[WEIGHT, i]
+        density, weight = scratch[DENSITY + i], fit[WEIGHT, i]
         if moving:
-            detrend(data, i, fit, room)
-        y = room[still_row(fit) + i, :n] if moving else data.value
-        lend(y, n, fit[MEAN, i], width * fit[SIGMA, i], law, density, room[slope_row(fit) + i])
+            detrend(data, i, fit, scratch)
+        y = scratch[still_row(fit) + i, :n] if moving else data.value
+        lend(y, n, fit[MEAN, i], width * fit[SIGMA, i], law, density, scratch[slope_row(fit) + i])
         for j in range(n):
             total[j] += weight * density[j]
 
@@ -191,9 +194,9 @@ def background_density(beam: Beam) -> float:
 
 
 @borrowing
-def objective(data: Samples, k: int, fit: FloatArray, law: Law, room: FloatArray) -> float:
+def objective(data: Samples, k: int, fit: FloatArray, law: Law, scratch: FloatArray) -> float:
     """Log likelihood of what `mix` left, nat, and the log priors of the pixel's own numbers."""
-    total, term = room[TOTAL], room[TERM, : len(data.value)]
+    total, term = scratch[TOTAL], scratch[TERM, : len(data.value)]
     for j in range(len(term)):
         term[j] = log_of(total[j])
     value = float(total_of(term))
@@ -215,37 +218,37 @@ def log_priors(k: int, fit: FloatArray, law: Law) -> float:
 
 
 @borrowing
-def em_step(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> None:
-    """One iteration from the values in `fit`; the room is left as `mix` leaves it before the step."""
-    mix(data, k, fit, law, beam, room)
-    step_up(data, k, fit, law, beam, room)
+def em_step(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> None:
+    """One iteration from the values in `fit`; the scratch is left as `mix` leaves it before the step."""
+    mix(data, k, fit, law, beam, scratch)
+    step_up(data, k, fit, law, beam, scratch)
 
 
 @borrowing
-def step_up(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> None:
+def step_up(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> None:
     """Second half of an iteration, after `mix`."""
     n, moving = len(data.value), drifts(law) > 0
-    total, share = room[TOTAL], room[SHARE]
+    total, share = scratch[TOTAL], scratch[SHARE]
     for j in range(n):
         share[j] = 1.0 / total[j]
     sum_share = total_of(share[:n])
     width, slopes, own = math.exp(fit[OWN, LOG_WIDTH]), slope_row(fit), law.width_spread > 0.0
     held, wide = 0.0, 0.0
     for i in range(k):
-        slope, own_width = room[slopes + i, :n], width * fit[SIGMA, i]
-        support = fit[WEIGHT, i] * product_of(share[:n], room[DENSITY + i])
+        slope, own_width = scratch[slopes + i, :n], width * fit[SIGMA, i]
+        support = fit[WEIGHT, i] * product_of(share[:n], scratch[DENSITY + i])
         fit[SUPPORT, i] = support
         held += support
         push = fit[WEIGHT, i] * product_of(share[:n], slope)
         fit[PLACE, i] = push / (law.information * support) if support > 0.0 else 0.0
         if own:
-            y = room[still_row(fit) + i, :n] if moving else data.value
-            term = room[TERM, :n]
+            y = scratch[still_row(fit) + i, :n] if moving else data.value
+            term = scratch[TERM, :n]
             for j in range(n):
                 term[j] = (y[j] - fit[MEAN, i]) * slope[j]
             wide += fit[WEIGHT, i] * product_of(term, share) / own_width - support
         if moving:
-            _move_drift(n, i, push, fit, law, room, own_width)
+            _move_drift(n, i, push, fit, law, scratch, own_width)
     for i in range(k):
         step = min(max(fit[PLACE, i], -LONGEST_STEP), LONGEST_STEP)
         fit[MEAN, i] += step * width * fit[SIGMA, i]
@@ -255,7 +258,7 @@ def step_up(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: 
         precision = precision_of_t(v, law.width_spread)
         v += (wide - precision * v) / (law.width_information * held + precision)
         fit[OWN, LOG_WIDTH] = min(max(v, -MOST_LOG_WIDTH), MOST_LOG_WIDTH)
-    _move_shares(n, k, fit, law, beam, room, sum_share, held)
+    _move_shares(n, k, fit, law, beam, scratch, sum_share, held)
 
 
 @borrowing
@@ -265,14 +268,14 @@ def _move_shares(
     fit: FloatArray,
     law: Law,
     beam: Beam,
-    room: FloatArray,
+    scratch: FloatArray,
     sum_share: float,
     held: float,
 ) -> None:
     """Update the shares of surfaces, c_0 and background."""
     no_return = 0.0
     if fit[WEIGHT, -1] > 0.0:
-        row, share = room[no_return_row(fit)], room[SHARE]
+        row, share = scratch[no_return_row(fit)], scratch[SHARE]
         for j in range(n):
             no_return += share[j] * row[j]
         no_return *= fit[WEIGHT, -1]
@@ -289,14 +292,14 @@ def _move_shares(
 
 
 @borrowing
-def _move_drift(n: int, i: int, push: float, fit: FloatArray, law: Law, room: FloatArray, own_width: float) -> None:  # noqa: PLR0915  sums of one pass
+def _move_drift(n: int, i: int, push: float, fit: FloatArray, law: Law, scratch: FloatArray, own_width: float) -> None:  # noqa: PLR0915  sums of one pass
     """Update the drift of a surface, together with its mean, by one step of scoring."""
     support = fit[SUPPORT, i]
     if support <= 0.0:
         return
-    weight, share = fit[WEIGHT, i], room[SHARE]
-    density, slope = room[DENSITY + i], room[slope_row(fit) + i]
-    b0, b1, b2 = room[TIME], room[TIME + 1], room[TIME + 2]
+    weight, share = fit[WEIGHT, i], scratch[SHARE]
+    density, slope = scratch[DENSITY + i], scratch[slope_row(fit) + i]
+    b0, b1, b2 = scratch[TIME], scratch[TIME + 1], scratch[TIME + 2]
     m00, m01, m02, m11, m12, m22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     c0, c1, c2, g0, g1, g2 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(n):
@@ -434,7 +437,7 @@ def _extrapolate(k: int, jump: float, fit: FloatArray, law: Law) -> None:
 
 @borrowing
 def maximise(
-    data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, max_iter: int, tol: float, room: FloatArray
+    data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, max_iter: int, tol: float, scratch: FloatArray
 ) -> int:
     """Run accelerated EM on `k` surfaces from the values in `fit`; return iterations, negative if not converged."""
     if k == 0 and fit[WEIGHT, -1] == 0.0:
@@ -444,9 +447,9 @@ def maximise(
     fit[PLACE, -1] = fit[SIGMA, 0] if k > 0 else beam.sigma_max
     while iterations + 2 <= max_iter:
         _pack(k, fit, law, FIRST)
-        em_step(data, k, fit, law, beam, room)
+        em_step(data, k, fit, law, beam, scratch)
         _pack(k, fit, law, SECOND)
-        em_step(data, k, fit, law, beam, room)
+        em_step(data, k, fit, law, beam, scratch)
         _pack(k, fit, law, THIRD)
         iterations += 2
         step2, bend2, last = _step_and_bend(k, fit, law)
@@ -455,25 +458,25 @@ def maximise(
             return iterations
         if jump <= 1.0 or iterations >= max_iter:
             continue
-        # The room still holds p(r) at the second vector.
+        # The scratch array still holds p(r) at the second vector.
         _unpack(k, fit, law, SECOND, beam)
-        before = objective(data, k, fit, law, room)
+        before = objective(data, k, fit, law, scratch)
         _extrapolate(k, jump, fit, law)
         if _unpack(k, fit, law, FIRST, beam):
             iterations += 1
-            mix(data, k, fit, law, beam, room)
-            worse = objective(data, k, fit, law, room) < before
+            mix(data, k, fit, law, beam, scratch)
+            worse = objective(data, k, fit, law, scratch) < before
             if worse:
                 _unpack(k, fit, law, THIRD, beam)
             else:
-                step_up(data, k, fit, law, beam, room)
+                step_up(data, k, fit, law, beam, scratch)
         else:
             _unpack(k, fit, law, THIRD, beam)
     return -iterations
 
 
 @borrowing
-def value_of(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, room: FloatArray) -> float:
+def value_of(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> float:
     """Objective of a fit, nat."""
-    mix(data, k, fit, law, beam, room)
-    return objective(data, k, fit, law, room)
+    mix(data, k, fit, law, beam, scratch)
+    return objective(data, k, fit, law, scratch)

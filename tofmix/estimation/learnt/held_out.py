@@ -3,14 +3,22 @@
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.estimation.beam import Beam
-from tofmix.estimation.false_alarms import FALSE_ALARMS
 from tofmix.estimation.learnt.blocks import take_samples
-from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_work
+from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace
+from tofmix.estimation.learnt.fitting import (
+    LEARNING_ITER,
+    LEARNING_TOL,
+    Samples,
+    background_density,
+    fill_times,
+    maximise,
+    mix,
+)
 from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
-from tofmix.estimation.learnt.fitting import Samples, background_density, fill_times, maximise, mix
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.pixel_noise import beam_of_pixel
+from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
+from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.jit import borrowing, jit
 
 PARTS = 4
@@ -30,7 +38,6 @@ surprise all models alike, and say nothing of noise."""
 
 _CHANCES = len(FALSE_ALARMS)
 _MIX, _BITS = 0x9E3779B1, 0xFFFFFFFF  # 2^32 by the golden ratio, odd (Knuth): it scatters neighbouring frames
-_MAX_ITER, _TOL = 60, 1.0e-3
 
 
 def flat_thresholds() -> Thresholds:
@@ -63,7 +70,7 @@ def held_out_scores(
     out, found = np.full(pixels, np.nan), np.zeros(pixels)
     value, time = np.empty(frames), np.empty(frames)
     part = np.empty(frames, dtype=np.float32)
-    work = new_work(max_layers + 1, frames, _CHANCES)
+    work = new_workspace(max_layers + 1, frames, _CHANCES)
     rules = Rules(1.0e-3, 4.0, max_layers)
     for pixel in range(pixels):
         own = beam_of_pixel(beam, pixel)
@@ -75,9 +82,9 @@ def held_out_scores(
             if n < 4:  # noqa: PLR2004  fewer fit nothing
                 continue
             data = Samples(value[:n], time[:n])
-            fill_times(data, work.room)
+            fill_times(data, work.scratch)
             k, law = count_surfaces(data, work, laws, own, thresholds, rules)
-            maximise(data, k, work.fit, law, own, _MAX_ITER, _TOL, work.room)
+            maximise(data, k, work.fit, law, own, LEARNING_ITER, LEARNING_TOL, work.scratch)
             found[pixel] += k / PARTS
             for frame in range(frames):
                 part[frame] = samples[pixel, frame] if _part_of(frame) == held else np.nan
@@ -85,11 +92,11 @@ def held_out_scores(
             if m == 0:
                 continue
             seen = Samples(value[:m], time[:m])
-            fill_times(seen, work.room)
-            mix(seen, k, work.fit, law, own, work.room)
+            fill_times(seen, work.scratch)
+            mix(seen, k, work.fit, law, own, work.scratch)
             floor = SURPRISES * background_density(own)
             for j in range(m):
-                total += np.log((1.0 - SURPRISES) * work.room[TOTAL_ROW, j] + floor)
+                total += np.log((1.0 - SURPRISES) * work.scratch[TOTAL_ROW, j] + floor)
             count += m
         if count > 0:
             out[pixel] = total

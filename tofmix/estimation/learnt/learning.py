@@ -1,6 +1,6 @@
 """Learn a recording's noise: sigma by range, the shape of the error, widths, backgrounds and drifts of single pixels.
 
-1. sigma(r) comes from clusters (`tofmix.estimation.noise`) and from differences of samples (`pair_differences`).
+1. sigma(r) comes from clusters (`noise.measurement`) and from differences of samples (`pair_differences`).
    Surfaces may lie too close for either, so that smaller scales are tried too: the one that predicts best stays.
 2. Parts are added one by one, the most helpful first: background, drift, widths, shape. Each is learnt from clusters
    (`clusters`) of two thirds of the pixels, and kept only if the others are predicted better with it (`held_out`).
@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
-from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import LEAST_GAIN, flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, SCALE_OF_SPREAD, TAIL_DEGREES, precision_of_t
@@ -24,8 +23,10 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram, shapes_differ
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
-from tofmix.estimation.pixel_noise import own_curves
+from tofmix.estimation.mixture.beam import Beam, beam_of
+from tofmix.estimation.noise.pixel_noise import own_curves
 from tofmix.learnt_noise import DRIFTS
+from tofmix.robust import MAD_TO_SIGMA
 from tofmix.sensor import NoiseCurve, Sensor
 
 SURE = 3.0
@@ -40,8 +41,8 @@ SURE_NATS = math.log(1000.0)
 MANY_PIXELS = 900
 """From so many pixels on, a third of them is enough to judge by."""
 
-_FOLDS = 3
-_SEED = 20080922
+_FOLDS = 3  # parts of the pixels: two thirds are learnt from, one third judges
+_SEED = 20080922  # of the split into folds, so that the same recording gives the same noise
 
 LEAST_CLUSTERS = 12
 """Fewer clusters teach no part but sigma."""
@@ -65,7 +66,7 @@ SAME = 1.02
 """Curves within this factor are one: no count differs by it."""
 
 _SPREADS = np.geomspace(0.02, 1.0, 30)
-_NEVER = 1e-12
+_NEVER = 1e-12  # least likelihood before its logarithm is taken
 
 _FREE_WIDTH = 0.6
 """Spread of log width while widths are measured: wide enough to leave each to its own samples."""
@@ -74,12 +75,11 @@ _FREE_DRIFT_SIGMAS = 3.0
 """Scale of the drift, in sigmas, while drifts are measured."""
 
 _PARTS = ("background", "drift", "widths", "shape")
-_ROUNDS = 3
-_MEMORY_WORTH, _MOST_MEMORY = 0.05, 0.95
-_MEMORY_ROUNDS = 30
-_MAD = 1.4826
-_LEAST_BIN = 20
-_WIDE_BIN = 0.12
+_ROUNDS = 3  # rounds of counting under the last noise and learning from that count
+_MEMORY_WORTH, _MOST_MEMORY = 0.05, 0.95  # autocorrelation at lag one: less counts as none, more is never returned
+_MEMORY_ROUNDS = 30  # iterations for the memory that the fitted mean and drift hide
+_LEAST_BIN = 20  # clusters in a bin of range
+_WIDE_BIN = 0.12  # greatest width of a bin, as a part of its range
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -231,7 +231,7 @@ def better_by(one: FloatArray, other: FloatArray) -> tuple[float, float]:
         return 0.0, math.inf
     # A single odd pixel decides nothing: differences are held within ten median deviations.
     middle = float(np.median(away))
-    reach = 10.0 * _MAD * float(np.median(np.abs(away - middle))) + 1e-9
+    reach = 10.0 * MAD_TO_SIGMA * float(np.median(np.abs(away - middle))) + 1e-9
     away = np.clip(away, middle - reach, middle + reach)
     return float(away.mean()), float(away.std() / math.sqrt(away.size)) + 1e-12
 
@@ -330,7 +330,7 @@ def _first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[Noise
         if len(seen) == 0:
             return curves
         away = np.abs(seen - medians(seen)[:, None])
-        spread = _MAD * float(np.median(medians(away)))
+        spread = MAD_TO_SIGMA * float(np.median(medians(away)))
         if not spread > 0:
             return curves
         ranges, sigmas = np.array([float(np.median(medians(seen)))]), np.array([spread])

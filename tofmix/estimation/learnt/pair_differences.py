@@ -78,8 +78,8 @@ def sigma_from_differences(samples_mm: Float32Array) -> tuple[FloatArray, FloatA
     """
     partners = min(PAIRS_A_SAMPLE, max(samples_mm.shape[1] - 1, 1))
     some = samples_mm[:: 1 + samples_mm.size * partners // MOST_PAIRS]
-    room = some.size * partners
-    place, lag = np.empty(room), np.empty(room)
+    length = some.size * partners
+    place, lag = np.empty(length), np.empty(length)
     count = _differences(np.ascontiguousarray(some), partners, place, lag)
     if count < 1:
         return None

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.curve_check import doubts
 from tofmix.estimation.learnt.held_out import flat_thresholds
 from tofmix.estimation.learnt.learning import (
@@ -24,8 +23,9 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import background_shares
 from tofmix.estimation.learnt.thresholds import calibrate
 from tofmix.estimation.learnt.words import noise_words
-from tofmix.estimation.noise import MeasuredNoise, measure_noise
-from tofmix.estimation.noise_series import quantisation_step, read_runs
+from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
+from tofmix.estimation.noise.series import quantisation_step, read_runs
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.learnt_noise import DRIFTS
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source, samples_a_frame
@@ -56,7 +56,7 @@ DISAGREE = 1.25
 FEW_PIXELS = 0.02
 """Share of the pixels whose number of samples may lie outside those that gains are drawn for, at either end."""
 
-_SEED = 20080922
+_SEED = 20080922  # of the noise that replaces the rounding, so that the same recording gives the same noise
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,7 +68,7 @@ class FoundNoise:
     sensor : Sensor
         The recording's, with the noise curve, and `learnt` where the noise is not a Gaussian's alone.
     measured : MeasuredNoise or None
-        What clusters of one Gaussian surface tell (`tofmix.estimation.noise`); None where they tell nothing.
+        What clusters of one Gaussian surface tell (`noise.measurement`); None where they tell nothing.
     lesson : Lesson or None
         What was learnt; None where most pixels do not scatter.
     """

@@ -5,11 +5,12 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import take_samples
-from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_work
+from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
+    LEARNING_ITER,
+    LEARNING_TOL,
     LOG_WIDTH,
     MEAN,
     OWN,
@@ -22,10 +23,9 @@ from tofmix.estimation.learnt.fitting import (
 )
 from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.pixel_noise import beam_of_pixel
+from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.jit import jit
-
-_MAX_ITER, _TOL = 60, 1.0e-3
 
 
 @jit
@@ -39,7 +39,7 @@ def background_shares(
     pixels, frames = samples.shape
     share, number = np.zeros(pixels), np.zeros(pixels)
     value, time = np.empty(frames), np.empty(frames)
-    work = new_work(max_layers + 1, frames, thresholds.first.shape[1])
+    work = new_workspace(max_layers + 1, frames, thresholds.first.shape[1])
     rules = Rules(1.0e-3, 4.0, max_layers)
     for pixel in range(pixels):
         own = beam_of_pixel(beam, pixel)
@@ -47,15 +47,15 @@ def background_shares(
         if n < 4:  # noqa: PLR2004  fewer fit nothing
             continue
         data = Samples(value[:n], time[:n])
-        fill_times(data, work.room)
+        fill_times(data, work.scratch)
         k, law = count_surfaces(data, work, laws, own, thresholds, rules)
         if k == 0:
             continue
-        mix(data, k, work.fit, law, own, work.room)
+        mix(data, k, work.fit, law, own, work.scratch)
         random = work.fit[OWN, BACKGROUND] * background_density(beam)
         total = 0.0
         for j in range(n):
-            total += random / work.room[TOTAL_ROW, j]
+            total += random / work.scratch[TOTAL_ROW, j]
         share[pixel], number[pixel] = total / n, float(n)
     return share, number
 
@@ -81,7 +81,7 @@ def pixel_widths(
     pixels, frames = samples.shape
     out = PixelWidths(np.zeros(pixels), np.zeros(pixels), np.zeros(pixels), np.zeros(pixels))
     value, time = np.empty(frames), np.empty(frames)
-    work = new_work(max_layers + 1, frames, thresholds.first.shape[1])
+    work = new_workspace(max_layers + 1, frames, thresholds.first.shape[1])
     rules = Rules(1.0e-3, 4.0, max_layers)
     count = 0
     for pixel in range(pixels):
@@ -90,11 +90,11 @@ def pixel_widths(
         if n < 4:  # noqa: PLR2004  fewer fit nothing
             continue
         data = Samples(value[:n], time[:n])
-        fill_times(data, work.room)
+        fill_times(data, work.scratch)
         k, _ = count_surfaces(data, work, laws, own, thresholds, rules)
         if k == 0:
             continue
-        maximise(data, k, work.fit, free, own, _MAX_ITER, _TOL, work.room)
+        maximise(data, k, work.fit, free, own, LEARNING_ITER, LEARNING_TOL, work.scratch)
         held, place = 0.0, 0.0
         for i in range(k):
             held += work.fit[SUPPORT, i]

@@ -10,7 +10,6 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DRIFT,
@@ -23,6 +22,7 @@ from tofmix.estimation.learnt.fitting import (
     background_density,
 )
 from tofmix.estimation.learnt.law import Law, at_table
+from tofmix.estimation.mixture.beam import Beam
 from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
 
@@ -32,7 +32,7 @@ NEAR_SIGMAS = 5.0
 LEAST_AFTER = 2
 """Samples on either side of a jump."""
 
-_ROUNDS = 8
+_ROUNDS = 8  # scoring steps for the range on one side of a jump
 
 
 @borrowing

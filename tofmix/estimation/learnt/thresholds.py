@@ -20,20 +20,20 @@ from itertools import product
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.beam import Beam
-from tofmix.estimation.false_alarms import FALSE_ALARMS
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import (
     Thresholds,
     first_surface,
     gain_of_jump,
-    new_work,
+    new_workspace,
     start_empty,
     try_one_more,
 )
 from tofmix.estimation.learnt.fitting import Samples, copy_fit, fill_times
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
 
@@ -50,7 +50,7 @@ TAIL = 0.05
 SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 0.85)
 """Shares of background that are drawn, where pixels have shares of their own: those that one in a thousand has."""
 
-RARE_SHARE = 1.0e-3
+RARE_SHARE = 1.0e-3  # part of the pixels whose background may lie beyond the simulated shares, on either side
 
 SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
 """Numbers of samples that are drawn, as far as the recording's windows have them; past the last, its gains hold."""
@@ -58,7 +58,7 @@ SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
 LEAST_WORTH = 1.0
 """Gains below this, nat, need not be known: more than a twentieth of all noise exceeds them."""
 
-_SEED = 20080922
+_SEED = 20080922  # of the bootstrap, so that the same model gives the same table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,16 +225,16 @@ def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, ou
     """Fill `out` (pixel,) with the gain of the first surface, where pixels have none, or of a second one or a jump."""
     pixels, frames = block.shape
     value, time = np.empty(frames), np.empty(frames)
-    work = new_work(3, frames, 1)
+    work = new_workspace(3, frames, 1)
     for pixel in range(pixels):
         n = take_samples(block[pixel].astype(np.float32), value, time)
         data = Samples(value[:n], time[:n])
-        fill_times(data, work.room)
+        fill_times(data, work.scratch)
         start_empty(data, work.fit, beam)
         gain, _ = first_surface(data, work, laws[0], beam)
         if empty:
             out[pixel] = gain
         elif gain > 0.0:
             copy_fit(work.best, work.fit)
-            jump = gain_of_jump(data, work.fit, laws[0], beam, work.room)
+            jump = gain_of_jump(data, work.fit, laws[0], beam, work.scratch)
             out[pixel] = max(jump, try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH))

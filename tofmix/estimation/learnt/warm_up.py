@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.clusters import find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
@@ -12,10 +11,11 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shares import background_shares, pixel_widths
 from tofmix.estimation.learnt.thresholds import calibrate
+from tofmix.estimation.mixture.beam import beam_of
 from tofmix.sensor import NoiseCurve, Sensor
 
-_RANGE_MM, _SIGMA_MM = 1000.0, 10.0
-_FRAMES, _PIXELS = 20, 3
+_RANGE_MM, _SIGMA_MM = 1000.0, 10.0  # of the made-up samples
+_FRAMES, _PIXELS = 20, 3  # of the made-up samples
 
 
 def warm_up() -> None:

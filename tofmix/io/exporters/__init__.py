@@ -1,7 +1,7 @@
 """Layers and surfaces in the formats of other programs: one file a format, one line each here.
 
 Point formats write every field of their points; image formats write ranges in 16 bits. Edges and planes are of surfaces
-files. All go through `tofmix.io.storage.AtomicFile`.
+files. All go through `tofmix.io.atomic.storage.AtomicFile`.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from tofmix.errors import UsageError
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters import (
     csv_points,
     edges_geojson,
@@ -25,7 +26,6 @@ from tofmix.io.exporters import (
 from tofmix.io.exporters.edge_lines import EdgeLine
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import Outline
-from tofmix.io.storage import AtomicFile
 from tofmix.io.surfaces_file import SurfacesFile
 from tofmix.points import PointSource
 

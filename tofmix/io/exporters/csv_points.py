@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from tofmix.io.storage import AtomicFile
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.points import PointSource
 
 

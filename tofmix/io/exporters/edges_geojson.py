@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.edge_lines import EdgeLine
-from tofmix.io.storage import AtomicFile
 
 
 def write(file: AtomicFile, lines: Sequence[EdgeLine], title: str) -> None:

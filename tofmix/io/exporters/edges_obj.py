@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from tofmix import __version__
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.edge_lines import EdgeLine
-from tofmix.io.storage import AtomicFile
 
 VERTEX = "v {:.6f} {:.6f} {:.6f}"
 """A vertex, metres, to a micrometre."""

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tofmix import __version__
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.edge_lines import EdgeLine
 from tofmix.io.exporters.ply import TYPES
-from tofmix.io.storage import AtomicFile
 from tofmix.points import PointArray, PointField, packed
 
 FIELDS: tuple[PointField, ...] = (

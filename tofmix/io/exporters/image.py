@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
 
-_LARGEST = 65535
+_LARGEST = 65535  # of uint16
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

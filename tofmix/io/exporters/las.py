@@ -12,20 +12,20 @@ import numpy as np
 
 from tofmix import __version__
 from tofmix.errors import BadInputError, StorageError, UsageError
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.extras import need
-from tofmix.io.storage import AtomicFile
 from tofmix.points import POINT_FIELDS, PointArray, PointSource
 
 SCALE_M = 1e-6
 """A count of a coordinate, m."""
 
-MOST_RETURNS = 15
+MOST_RETURNS = 15  # of one pulse, by LAS 1.4
 
 _COORDINATES = ("x", "y", "z")
 _OWN = (*_COORDINATES, "return_number", "number_of_returns")
 _FARTHEST_M = SCALE_M * np.iinfo(np.int32).max
-_DESCRIPTION_BYTES = 31
-_INTENSITY_OF_ONE = 65535
+_DESCRIPTION_BYTES = 31  # of a text field of 32 bytes that ends with a zero
+_INTENSITY_OF_ONE = 65535  # a share of 1 in uint16
 _NO_DATE = date(1970, 1, 1)  # the format asks for one; the same points give the same bytes
 
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tofmix import __version__
-from tofmix.io.storage import AtomicFile
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.points import PointSource
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.outlines import Outline, placed
-from tofmix.io.storage import AtomicFile
 from tofmix.io.surfaces_file import SurfacesFile
 
 _DECIMALS = 6  # of a metre: micrometres

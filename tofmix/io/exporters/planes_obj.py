@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from tofmix import __version__
 from tofmix.arrays import FloatArray
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.edges_obj import VERTEX
 from tofmix.io.exporters.outlines import Outline, placed
 from tofmix.io.extras import need
-from tofmix.io.storage import AtomicFile
 from tofmix.io.surfaces_file import SurfacesFile
 
 

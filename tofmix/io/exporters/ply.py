@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from tofmix import __version__
-from tofmix.io.storage import AtomicFile
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.points import PointSource
 
 TYPES = {"<f4": "float", "|u1": "uchar", "<u4": "uint", "<i4": "int"}

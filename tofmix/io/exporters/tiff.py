@@ -2,9 +2,9 @@
 
 import io
 
+from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.extras import need
-from tofmix.io.storage import AtomicFile
 
 
 def write(file: AtomicFile, image: RangeImage) -> None:

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tofmix.errors import BadInputError, UsageError, os_error_text
+from tofmix.io.atomic.storage import check_input
 from tofmix.io.importers import arrays, csv_source, folder, hdf5_source, matlab, rosbag, tiff
 from tofmix.io.importers.base import FrameSource, Request, with_amplitude
-from tofmix.io.storage import check_input
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -29,8 +29,8 @@ from tofmix.io.importers.base import (
 TIME = "time"
 """Name of an array of one number a frame, s."""
 
-_DIMENSIONS = 3
-_WITH_TARGETS = 4
+_DIMENSIONS = 3  # frames, rows and columns
+_WITH_TARGETS = 4  # the same and targets
 _PREFERRED = "range"
 
 

@@ -13,7 +13,7 @@ FRAMES_LAST = "row,col,frame"
 WITH_TARGETS = "frame,target,row,col"
 IMAGE = ("row", "col")
 _KNOWN = ("frame", "target", *IMAGE)
-_IMAGE_DIMENSIONS, _STACK_DIMENSIONS = 2, 3
+_IMAGE_DIMENSIONS, _STACK_DIMENSIONS = 2, 3  # of an image, and of a stack of images
 
 
 def check_axes(text: str) -> str:

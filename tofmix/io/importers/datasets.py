@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.io import guard
+from tofmix.io.guard import guard
 from tofmix.io.importers.axes import as_stack, stack_shape
 from tofmix.io.importers.base import check_numbers
 
@@ -22,7 +22,7 @@ class DatasetFrames:
     Parameters
     ----------
     dataset : h5py.Dataset
-        The dataset, checked by `tofmix.io.guard`.
+        The dataset, checked by `tofmix.io.guard.guard`.
     names : tuple of str
         Its axes, in the order in which they are stored.
     image : (int, int), optional

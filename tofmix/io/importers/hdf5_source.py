@@ -13,13 +13,14 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.io import guard, hdf5
+from tofmix.io import hdf5
+from tofmix.io.guard import guard
 from tofmix.io.importers.arrays import check_shapes, check_time, choose, joined
 from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of
 from tofmix.io.importers.base import FrameSource, Request
 from tofmix.io.importers.datasets import DatasetFrames
 from tofmix.io.importers.units import unit_mm_of
-from tofmix.io.layers_file import FORMAT as LAYERS_FORMAT
+from tofmix.io.layers.layers_file import FORMAT as LAYERS_FORMAT
 
 _RANGE, _AMPLITUDE, _TIME = "range", "amplitude", "time"
 _OF_OUR_OWN = ("truth/", "sensor/noise_")

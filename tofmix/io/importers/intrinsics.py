@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 
 from tofmix.errors import BadInputError
+from tofmix.io.atomic.storage import read_text
 from tofmix.io.extras import need
 from tofmix.io.importers.base import foreign
-from tofmix.io.storage import read_text
 from tofmix.pinhole import DISTORTION_LENGTHS, Pinhole
 
 MODELS = ("plumb_bob", "rational_polynomial")
 """Distortion models of ROS that are OpenCV's pinhole with k1 k2 p1 p2 k3 and with k4 k5 k6 too."""
 
-_MOST_CHARACTERS = 1_000_000
-_MATRIX, _PROJECTION = 9, 12
+_MOST_CHARACTERS = 1_000_000  # of a calibration file
+_MATRIX, _PROJECTION = 9, 12  # numbers of K (3 x 3) and P (3 x 4) in ROS's camera_info
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

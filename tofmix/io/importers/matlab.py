@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError, ExitCode, StorageError, TofmixError
-from tofmix.io import guard
+from tofmix.io.atomic.scratch_folder import scratch_folder
+from tofmix.io.guard import guard
+from tofmix.io.guard.watchdog import watched
 from tofmix.io.importers.arrays import TIME, check_shapes, check_time, choose, joined, sizes_of, stack_of
 from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, axes_of
 from tofmix.io.importers.base import FrameSource, Request, foreign
 from tofmix.io.importers.datasets import DatasetFrames
-from tofmix.io.scratch_folder import scratch_folder
-from tofmix.io.watchdog import watched
 
 _DIMENSIONS = 3
 _UNPACKING_TIMES = 6.0

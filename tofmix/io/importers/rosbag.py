@@ -31,7 +31,7 @@ _IMAGE, _INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 _WAITING = 64
 """Frames that wait for an amplitude image of their stamp before they go without."""
 
-_NS = 1.0e-9
+_NS = 1.0e-9  # s in a nanosecond
 
 
 def is_bag_folder(path: Path) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io.range_check import LEAST_MEDIAN_MM, LEAST_OF_RANGE_MIN
+from tofmix.io.recording.range_check import LEAST_MEDIAN_MM, LEAST_OF_RANGE_MIN
 from tofmix.sensor import Sensor
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}

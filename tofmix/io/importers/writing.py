@@ -13,13 +13,13 @@ from tofmix.errors import BadInputError
 from tofmix.io.importers.base import Frame, FrameSource
 from tofmix.io.importers.conversion import Conversion
 from tofmix.io.importers.units import refuse_metres
-from tofmix.io.recording_writer import CHUNK_FRAMES, RecordingWriter
+from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
 from tofmix.sensor import Sensor
 
 BLOCK_BYTES = 64_000_000
 """Most bytes of ranges that are held at once, where a frame is not larger."""
 
-_BYTES_A_SAMPLE = 4
+_BYTES_A_SAMPLE = 4  # of float32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,149 @@
+"""Which surfaces stand: false alarms as often as asked for; weak and close surfaces found; unexplained ones fitted."""
+
+from dataclasses import replace
+
+import naive
+import numpy as np
+import pytest
+from drawing import draw
+from sizes import sized
+
+from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.mixture.counting import CERTAIN_SIGMAS, CERTAIN_SUPPORT
+from tofmix.estimation.mixture.false_alarms import gain_table
+from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
+from tofmix.sensor import NoiseCurve, Sensor
+
+
+@pytest.mark.compiled("a frequency over 8000 pixels")
+@pytest.mark.parametrize("n", [15, 40, 100, 250])
+@pytest.mark.parametrize("false_alarm", [0.05, 0.01])
+def test_false_alarms_are_as_frequent_as_asked_for(
+    n: int, false_alarm: float, rng: np.random.Generator, sensor: Sensor
+) -> None:
+    pixels = 8000
+    samples = draw(rng, sensor, ranges_mm=[2500], shares=[1.0], n=n, pixels=pixels, outliers=1e-4)
+    found = layer_pixels(samples, sensor, EstimateOptions(false_alarm=false_alarm))
+    alarms = np.mean(found.n_modes > 1)
+    # Three binomial standard deviations, and a fifth for what the table's own draws leave open.
+    margin = 3 * np.sqrt(false_alarm / pixels) + 0.2 * false_alarm
+    assert abs(alarms - false_alarm) < margin
+
+
+@pytest.mark.compiled("a frequency over 20000 pixels")
+def test_by_default_hardly_any_surface_is_doubled(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = draw(rng, sensor, ranges_mm=[2500], shares=[1.0], n=100, pixels=20000, outliers=1e-4)
+    # 20 +- 4.5 expected
+    assert np.sum(layer_pixels(samples, sensor).n_modes != 1) < 20 + 4 * 4.5
+
+
+@pytest.mark.parametrize(
+    ("shares", "least"), [((0.3, 0.3, 0.4), 0.99), ((0.1, 0.3, 0.6), 0.99), ((0.05, 0.15, 0.8), 0.94)]
+)
+def test_three_surfaces_are_three(
+    shares: tuple[float, ...], least: float, rng: np.random.Generator, sensor: Sensor
+) -> None:
+    samples = draw(rng, sensor, ranges_mm=[1000, 2200, 4000], shares=shares, n=100, pixels=sized(1000, 30))
+    # At a share of 0.05, P(fewer than 2 of 100 samples) = 0.037.
+    assert np.mean(layer_pixels(samples, sensor).n_modes == 3) > sized(least, least - 0.1)
+
+
+def _gain_by_brute_force(samples: naive.Array, sensor: Sensor) -> float:
+    """Likelihood-ratio statistic of two surfaces against one: plain EM from the best of a grid, no code shared."""
+    assert sensor.noise is not None
+    one = naive.em(samples, np.array([samples.mean()]), sensor, mode="tied", iterations=200)
+    sigma = float(sensor.noise.sigma(samples.mean()))
+    places = np.arange(samples.min() - sigma / 2, samples.max() + sigma / 2, sigma / 5)
+    density = np.exp(-0.5 * ((samples[:, None] - places) / sigma) ** 2)
+    near, far = np.triu_indices(places.size, 1)
+    best = np.full(near.size, -np.inf)
+    for share in np.linspace(0.025, 0.975, 39):
+        both = share * density[:, near] + (1 - share) * density[:, far]
+        best = np.maximum(best, np.log(both).sum(axis=0))
+    start = places[[near[best.argmax()], far[best.argmax()]]]
+    two = naive.em(samples, start, sensor, mode="tied", iterations=400)
+    gain: float = np.log(naive.mixture_density(samples, *two, sensor)).sum()
+    return gain - float(np.log(naive.mixture_density(samples, *one, sensor)).sum())
+
+
+@pytest.mark.slow
+@pytest.mark.compiled("some of 30 pixels, and not all")
+def test_close_surfaces_are_found_where_the_likelihood_ratio_finds_them(
+    rng: np.random.Generator,
+) -> None:
+    noise = NoiseCurve(np.array([0.0]), np.array([50.0]))
+    camera = Sensor(name="flat", range_min_mm=0.0, noise=NoiseCurve(np.array([9000.0]), noise.sigma_mm))
+    samples = draw(
+        rng, replace(camera, range_max_mm=9000.0), ranges_mm=[3000, 3090], shares=[0.4, 0.6], n=100, pixels=30
+    )
+    found = layer_pixels(samples, camera, EstimateOptions(false_alarm=0.01)).n_modes > 1
+    least = gain_table(100)[100, 3]
+    gains = np.array([_gain_by_brute_force(column.astype(np.float64), camera) for column in samples.T])
+    # 1.8 sigma apart: some are found and some are not, and the same ones but for those on the edge.
+    assert 0.3 < np.mean(gains > least) < 1
+    assert np.all(found[gains > least + 0.3])
+    assert not np.any(found[gains < least - 0.3])
+
+
+def test_no_layer_rests_on_a_single_sample(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = draw(rng, sensor, ranges_mm=[1500], shares=[1.0], n=60, pixels=sized(500, 60))
+    samples[0] = 4000
+    assert np.mean(layer_pixels(samples, sensor).n_modes == 1) > 0.99
+
+
+def test_scattered_samples_of_a_weak_surface_are_gathered(sensor: Sensor) -> None:
+    # Three samples too far apart to pile up into a peak, in one spread of sigma: a surface, not three outliers.
+    assert sensor.noise is not None
+    sigma = float(sensor.noise.sigma(1000.0))
+    samples = np.concatenate([np.full(30, 4000.0), 1000 + sigma * np.array([-1.3, 0.0, 1.3])])
+    layers = layer_pixels(samples[:, None], sensor)
+    assert layers.n_peaks[0] == 1
+    assert layers.n_modes[0] == 2
+    assert layers.range[0, 0] == pytest.approx(1000, abs=1)
+
+
+@pytest.mark.compiled("a frequency over 4000 pixels")
+@pytest.mark.parametrize("share", [0.01, 0.1])
+def test_outliers_that_fall_together_are_no_surfaces_when_the_sensor_expects_them(
+    share: float, rng: np.random.Generator
+) -> None:
+    noise = NoiseCurve(np.array([0.0]), np.array([20.0]))
+    camera = Sensor(name="wild", range_min_mm=0.0, range_max_mm=8000.0, outlier_probability=share, noise=noise)
+    samples = draw(rng, camera, ranges_mm=[3000], shares=[1.0], n=100, pixels=6000, outliers=share)
+    assert np.mean(layer_pixels(samples, camera).n_modes != 1) < 0.003
+    unaware = layer_pixels(samples, replace(camera, outlier_probability=1e-5))
+    assert np.mean(unaware.n_modes != 1) > 0.003
+
+
+def test_a_certain_surface_would_be_missed_by_far_more_than_any_least_gain() -> None:
+    # Each sample at z sigma from all else costs z^2 / 2 nats, less ln of the shares' ratio.
+    assert 5 * gain_table(1000).max() < CERTAIN_SUPPORT * CERTAIN_SIGMAS**2 / 2
+
+
+def test_the_weakest_surfaces_give_way_to_max_layers(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = draw(rng, sensor, ranges_mm=[800, 1800, 3600], shares=[0.5, 0.1, 0.4], n=200, pixels=sized(50, 8))
+    for refine in Refine:
+        layers = layer_pixels(samples, sensor, EstimateOptions(max_layers=2, refine=refine))
+        assert np.all(layers.n_modes == 2)
+        assert layers.range.shape == (samples.shape[1], 2)
+        np.testing.assert_allclose(layers.range.mean(axis=0), [800, 3600], atol=80)
+
+
+def test_without_refinement_the_peaks_are_the_surfaces(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = draw(rng, sensor, ranges_mm=[800, 2600], shares=[0.5, 0.5], n=100, pixels=sized(300, 40))
+    options = EstimateOptions(refine=Refine.NONE, sigma=SigmaMode.TIED)
+    layers = layer_pixels(samples, sensor, options)
+    as_peaks = layers.n_modes == layers.n_peaks
+    assert np.mean(as_peaks) > 0.9  # a component may lose its samples to another in the fit
+    assert np.any(layers.n_peaks > 2)
+    assert np.all(layer_pixels(samples, sensor).n_modes[layers.n_peaks > 3] <= 3)
+
+
+def test_probability_tells_strong_layers_from_weak_ones(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = draw(rng, sensor, ranges_mm=[1500, 1570], shares=[0.5, 0.5], n=100, pixels=sized(300, 40))
+    layers = layer_pixels(samples, sensor, EstimateOptions(false_alarm=0.05))
+    found = layers.probability[np.isfinite(layers.probability)]
+    assert np.all((found >= 0.94) & (found <= 1))
+    assert np.any(found < 0.999)
+    apart = draw(rng, sensor, ranges_mm=[1500, 4000], shares=[0.5, 0.5], n=100, pixels=sized(50, 5))
+    assert np.nanmin(layer_pixels(apart, sensor).probability) > 1 - 1e-6

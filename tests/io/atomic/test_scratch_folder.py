@@ -1,0 +1,74 @@
+"""Folders of dead runs go; those of live runs, young ones and what is not ours stay."""
+
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from tofmix.errors import StorageError
+from tofmix.io.atomic import scratch_folder as module
+from tofmix.io.atomic.partial_output import discard_partial_outputs
+from tofmix.io.atomic.scratch_folder import scratch_folder
+
+HOLDER = """
+import sys, tempfile
+tempfile.tempdir = sys.argv[1]
+from tofmix.io.atomic.scratch_folder import scratch_folder
+with scratch_folder() as folder:
+    (folder / "big").write_text("data")
+    print(folder, flush=True)
+    sys.stdin.readline()
+"""
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(module, "_YOUNG_S", 0.0)
+
+
+def test_it_goes_with_its_block(tmp_path: Path) -> None:
+    with scratch_folder() as folder:
+        (folder / "a").write_text("x")
+        assert folder.parent == tmp_path
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_it_goes_with_a_dying_process(tmp_path: Path) -> None:
+    with scratch_folder() as folder:
+        (folder / "a").write_text("x")
+        discard_partial_outputs()
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_killed_run_s_is_removed_by_the_next_one_and_a_live_one_s_never(tmp_path: Path) -> None:
+    program = [sys.executable, "-c", HOLDER, str(tmp_path)]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(program, stdin=pipe, stdout=pipe, text=True) as process:
+        assert process.stdout is not None
+        theirs = Path(process.stdout.readline().strip())
+        with scratch_folder():
+            assert (theirs / "big").exists()
+        process.send_signal(signal.SIGKILL)
+    assert theirs.exists()
+    (tmp_path / "tofmix-scratch-file").write_text("a user's")
+    (tmp_path / "tofmix-scratch-link").symlink_to(tmp_path)
+    with scratch_folder():
+        assert not theirs.exists()
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+def test_a_young_one_may_not_be_locked_yet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_YOUNG_S", 60.0)
+    (tmp_path / "tofmix-scratch-new").mkdir()
+    with scratch_folder():
+        assert (tmp_path / "tofmix-scratch-new").exists()
+
+
+def test_no_room_is_a_storage_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", "/none")
+    with pytest.raises(StorageError, match="/none: No such file"), scratch_folder():
+        pass

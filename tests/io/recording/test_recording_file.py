@@ -1,0 +1,320 @@
+"""Recordings: what is read from any that fits, what is refused and how, what ours look like to others."""
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+from files import boards, write_recording
+
+from tofmix.errors import BadInputError, UsageError
+from tofmix.io.recording.recording_file import file_sha256, open_recording
+from tofmix.io.recording.recording_writer import RecordingWriter
+from tofmix.sensor import NoiseCurve, Sensor
+
+EVERYTHING = (slice(None), slice(None))
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2", "u4", "i2", "i4", "f2", "f4", "f8", ">u2"])
+def test_any_number_type_is_read(tmp_path: Path, dtype: str) -> None:
+    samples = np.array([[[1, 50]], [[100, 7]]], dtype=dtype)
+    with open_recording(write_recording(tmp_path / "r.h5", samples), check_units=False) as recording:
+        read = recording.read_range(*EVERYTHING)
+    assert read.dtype == np.float32
+    np.testing.assert_array_equal(read, samples.astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("values", "dtype", "fill", "expected"),
+    [
+        ([0, 5, 9], "u2", None, [np.nan, 5, 9]),
+        ([0, 5, 9], "u2", 9, [0, 5, np.nan]),
+        ([0.0, np.nan, np.inf], "f4", None, [0.0, np.nan, np.nan]),
+        ([0.0, -1.0, np.nan], "f4", -1.0, [0.0, np.nan, np.nan]),
+        ([0.0, 2.0, np.nan], "f4", np.nan, [0.0, 2.0, np.nan]),
+    ],
+)
+def test_invalid_samples_follow_the_contract(
+    tmp_path: Path, values: list[float], dtype: str, fill: float | None, expected: list[float]
+) -> None:
+    samples = np.array(values, dtype=dtype)[:, None, None]
+    with open_recording(write_recording(tmp_path / "r.h5", samples, fill=fill), check_units=False) as recording:
+        np.testing.assert_array_equal(recording.read_range(*EVERYTHING)[:, 0, 0], np.array(expected, dtype=np.float32))
+
+
+def test_blocks_are_parts_of_the_whole(tmp_path: Path) -> None:
+    samples = boards()
+    path = write_recording(tmp_path / "r.h5", samples, chunks=(7, 3, 4), compression="gzip")
+    with open_recording(path) as recording:
+        assert recording.shape == samples.shape
+        assert recording.row_step == 3
+        np.testing.assert_array_equal(recording.read_range(slice(3, 9), slice(1, 3)), samples[3:9, 1:3])
+
+
+@pytest.mark.parametrize("chunks", [None, (7, 3, 4), (1, 10, 6), (40, 1, 6)])
+@pytest.mark.parametrize("decoded", [1, 50, 1 << 20])
+def test_samples_are_decoded_in_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunks: tuple[int, int, int] | None, decoded: int
+) -> None:
+    samples = boards(40, 10).astype("f4")
+    samples[3, 4, 5] = np.inf
+    expected = np.where(np.isfinite(samples), samples, np.nan)
+    path = write_recording(tmp_path / "r.h5", samples, chunks=chunks)
+    monkeypatch.setattr("tofmix.io.recording.recording_file.DECODED_SAMPLES", decoded)
+    with open_recording(path) as recording:
+        assert recording.frame_step == (chunks or (1,))[0]
+        for part in (EVERYTHING, (slice(5, 31), slice(2, 9)), (slice(6, 7), slice(9, 10))):
+            np.testing.assert_array_equal(recording.read_range(*part), expected[part])
+
+
+def test_a_file_without_a_sensor_is_read_as_unknown(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "r.h5", "w") as root:
+        root["range"] = boards()
+    with open_recording(tmp_path / "r.h5") as recording:
+        assert recording.sensor == Sensor(name="unknown")
+        assert recording.row_step == 1
+        assert not recording.has_amplitude
+        with pytest.raises(BadInputError, match="no dataset amplitude"):
+            recording.read_amplitude(*EVERYTHING)
+
+
+def test_limits_that_are_not_finite_are_none(tmp_path: Path) -> None:
+    attributes = {"range_max_mm": np.inf, "integration_time_ms": np.nan, "name": np.bytes_(b"stereo")}
+    with open_recording(write_recording(tmp_path / "r.h5", boards(), attributes=attributes)) as recording:
+        assert recording.sensor.range_max_mm is None
+        assert recording.sensor.integration_time_ms is None
+        assert recording.sensor.name == "stereo"
+        assert recording.sensor.outlier_probability == 1e-4
+
+
+def _put(name: str, value: Any) -> Callable[[h5py.File], None]:  # noqa: ANN401  what h5py takes
+    def change(root: h5py.File) -> None:
+        if name in root:
+            del root[name]
+        if value is not None:
+            root[name] = value
+
+    return change
+
+
+def _attribute(item: str, name: str, value: Any) -> Callable[[h5py.File], None]:  # noqa: ANN401  what h5py takes
+    def change(root: h5py.File) -> None:
+        root[item].attrs[name] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (_put("range", None), "no dataset range"),
+        (_put("range", np.zeros((3, 4))), r"range: expected \(frame, row, col\), got shape \(3, 4\)"),
+        (_put("range", np.zeros((3, 4, 5, 6))), "got shape"),
+        (_put("range", np.zeros((0, 4, 5))), "holds no sample"),
+        (_put("range", np.zeros((3, 4, 5), dtype="S3")), "expected integers or floats"),
+        (_put("range", np.zeros((3, 4, 5), dtype=complex)), "expected integers or floats"),
+        (_put("range/x", 1.0), "range: expected a dataset, got a group"),
+        (_put("amplitude", np.zeros((3, 4, 5))), r"amplitude: shape \(3, 4, 5\) differs"),
+        (_attribute("range", "units", "m"), "range: units 'm', expected 'mm'"),
+        (_put("sensor", 3.0), "sensor: expected a group"),
+        (_put("sensor/noise_sigma", [10.0, -5.0]), "sensor: noise curve: sigma is -5 mm at 5000 mm"),
+        (_put("sensor/noise_sigma", [10.0, np.nan]), "sensor: noise curve: sigma is nan"),
+        (_put("sensor/noise_sigma", [10.0]), "sensor: noise curve"),
+        (_put("sensor/noise_sigma", None), "noise_range without its twin"),
+        (_put("sensor/noise_range", [5000.0, 500.0]), "do not ascend"),
+        (_put("sensor/noise_range", ["a", "b"]), "sensor/noise_range: expected numbers"),
+        (_attribute("sensor", "range_max_mm", -4.0), "sensor: range_max_mm"),
+        (_attribute("sensor", "range_max_mm", "far"), "range_max_mm: expected one number"),
+        (_attribute("sensor", "range_min_mm", [1.0, 2.0]), "range_min_mm: expected one number"),
+        (_attribute("/", "format", "tofmix-layers"), "is a layers file, not a recording"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(tmp_path: Path, change: Callable[[h5py.File], None], reason: str) -> None:
+    path = write_recording(tmp_path / "r.h5", boards())
+    with h5py.File(path, "r+") as root:
+        if reason.startswith("range: expected a dataset"):
+            del root["range"]
+        change(root)
+    with pytest.raises(BadInputError, match=reason) as caught, open_recording(path):
+        pass
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_data_in_other_files_are_refused(tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_bytes(b"\x07\x00" * 24)
+    with h5py.File(tmp_path / "external.h5", "w") as root:
+        root.create_dataset("range", (2, 3, 4), "u2", external=[(str(secret), 0, 48)])
+    whole = write_recording(tmp_path / "whole.h5", boards(4, 2, 2))
+    with h5py.File(tmp_path / "link.h5", "w") as root:
+        root["range"] = h5py.ExternalLink(whole, "/range")
+    layout = h5py.VirtualLayout((4, 2, 2), "u2")
+    layout[:] = h5py.VirtualSource(whole, "range", (4, 2, 2))
+    with h5py.File(tmp_path / "virtual.h5", "w") as root:
+        root.create_virtual_dataset("range", layout)
+    for name in ("external", "link", "virtual"):
+        with (
+            pytest.raises(BadInputError, match=r"range: .* another file; refused"),
+            open_recording(tmp_path / f"{name}.h5"),
+        ):
+            pass
+
+
+def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.h5")
+    with pytest.raises(BadInputError, match="not a regular file"), open_recording(tmp_path / "pipe.h5"):
+        pass
+
+
+def test_a_fill_value_must_be_a_number(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "r.h5", boards())
+    with h5py.File(path, "r+") as root:
+        root["range"].attrs["_FillValue"] = "x"
+    with pytest.raises(BadInputError, match=r"r\.h5: range: _FillValue"), open_recording(path):
+        pass
+
+
+def test_values_beyond_float32_are_invalid(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "r.h5", np.array([[[1e300]], [[500.0]]]))
+    with open_recording(path) as recording:
+        np.testing.assert_array_equal(recording.read_range(*EVERYTHING)[:, 0, 0], [np.nan, 500.0])
+
+
+def test_a_later_format_is_refused(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "r.h5", boards())
+    with h5py.File(path, "r+") as root:
+        root.attrs["format"], root.attrs["format_version"] = "tofmix-recording", "2.1"
+    with pytest.raises(BadInputError, match=r"format_version '2.1'"), open_recording(path):
+        pass
+
+
+def test_what_is_no_hdf5_is_refused(tmp_path: Path) -> None:
+    text, empty, folder = tmp_path / "text.h5", tmp_path / "empty.h5", tmp_path / "folder.h5"
+    text.write_text("not a recording")
+    empty.touch()
+    folder.mkdir()
+    for path, reason in (
+        (text, "not an HDF5 file"), (empty, "not an HDF5 file"), (folder, "a folder, not a file"),
+        (tmp_path / "none.h5", "No such file"),
+    ):  # fmt: skip
+        with pytest.raises(BadInputError, match=f"{path.name}: {reason}"), open_recording(path):
+            pass
+
+
+def test_a_truncated_file_is_refused(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "r.h5", boards(200))
+    data = path.read_bytes()
+    for size in (len(data) - 1, len(data) // 2, 600):
+        path.write_bytes(data[:size])
+        with pytest.raises(BadInputError, match=r"r\.h5"), open_recording(path):
+            pass
+
+
+def test_a_flipped_bit_is_noticed(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "r.h5", boards(200), fletcher32=True, chunks=(200, 4, 6))
+    with h5py.File(path) as root:
+        offset = root["range"].id.get_chunk_info(0).byte_offset
+    data = bytearray(path.read_bytes())
+    data[offset + 100] ^= 1
+    path.write_bytes(data)
+    with open_recording(path) as recording, pytest.raises(BadInputError, match="range: cannot be read"):
+        recording.read_range(*EVERYTHING)
+
+
+def test_file_sha256(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    path.write_bytes(b"abc" * 1000)
+    assert file_sha256(path) == hashlib.sha256(b"abc" * 1000).hexdigest()
+    with pytest.raises(BadInputError, match="No such file"):
+        file_sha256(tmp_path / "none")
+
+
+CAMERA = Sensor(
+    name="camera", modulation_frequency_hz=20e6, range_min_mm=300.0, range_max_mm=7500.0,
+    noise=NoiseCurve(np.array([500.0, 5000.0]), np.array([10.0, 80.0])),
+)  # fmt: skip
+
+
+def _write(path: Path, samples: np.ndarray, **settings: Any) -> None:  # noqa: ANN401  the writer's own
+    with RecordingWriter(path, shape=samples.shape, sensor=CAMERA, has_temperature=True, **settings) as writer:
+        for start in range(0, len(samples), 100):
+            part = samples[start : start + 100]
+            writer.write(
+                start, part, time_s=(start + np.arange(len(part))) / 25.0,
+                amplitude=np.float32(1 / 7) * part.astype(np.float32), temperature_c=np.full(len(part), 31.5, "f4"),
+            )  # fmt: skip
+
+
+def test_a_written_recording_reads_back(tmp_path: Path) -> None:
+    samples = boards(230)
+    samples[5, 2, 3] = 0
+    _write(tmp_path / "r.h5", samples)
+    with open_recording(tmp_path / "r.h5") as recording:
+        read = recording.read_range(*EVERYTHING)
+        assert np.isnan(read[5, 2, 3])
+        np.testing.assert_array_equal(np.nan_to_num(read), samples)
+        amplitude = recording.read_amplitude(*EVERYTHING)
+        np.testing.assert_array_equal(amplitude, np.float32(1 / 7) * samples.astype(np.float32))
+        np.testing.assert_array_equal(recording.read_time(), np.arange(230) / 25.0)
+        np.testing.assert_array_equal(recording.read_temperature(), np.full(230, 31.5))
+        assert recording.sensor.modulation_frequency_hz == 20e6
+        assert recording.sensor.noise is not None
+        np.testing.assert_array_equal(recording.sensor.noise.sigma_mm, [10.0, 80.0])
+
+
+def test_a_temperature_that_is_none_a_frame_is_refused(tmp_path: Path) -> None:
+    _write(tmp_path / "r.h5", boards(12))
+    with h5py.File(tmp_path / "r.h5", "r+") as root:
+        del root["temperature"]
+        root["temperature"] = np.zeros(7, dtype="f4")
+    with (
+        open_recording(tmp_path / "r.h5") as recording,
+        pytest.raises(BadInputError, match="temperature: expected one"),
+    ):
+        recording.read_temperature()
+    write_recording(tmp_path / "none.h5", boards(12))
+    with open_recording(tmp_path / "none.h5") as recording:
+        assert recording.read_temperature() is None
+
+
+def test_xarray_opens_it_with_named_dimensions(tmp_path: Path) -> None:
+    samples = boards(12)
+    _write(tmp_path / "r.h5", samples)
+    with xarray.open_dataset(tmp_path / "r.h5", engine="h5netcdf") as data:
+        assert data["range"].dims == ("frame", "row", "col")
+        assert data["amplitude"].dims == ("frame", "row", "col")
+        assert data["temperature"].dims == data["time"].dims == ("frame",)
+        assert data["range"].attrs["units"] == "mm"
+        np.testing.assert_array_equal(data["range"].values, samples)
+
+
+def test_the_same_frames_give_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a.h5", "b.h5"):
+        _write(tmp_path / name, boards(130))
+    assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
+
+
+def test_an_unfinished_recording_leaves_nothing(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "r.h5", shape=(10, 2, 2), sensor=CAMERA)
+    with pytest.raises(KeyboardInterrupt), writer:
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_older_file_stands_until_the_new_one_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "r.h5"
+    path.write_text("old")
+    with pytest.raises(UsageError, match="pass --overwrite"):
+        RecordingWriter(path, shape=(1, 1, 1), sensor=CAMERA)
+    samples = boards(1, 1, 1)
+    with RecordingWriter(path, shape=(1, 1, 1), sensor=CAMERA, overwrite=True) as writer:
+        writer.write(0, samples, time_s=np.zeros(1))
+        assert path.read_text() == "old"
+    with open_recording(path) as recording:
+        np.testing.assert_array_equal(recording.read_range(*EVERYTHING), samples)

@@ -1,0 +1,135 @@
+import json
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from learnt_noises import ALL, Parts, camera
+from unpacking import samples_of, unpack
+
+from tofmix.layers import Layers
+from tofmix.recording import SampleSource
+from tofmix.report.averaging import average_layers
+from tofmix.report.explorer.explorer import Explorer, make_explorer, windows_around
+from tofmix.report.sources import LayersSource
+
+
+def made(
+    source: LayersSource, recording: SampleSource | None = None, window: int = 0, **limits: int
+) -> Explorer | None:
+    layers = source.read_window(window)
+    return make_explorer(
+        source, recording=recording, window=window, layers=layers, averaged=average_layers(layers), scale=(700, 7000),
+        **limits,
+    )  # fmt: skip
+
+
+def content(found: Explorer | None) -> dict[str, Any]:
+    assert found is not None
+    settings: dict[str, Any] = json.loads(found.text)
+    return settings
+
+
+def test_every_number_of_a_window_comes_back(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    layers = make_layers()
+    (window,) = content(made(make_source(layers)))["windows"]
+    arrays = unpack(window)
+    for name, unit in (("n_modes", 1), ("n_peaks", 1), ("status", 1), ("n_samples", 1), ("weight_no_return", 1e-4)):
+        found = np.array([np.nan if v is None else v for v in arrays[name]])
+        np.testing.assert_allclose(found, getattr(layers, name).ravel(), atol=0.5001 * unit)
+    present = np.arange(layers.max_layers) < layers.n_modes[..., None]
+    for name, unit in (("range", 0.01), ("range_stderr", 0.01), ("weight", 1e-4), ("sigma", 0.01)):
+        np.testing.assert_allclose(
+            np.array(arrays[name], dtype=float), getattr(layers, name)[present], rtol=1e-7, atol=0.5001 * unit
+        )
+    assert set(arrays["probability"]) == {None}  # these layers do not know it
+    assert window["samples"] is None
+
+
+def test_all_windows_are_in_a_small_page(
+    make_layers: Callable[..., Layers],
+    make_source: Callable[..., LayersSource],
+    make_recording: Callable[..., SampleSource],
+) -> None:
+    source = make_source(*(make_layers(seed=k) for k in range(3)))
+    recording = make_recording((150, 9, 11))
+    found = made(source, recording, window=1)
+    settings = content(found)
+    assert found is not None
+    assert found.note == "All 3 windows are in this page. Samples are rounded to 0.1 mm."
+    assert settings["shown"] == 1
+    assert [window["window"] for window in settings["windows"]] == [0, 1, 2]
+    samples = np.asarray(recording.read_range(slice(100, 150), slice(0, 9))).reshape(50, 99)
+    for pixel in (0, 1, 57):
+        expected = np.sort(samples[np.isfinite(samples[:, pixel]), pixel])
+        np.testing.assert_allclose(samples_of(settings["windows"][2], pixel, 99), expected, atol=0.051)
+
+
+def test_large_pages_hold_the_windows_around_the_chosen_one(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    source = make_source(*(make_layers() for _ in range(9)))
+    three = 3 * 99 + 50
+    chosen = [list(windows_around(source, k, with_samples=False, most_pixels=three)) for k in (0, 4, 8)]
+    assert chosen == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
+    found = made(source, window=4, most_pixels=three)
+    assert found is not None
+    assert found.note.startswith("This page holds windows 3 to 5 of 0 to 8; --window chooses others.")
+    assert list(windows_around(source, 5, with_samples=False, most_pixels=1)) == [5]
+    many = make_source(*[make_layers()] * 80)
+    assert list(windows_around(many, 5, with_samples=False, most_pixels=10_000)) == list(range(50))
+    assert list(windows_around(source, 5, with_samples=True, most_samples=2 * 50 * 99)) == [4, 5]
+
+
+def test_what_is_left_out_is_told(
+    make_layers: Callable[..., Layers],
+    make_source: Callable[..., LayersSource],
+    make_recording: Callable[..., SampleSource],
+) -> None:
+    source, recording = make_source(make_layers()), make_recording()
+    for most, expected in ((30 * 99, "Of the 50 frames of a window, 30 are shown."), (99, "too large for samples")):
+        found = made(source, recording, most_samples=most)
+        assert found is not None
+        assert expected in found.note
+    assert made(source, recording, largest_image=98) is None
+
+
+def test_names_cannot_end_the_script(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    found = made(make_source(make_layers()))
+    assert found is not None
+    assert "<" not in found.text
+
+
+def test_components_have_the_learnt_shape_and_of_a_gaussian_nothing_is_said(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    layers = make_layers()
+    assert not {"shape", "background"} & set(content(made(make_source(layers))))
+    first, step, densities = content(made(make_source(layers, sensor=camera(ALL, (9, 11)))))["shape"]
+    assert ALL.shape is not None
+    z = first + step * np.arange(len(densities))
+    np.testing.assert_allclose(densities, ALL.shape.pdf(z), atol=1e-5)
+    assert step * sum(densities) == pytest.approx(1.0, abs=0.01)
+    background = content(made(make_source(layers, sensor=camera(Parts(background=0.2), (9, 11)))))
+    assert background["background"] is True
+    assert "shape" not in background
+
+
+def test_drift_of_pixels_is_said_where_there_are_samples(
+    make_layers: Callable[..., Layers],
+    make_source: Callable[..., LayersSource],
+    make_recording: Callable[..., SampleSource],
+) -> None:
+    note = "Where a pixel's ranges drift within the window"
+    for parts, recording, expected in (
+        (ALL, make_recording(), True),
+        (ALL, None, False),
+        (Parts(width_spread=0.2), make_recording(), False),
+    ):
+        found = made(make_source(make_layers(), sensor=camera(parts, (9, 11))), recording)
+        assert found is not None
+        assert (note in found.note) == expected

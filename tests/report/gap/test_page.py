@@ -1,0 +1,81 @@
+"""The page of a reconciliation: what it says and shows, with an effect and without one."""
+
+import re
+from dataclasses import replace
+
+import pytest
+from recordings import reconciled
+
+from tofmix.reconciliation.words import in_words
+from tofmix.reconciliation.workflow import Reconciliation
+from tofmix.report.gap.page import render_gap
+from tofmix.sensors.registry import load_profile
+from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.model import Model, RecordingSettings, Surface
+
+MODEL = Model(
+    sensor=replace(load_profile("sr4000"), rows=12, cols=16),
+    surfaces=(
+        Surface(name="<board>", center_mm=(-300.0, 0.0, 1500.0), size_mm=(500.0, 500.0)),
+        Surface(name="wall", center_mm=(0.0, 0.0, 3000.0), size_mm=(9000.0, 9000.0), yaw_deg=20.0),
+    ),
+    recording=RecordingSettings(frames=60),
+)
+
+
+@pytest.fixture(scope="module")
+def explained() -> Reconciliation:
+    """The outcome for a hidden offset of 9 mm."""
+    return reconciled(MODEL, RangeOffset(offset_mm=9.0), kinds=("range_offset", "surface_pose"))
+
+
+@pytest.fixture(scope="module")
+def page(explained: Reconciliation) -> str:
+    return render_gap(explained, source="my <recording>.h5")
+
+
+def _titles(page: str) -> list[str]:
+    return re.findall(r"<h3>(.*?)</h3>", page)
+
+
+def test_page_tells_the_missing_effect_and_where_it_shows(page: str) -> None:
+    assert "my &lt;recording&gt;.h5" in page
+    assert "<board>" not in page
+    for words in ("Verdict: explained", "What was missing", "Where they disagree", "Candidates", "Panel"):
+        assert words in page
+    (added,) = re.findall(r"<pre>(.*?)</pre>", page, re.DOTALL)
+    assert 'kind = "range_offset"' in added.replace("&#34;", '"')
+    fitted = re.search(r"<td>range_offset</td><td class=\"fitted\">offset_mm (.*?)</td>", page)
+    assert fitted is not None
+    assert float(fitted[1]) == pytest.approx(9.0, abs=0.5)
+    assert re.search(r'(src|srcset|href)="(?!data:)', page) is None
+
+
+def test_words_of_an_effect_have_four_digits() -> None:
+    assert in_words(RangeOffset(offset_mm=9.123456)) == "every range is 9.123 mm longer"
+
+
+def test_pictures_show_the_largest_disagreements_and_each_statistic(page: str, explained: Reconciliation) -> None:
+    curves = [title for title in _titles(page) if " against " in title]
+    places = [f"{p.statistic} against {p.axis}" for p in explained.where if p.axis != "all"]
+    assert curves[:4] == [place.replace("_", " ") for place in places[:4]]
+    shown = {title.split(" against ")[0] for title in curves}
+    assert {"bias", "spread", "skew", "tails", "trend", "common mode", "memory"} <= shown
+    assert "discreteness against period" in curves
+    assert re.search(rf'alt="{curves[0]}: \d+\.\d times chance before, \d\.\d after"', page) is not None
+
+
+def test_residual_maps_are_drawn_before_and_after(page: str) -> None:
+    assert [t for t in _titles(page) if "pixel," in t] == [f"residual of each pixel, {w}" for w in ("before", "after")]
+    maps = re.findall(r'srcset="(data:image/png.*?)">\s*<img src="(data:image/png.*?)"', page)
+    assert len(maps) == 2
+    assert all(light != dark for light, dark in maps)
+
+
+@pytest.mark.slow
+def test_page_of_an_agreement_has_no_after() -> None:
+    page = render_gap(reconciled(MODEL, kinds=("range_offset", "surface_pose")), source="a.h5")
+    assert "Verdict: agree" in page
+    assert "there is no after" in page
+    for words in ("What was missing", "Where they disagree", "Added to the model", "pixel, after"):
+        assert words not in page

@@ -1,0 +1,166 @@
+import json
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tofmix.flags import Status, status_name
+from tofmix.io.layers.layers_file import LayersWriter, open_layers
+from tofmix.layers import Layers
+from tofmix.report.sources import LayersSource
+from tofmix.report.summary.summary import Summary, summarise
+from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
+from tofmix.windows import plan_windows
+
+
+def check_against_numpy(summary: Summary, windows: tuple[Layers, ...]) -> None:
+    """Compare with counts and quantiles of everything held at once."""
+    n_modes = np.stack([w.n_modes for w in windows])
+    status = np.stack([w.status for w in windows])
+    assert summary.pixels == n_modes.size
+    assert list(summary.pixels_by_surfaces) == [int((n_modes == n).sum()) for n in range(windows[0].max_layers + 1)]
+    assert summary.pixels_by_status == {status_name(s): int((status == s).sum()) for s in Status}
+    assert summary.share_several_surfaces == pytest.approx((n_modes > 1).mean())
+    assert summary.share_no_surface == pytest.approx((n_modes == 0).mean())
+    for k, layer in enumerate(summary.layers):
+        range_mm = np.concatenate([w.range[..., k].ravel() for w in windows]).astype(np.float64)
+        known = np.isfinite(range_mm)
+        assert layer.layer == k + 1
+        assert layer.count == known.sum() == layer.range_mm.count
+        expected = np.quantile(range_mm[known], [0.05, 0.5, 0.95])
+        assert (layer.range_mm.q05, layer.range_mm.q50, layer.range_mm.q95) == pytest.approx(tuple(expected))
+        for name, value in (
+            ("weight", layer.weight_median),
+            ("range_stderr", layer.range_stderr_median_mm),
+            ("sigma", layer.sigma_median_mm),
+        ):
+            all_values = np.concatenate([getattr(w, name)[..., k].ravel() for w in windows])
+            assert value == pytest.approx(np.nanmedian(all_values.astype(np.float64)))
+
+
+def test_counts_and_quantiles_are_those_of_numpy(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    windows = tuple(make_layers((12, 7), seed=k) for k in range(3))
+    check_against_numpy(summarise(make_source(*windows)), windows)
+
+
+def test_windows_are_read_once_each_and_in_turn(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    source = make_source(*(make_layers(seed=k) for k in range(4)))
+    summarise(source)
+    assert source.reads == [0, 1, 2, 3]  # type: ignore[attr-defined]
+
+
+def test_a_real_file_gives_the_same(
+    tmp_path: Path, make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    windows = tuple(make_layers((4, 5), seed=k) for k in range(2))
+    source = make_source(*windows)
+    path = tmp_path / "a.layers.h5"
+    with LayersWriter(
+        path,
+        windows=plan_windows(103, window=50),
+        image=(4, 5),
+        max_layers=4,
+        tile=(1, 4),
+        provenance=source.provenance,
+    ) as writer:
+        for k, layers in enumerate(windows):
+            writer.write(slice(k, k + 1), slice(0, 4), layers.reshaped((1, 4, 5)))
+    with open_layers(path) as file:
+        assert summarise(file) == summarise(source)
+
+
+def test_sigma_is_compared_where_a_layer_dominates(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    layers = make_layers((20, 20), seed=5)
+    source = make_source(layers)
+    summary = summarise(source)
+    curve = source.provenance.sensor.noise
+    assert curve is not None
+    ratio = (layers.sigma / curve.sigma(layers.range.astype(np.float64)))[layers.weight > 0.5]
+    assert summary.sigma_over_curve.count == ratio.size
+    assert summary.sigma_over_curve.q50 == pytest.approx(np.median(ratio), rel=1e-6)
+    assert "sigma_off_curve" in [w.code for w in summary.warnings]
+
+
+def test_sigma_of_a_law_of_amplitude_is_not_held_against_the_reference(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    source = make_source(make_layers((20, 20), seed=5))
+    curve = source.provenance.sensor.noise
+    assert curve is not None
+    law = AmplitudeLaw(np.full(curve.range_mm.shape, 100.0), np.array([10.0, 1000.0]), np.array([2.0, 0.5]))
+    sensor = replace(source.provenance.sensor, noise=replace(curve, law=law))
+    summary = summarise(replace(source, provenance=replace(source.provenance, sensor=sensor)))  # type: ignore[type-var]
+    assert "sigma_off_curve" not in [w.code for w in summary.warnings]
+
+
+def test_json_has_every_key_and_no_nan(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    source = make_source(make_layers(), options={"tol": float("nan"), "gamma": 0.02})
+    values = summarise(source).as_dict()
+    text = json.dumps(values, allow_nan=False)
+    assert json.loads(text) == values
+    assert list(values) == [f.name for f in fields(Summary)]
+    assert values["options"] == {"gamma": 0.02, "tol": None}
+    assert set(values["layers"][0]) == {
+        "layer", "count", "range_mm", "weight_median", "range_stderr_median_mm", "sigma_median_mm",
+        "sigma_over_curve_median",
+    }  # fmt: skip
+
+
+def test_no_surface_anywhere_gives_none_not_nan(make_source: Callable[..., LayersSource]) -> None:
+    layers = Layers.empty((2, 3), 2)
+    layers.status[...] = Status.TOO_FEW_SAMPLES
+    values = summarise(make_source(layers)).as_dict()
+    json.dumps(values, allow_nan=False)
+    assert values["layers"][0]["range_mm"] == {"count": 0, "q05": None, "q50": None, "q95": None}
+    assert values["pixels_by_surfaces"] == [6, 0, 0]
+    assert {w["code"] for w in values["warnings"]} == {"too_few_samples", "no_surface_anywhere"}
+
+
+def test_without_a_curve_nothing_is_compared(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    summary = summarise(make_source(make_layers(), sensor=Sensor(name="bare")))
+    assert summary.sigma_over_curve.count == 0
+    assert summary.warnings[0].code == "no_noise_curve"
+
+
+def test_a_status_of_a_later_version_keeps_its_number(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    layers = make_layers()
+    layers.status[0, :2] = 77
+    assert summarise(make_source(layers)).pixels_by_status["status_77"] == 2
+
+
+def test_layers_on_both_sides_of_the_fold_are_close(make_source: Callable[..., LayersSource]) -> None:
+    layers = Layers.empty((1, 3), 3)
+    layers.n_modes[0] = (2, 2, 1)
+    layers.range[0, 0, :2], layers.range[0, 1, :2], layers.range[0, 2, 0] = (20.0, 6980.0), (1000.0, 6980.0), 20.0
+    layers.sigma[0, :, :2] = 15.0
+    line, circle = (
+        summarise(make_source(layers, options=options)) for options in ({}, {"unambiguous_range_mm": 7000.0})
+    )
+    assert (line.pixels_with_close_layers, circle.pixels_with_close_layers) == (0, 1)
+
+
+CURVE = NoiseCurve(np.array([500.0, 3000.0, 7500.0]), np.array([9.0, 70.0, 430.0]))
+
+
+def test_sigma_is_held_against_the_circle(make_source: Callable[..., LayersSource]) -> None:
+    layers = Layers.empty((1, 1), 2)
+    layers.n_modes[:], layers.weight[..., 0] = 1, 1.0
+    layers.range[..., 0], layers.sigma[..., 0] = 3.0, CURVE.sigma(7000.0)
+    summary = summarise(
+        make_source(layers, options={"unambiguous_range_mm": 7000.0}, sensor=Sensor(name="x", noise=CURVE))
+    )
+    assert summary.sigma_over_curve.q50 == pytest.approx(1, abs=0.02)

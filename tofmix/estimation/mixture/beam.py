@@ -1,0 +1,192 @@
+"""The fixed part of equation (1), as the kernels read it: the same for every pixel, but for curves of their own."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
+from tofmix.jit import borrowing
+from tofmix.sensor import NoiseCurve, Sensor
+
+NO_RETURN_REACH = 6.0
+"""Without a sample this near to range_max, in sigmas, p(c_0) is 0 from the start."""
+
+CONSTANT_SIGMA_MM = 0.5
+"""Spread of c_0, mm, where the camera returns one value for it: half a step of whole mm."""
+
+SPAN_SIGMAS = 6.0
+"""Random values between extreme samples spread over this many sigma at least: as far as those of one surface do."""
+
+_SMALLEST_OUTLIER_PROBABILITY = 1.0e-12  # in the density: a sample far from all surfaces has a finite log likelihood
+
+
+class OwnCurves(NamedTuple):
+    """Noise curves of single pixels: `range_mm` and `sigma_mm` (pixel, point); the first `size` (pixel,) count.
+
+    Made by `tofmix.estimation.noise.pixel_noise`; of no pixel where the beam's curve holds for all.
+    """
+
+    range_mm: FloatArray
+    sigma_mm: FloatArray
+    size: IntArray
+
+
+class Beam(NamedTuple):
+    """The fixed part of equation (1), in mm, as the kernels read it.
+
+    `range_max` is infinite where the sensor has no such limit; there is no c_0 then.
+    c_0 stands at `range_max` with the spread `sigma_max`: sigma(r_max), or where the camera returns a constant, that
+    and its spread. A peak past `no_return_from`, up to `no_return_to`, belongs to c_0; the latter is infinite but on a
+    circle. No surface lies past `surface_end`, the sensor's r_max, up to there.
+    `outlier_density` is p(c_r) / (range_max - range_min), 1/mm. `range_min` and `range_top`, always
+    finite, are the ends of that interval: the working range, or what stands in for it. `own` are the curves of single
+    pixels, for `pixel_noise.beam_of_pixel` to put in the place of the common one.
+    """
+
+    curve_range: FloatArray
+    curve_sigma: FloatArray
+    range_max: float
+    sigma_max: float
+    no_return_from: float
+    no_return_to: float
+    surface_end: float
+    p_outlier: float
+    outlier_density: float
+    range_min: float
+    range_top: float
+    own: OwnCurves
+
+
+def no_own_curves() -> OwnCurves:
+    """No pixel has a curve of its own."""
+    return OwnCurves(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0, dtype=np.int64))
+
+
+@borrowing
+def is_no_return(range_mm: float, beam: Beam) -> bool:
+    """Whether a peak there belongs to c_0: where a count starts, and all that the paper's procedure has."""
+    return beam.no_return_from < range_mm <= beam.no_return_to
+
+
+@borrowing
+def is_beyond(range_mm: float, beam: Beam) -> bool:
+    """Whether it is beyond the working range, where no surface is found."""
+    return beam.surface_end < range_mm <= beam.no_return_to
+
+
+@borrowing
+def reaches_no_return(samples: FloatArray, beam: Beam) -> bool:
+    """Whether any of the sorted samples lies so near to range_max that there may be a c_0."""
+    reach = NO_RETURN_REACH * beam.sigma_max
+    j = len(samples) - 1
+    if not math.isinf(beam.no_return_to):
+        while j >= 0 and samples[j] > beam.range_max + reach:
+            j -= 1
+    return j >= 0 and samples[j] > beam.range_max - reach
+
+
+def outlier_interval(sensor: Sensor, curve: NoiseCurve) -> tuple[float, float]:
+    """Where random values spread, mm, if ranges are on a line.
+
+    It is the working range. Where `range_max_mm` is not known, it ends at the recording's largest sample, and begins
+    at `range_min_mm`, or without one at the least sample. A sensor that says neither is no recording's: it ends at the
+    last range of the curve then, and begins at `range_min_mm` or 0.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The camera.
+    curve : NoiseCurve
+        sigma(r): between samples, the interval is at least `SPAN_SIGMAS` wide.
+
+    Returns
+    -------
+    float, float
+        Its ends; the second is not above the first where `range_min_mm` does not fit the curve.
+    """
+    low = sensor.range_min_mm or 0.0
+    if sensor.range_max_mm is not None:
+        return low, sensor.range_max_mm
+    least, largest = sensor.sample_min_mm, sensor.sample_max_mm
+    if least is None or largest is None:
+        return low, float(curve.range_mm[-1])
+    if sensor.range_min_mm is not None and sensor.range_min_mm < largest:
+        least = sensor.range_min_mm
+    lacking = max(0.0, SPAN_SIGMAS * float(curve.sigma(largest)) - (largest - least))
+    return least - 0.5 * lacking, largest + 0.5 * lacking
+
+
+def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fold: bool = True) -> Beam:
+    """Take the fixed part of equation (1) from a sensor.
+
+    Where random values spread, `outlier_interval` says; on a circle without `range_max_mm`, over all of it. The
+    working range of a circle is one turn from `range_min_mm` on.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The camera.
+    unambiguous_range_mm : float, optional
+        Length of the circle that ranges are on, mm; a line without it.
+    at_fold : bool
+        Whether a surface may lie at the fold, as for `tofmix.circle.circular_noise`.
+
+    Raises
+    ------
+    ValueError
+        If the sensor has no noise curve, the random values have no interval to spread over, or the circle is too
+        short for the noise or the working range.
+    """
+    if unambiguous_range_mm is not None:
+        return _circular_beam(sensor, unambiguous_range_mm, at_fold=at_fold)
+    if sensor.noise is None:
+        raise ValueError("the sensor has no noise curve sigma(r)")
+    low, high = outlier_interval(sensor, sensor.noise)
+    if high <= low:
+        raise ValueError(f"range_min_mm {low:g} is not below the last range {high:g} of the noise curve")
+    range_max = np.inf if sensor.range_max_mm is None else sensor.range_max_mm
+    sigma_max = float(sensor.noise.sigma(high))
+    p_outlier, constant = sensor.outlier_probability, sensor.no_return_mm
+    return Beam(
+        curve_range=np.array(sensor.noise.range_mm),
+        curve_sigma=np.array(sensor.noise.sigma_mm),
+        range_max=float(range_max) if constant is None else constant,
+        sigma_max=sigma_max if constant is None else CONSTANT_SIGMA_MM,
+        no_return_from=float(range_max - NO_RETURN_SIGMAS * sigma_max),
+        no_return_to=np.inf,
+        surface_end=float(range_max),
+        p_outlier=p_outlier,
+        # With p(c_r) = 0 a sample far from every surface would have no likelihood at all.
+        outlier_density=max(p_outlier, _SMALLEST_OUTLIER_PROBABILITY) / (high - low),
+        range_min=float(low),
+        range_top=float(high),
+        own=no_own_curves(),
+    )
+
+
+def _circular_beam(sensor: Sensor, length: float, *, at_fold: bool) -> Beam:
+    """The beam on a circle; without c_0 where it could not be told from a surface at the fold."""
+    curve = circular_noise(sensor, length, at_fold=at_fold)
+    low = sensor.range_min_mm or 0.0
+    if not low < length:
+        raise ValueError(f"range_min_mm {low:g} is not below the unambiguous range {length:g} mm")
+    range_max, sigma_max = math.inf, float(curve.sigma(length))
+    if sensor.range_max_mm is not None and has_no_return(sensor, length):
+        range_max, sigma_max = sensor.range_max_mm, float(curve.sigma(sensor.range_max_mm))
+    spread = length if sensor.range_max_mm is None else min(sensor.range_max_mm - low, length)
+    return Beam(
+        curve_range=np.array(curve.range_mm),
+        curve_sigma=np.array(curve.sigma_mm),
+        range_max=range_max,
+        sigma_max=sigma_max,
+        no_return_from=range_max - NO_RETURN_SIGMAS * sigma_max,
+        no_return_to=range_max + NO_RETURN_SIGMAS * sigma_max if math.isfinite(range_max) else math.inf,
+        surface_end=range_max,
+        p_outlier=sensor.outlier_probability,
+        outlier_density=max(sensor.outlier_probability, _SMALLEST_OUTLIER_PROBABILITY) / spread,
+        range_min=low,
+        range_top=low + length,
+        own=no_own_curves(),
+    )

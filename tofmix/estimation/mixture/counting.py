@@ -1,0 +1,430 @@
+"""How many surfaces the samples show: each must earn its place in likelihood.
+
+The density's peaks are where a count starts. From there, with the noise curve's
+sigmas: samples that only c_r explains are gathered into surfaces; surfaces that
+are not missed are taken out, the least missed first; and new ones are tried where
+the likelihood rises most, until none gains enough. "Enough" is the threshold of
+`false_alarms`, the same for taking out and putting in.
+"""
+
+import math
+from typing import NamedTuple
+
+from tofmix.estimation.mixture.acceleration import maximise_likelihood
+from tofmix.estimation.mixture.beam import NO_RETURN_REACH, Beam, is_beyond, is_no_return
+from tofmix.estimation.mixture.components import (
+    GAIN,
+    MEAN,
+    MOMENT_2,
+    OTHER,
+    SHARE,
+    SIGMA,
+    SPARE,
+    SUPPORT,
+    TOTAL,
+    WEIGHT,
+    Components,
+    Scratch,
+    capacity_of,
+    copy_components,
+    new_components,
+    new_scratch,
+    no_return_row,
+    remove_surface,
+)
+from tofmix.estimation.mixture.em import expect, log_likelihood, mix
+from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear
+from tofmix.estimation.mixture.gradient import best_share, steepest_place
+from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.peaks.density import within_reach
+from tofmix.estimation.samples import Readings
+from tofmix.estimation.settings import MODE_TIED
+from tofmix.jit import borrowing, jit
+from tofmix.vector import product_of, total_of
+
+COUNT_ITER = 60
+"""Most EM iterations of one trial: counting compares likelihoods, which settle long before the means."""
+
+COUNT_TOL = 1.0e-2
+"""A trial may stop this far, in sigmas, from its end: the likelihood is flat there."""
+
+MIN_SUPPORT = 1.5
+"""Samples that a surface must hold: less is one sample and what others lend it, and one sample is c_r's."""
+
+CERTAIN_SUPPORT = 5.0
+CERTAIN_SIGMAS = 5.0
+"""A surface of 5 samples, 5 sigma from all else, is missed by more than 50 nats: no need to try."""
+
+UNEXPLAINED_SIGMAS = 3.0
+"""Samples that only c_r explains are gathered when they lie within this many sigma of one of them."""
+
+SPLIT_SIGMAS = 0.8
+"""Half the distance, in sigmas, at which a trial splits one surface in two equal ones."""
+
+MOVED_SHARE = 0.9
+"""Part of c_0 that a trial gives to a surface in its place: EM moves a share of 0 no more."""
+
+ALONE_SIGMAS = 4.0
+SCAN_SIGMAS = 4.0
+MOST_BY_CHANCE = 12.0
+"""A surface this far from all others may be outliers that fell together, if it holds fewer samples than that;
+those of one surface lie within `SCAN_SIGMAS`."""
+
+
+_STEEPEST, _SPLIT, _MOVED = 0, 1, 2  # starts of one surface more
+
+BY_CHANCE = 0.1
+"""Part of the wanted false alarms that heaps of outliers may add: `false_alarms` has used up the rest."""
+
+LEAST_BOUND = 0.4
+"""One more surface is tried where its gain bound (see `gradient`) is this part of the least gain."""
+
+
+class Rules(NamedTuple):
+    """When a surface stands: the least gain, nat, the wanted chance of a false alarm, and the most layers.
+
+    `no_return_gain`, nat, is what c_0 must gain beside a surface.
+    """
+
+    least_gain: float
+    false_alarm: float
+    max_layers: int
+    no_return_gain: float
+
+
+class Workspace(NamedTuple):
+    """Three fits and their common scratch: `fit` stands, `trial` what is tried, `best` the best of the tries."""
+
+    fit: Components
+    trial: Components
+    best: Components
+    scratch: Scratch
+
+
+@jit
+def new_workspace(capacity: int, values: int) -> Workspace:
+    """Make a workspace for pixels of up to `values` different values and `capacity` surfaces."""
+    return Workspace(
+        new_components(capacity), new_components(capacity), new_components(capacity), new_scratch(capacity, values)
+    )
+
+
+@borrowing
+def _most_unexplained(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> tuple[float, float]:
+    """Find where most samples lie together that only c_r explains; return their number and mean."""
+    mix(data, k, fit, beam, scratch)
+    unexplained, counts, n = scratch[SPARE], scratch[OTHER], 0
+    for j in range(len(data.value)):
+        if beam.outlier_density > 0.5 * scratch[TOTAL, j] and not is_beyond(data.value[j], beam):
+            unexplained[n], counts[n] = data.value[j], data.times[j]
+            n += 1
+    most, place, first, stop = 0.0, 0.0, 0, 0
+    for centre in unexplained[:n]:
+        reach = UNEXPLAINED_SIGMAS * sigma_at(centre, beam.curve_range, beam.curve_sigma)
+        first, stop = within_reach(unexplained[:n], first, stop, centre - reach, centre + reach)
+        together = total_of(counts[first:stop])
+        if together > most:
+            most, place = together, product_of(unexplained[first:stop], counts[first:stop]) / together
+    return most, place
+
+
+@borrowing
+def _add_surface(k: int, place: float, share: float, fit: Components, beam: Beam) -> int:
+    """Add a surface with this share, all others scaled down; return k + 1."""
+    for i in range(k):
+        fit[WEIGHT, i] *= 1.0 - share
+    fit[WEIGHT, -1] *= 1.0 - share
+    fit[MEAN, k] = place
+    fit[SIGMA, k] = sigma_at(place, beam.curve_range, beam.curve_sigma)
+    fit[WEIGHT, k] = share * (1.0 - beam.p_outlier)
+    return k + 1
+
+
+@borrowing
+def _settle(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> int:
+    """Fit with tied sigmas, as far as a comparison of likelihoods needs; return the EM iterations."""
+    return abs(maximise_likelihood(data, k, fit, beam, MODE_TIED, COUNT_ITER, COUNT_TOL, scratch))
+
+
+@borrowing
+def _add_unexplained(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> int:
+    """Add surfaces for samples that only c_r explains; return the surfaces."""
+    while k < capacity_of(fit):
+        together, place = _most_unexplained(data, k, fit, beam, scratch)
+        if together < MIN_SUPPORT:
+            break
+        k = _add_surface(k, place, together / data.total, fit, beam)
+        _settle(data, k, fit, beam, scratch)
+        if fit[SUPPORT, k - 1] < MIN_SUPPORT:
+            break
+    return k
+
+
+@borrowing
+def _gap_sigmas(k: int, index: int, fit: Components, beam: Beam) -> float:
+    """Distance from a surface to the nearest other, or to c_0, in sigmas of the wider of the two."""
+    nearest = math.inf
+    for i in range(k):
+        if i != index:
+            nearest = min(nearest, abs(fit[MEAN, i] - fit[MEAN, index]) / max(fit[SIGMA, i], fit[SIGMA, index]))
+    if fit[WEIGHT, -1] > 0.0:
+        nearest = min(nearest, abs(beam.range_max - fit[MEAN, index]) / beam.sigma_max)
+    return nearest
+
+
+@borrowing
+def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules: Rules) -> bool:
+    """Whether outliers alone would give such a surface too often.
+
+    Of N p(c_r) outliers, spread evenly, each finds m - 1 or more others in the `SCAN_SIGMAS` after it with the
+    chance of a Poisson variable; that many times the number of outliers bounds the chance of one such heap.
+    """
+    support = fit[SUPPORT, index]
+    if support > MOST_BY_CHANCE or _gap_sigmas(k, index, fit, beam) < ALONE_SIGMAS:
+        return False
+    expected = n * beam.outlier_density * SCAN_SIGMAS * fit[SIGMA, index]
+    fewer, term = 0.0, math.exp(-expected)
+    for m in range(round(support) - 1):
+        fewer += term
+        term *= expected / (m + 1)
+    return n * beam.p_outlier * (1.0 - fewer) > BY_CHANCE * rules.false_alarm
+
+
+@borrowing
+def drop_unsupported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> int:
+    """Take out what is no surface: those beyond the working range, the weakest without support, outliers by chance.
+
+    Where peaks are surfaces, the rule for peaks tells those of c_0; else the likelihood does.
+    """
+    for i in range(k - 1, -1, -1):
+        by_likelihood = rules.false_alarm < 1.0
+        if is_beyond(fit[MEAN, i], beam) or (is_no_return(fit[MEAN, i], beam) and not by_likelihood):
+            fit[WEIGHT, -1] += fit[WEIGHT, i]
+            k = remove_surface(k, i, fit)
+    weakest = 0
+    for i in range(1, k):
+        if fit[SUPPORT, i] < fit[SUPPORT, weakest]:
+            weakest = i
+    if k > 0 and (fit[SUPPORT, weakest] < MIN_SUPPORT or _by_chance(n, k, weakest, fit, beam, rules)):
+        k = remove_surface(k, weakest, fit)
+    return k
+
+
+@borrowing
+def _certain(k: int, index: int, fit: Components, beam: Beam) -> bool:
+    """Whether a surface stands so clear of all others, and of c_0, that its loss need not be computed."""
+    if fit[SUPPORT, index] < CERTAIN_SUPPORT or _may_be_no_return(fit[MEAN, index], CERTAIN_SIGMAS, beam):
+        return False
+    return _gap_sigmas(k, index, fit, beam) > CERTAIN_SIGMAS
+
+
+@borrowing
+def _may_be_no_return(range_mm: float, sigmas: float, beam: Beam) -> bool:
+    """Whether c_0 stands within so many of its sigmas."""
+    return abs(beam.range_max - range_mm) < sigmas * beam.sigma_max
+
+
+@borrowing
+def _leave_out(k: int, index: int, fit: Components, trial: Components, beam: Beam) -> None:
+    """Fill `trial` with the fit without one surface, as a start; c_0 may take its place where it is near."""
+    copy_components(k, fit, trial)
+    if fit[WEIGHT, -1] == 0.0 and _may_be_no_return(fit[MEAN, index], NO_RETURN_REACH, beam):
+        trial[WEIGHT, -1] = fit[WEIGHT, index]
+    remove_surface(k, index, trial)
+
+
+@borrowing
+def weigh_no_return(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> bool:
+    """Take c_0 out of work.fit where a surface stands beside it and the samples do not need both; say whether it is."""
+    fit, trial, _, scratch = work
+    if k == 0 or fit[WEIGHT, -1] == 0.0:
+        return False
+    beside = False
+    for i in range(k):
+        beside = beside or _may_be_no_return(fit[MEAN, i], CERTAIN_SIGMAS, beam)
+    if not beside:
+        return False
+    copy_components(k, fit, trial)
+    scale = (1.0 - beam.p_outlier) / (1.0 - beam.p_outlier - fit[WEIGHT, -1])
+    trial[WEIGHT, -1] = 0.0
+    for i in range(k):
+        trial[WEIGHT, i] *= scale
+    _settle(data, k, trial, beam, scratch)
+    if (
+        log_likelihood(data, k, fit, beam, scratch) - log_likelihood(data, k, trial, beam, scratch)
+        >= rules.no_return_gain
+    ):
+        return False
+    copy_components(k, trial, fit)
+    return True
+
+
+@borrowing
+def prune(
+    data: Readings,
+    k: int,
+    work: Workspace,
+    beam: Beam,
+    rules: Rules,
+) -> int:
+    """Take out the surfaces of work.fit that are not missed, the least missed first; return how many are left."""
+    fit, trial, best, scratch = work
+    while k > 0:
+        left = drop_unsupported(data.total, k, fit, beam, rules)
+        if left < k:
+            k = left
+            _settle(data, k, fit, beam, scratch)
+            continue
+        full, least = math.nan, math.inf
+        for i in range(k):
+            if k <= rules.max_layers and _certain(k, i, fit, beam):
+                continue
+            if math.isnan(full):
+                full = log_likelihood(data, k, fit, beam, scratch)
+            _leave_out(k, i, fit, trial, beam)
+            _settle(data, k - 1, trial, beam, scratch)
+            gain = full - log_likelihood(data, k - 1, trial, beam, scratch)
+            if gain < least:
+                least = gain
+                copy_components(k - 1, trial, best)
+        if least >= rules.least_gain and k <= rules.max_layers:
+            break
+        k -= 1
+        copy_components(k, best, fit)
+    return k
+
+
+@borrowing
+def _most_spread(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> int:
+    """Return the surface whose samples spread most beyond its sigma, by the score test of its variance."""
+    expect(data, k, fit, beam, scratch)
+    most, largest = 0, -math.inf
+    for i in range(k):
+        excess = fit[MOMENT_2, i] / fit[SIGMA, i] ** 2 - fit[SUPPORT, i]
+        excess /= math.sqrt(max(fit[SUPPORT, i], 1.0))
+        if excess > largest:
+            most, largest = i, excess
+    return most
+
+
+@borrowing
+def _supported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> bool:
+    """Whether every surface is one: none lies beyond the working range, lacks support or may be outliers."""
+    for i in range(k):
+        if is_beyond(fit[MEAN, i], beam) or fit[SUPPORT, i] < MIN_SUPPORT:
+            return False
+        if _by_chance(n, k, i, fit, beam, rules):
+            return False
+    return True
+
+
+@borrowing
+def may_gain_more(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> bool:
+    """Whether one more surface than work.fit has could gain enough; a quick look, true where it cannot tell."""
+    wanted = LEAST_BOUND * rules.least_gain
+    return bool(gain_bound_of_clear(data, k, work.fit, beam, work.scratch, wanted) >= wanted)
+
+
+@borrowing
+def try_one_more(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> float:
+    """Fit one more surface than work.fit has; return its gain, nat, with the fit in work.best.
+
+    Three starts: where the likelihood rises most, the most spread surface split in two, and a surface that takes the
+    samples of c_0. The gain is 0 where it cannot reach the least gain, or its bound is too low, or the new fit has
+    something that is no surface.
+    """
+    fit, trial, best, scratch = work
+    wanted = LEAST_BOUND * rules.least_gain
+    if k + 1 > capacity_of(fit):
+        return 0.0
+    slope, place, bound = steepest_place(data, k, fit, beam, scratch, wanted)
+    if slope < rules.least_gain or bound < wanted:
+        return 0.0
+    share = best_share(data, place, beam, scratch)
+    before, gain = log_likelihood(data, k, fit, beam, scratch), 0.0
+    for start in (_STEEPEST, _SPLIT, _MOVED):
+        copy_components(k, fit, trial)
+        if start == _STEEPEST:
+            _add_surface(k, place, share, trial, beam)
+        elif start == _MOVED:
+            if not _move_no_return(data, k, trial, beam, scratch):
+                continue
+        elif k > 0:
+            i = _most_spread(data, k, fit, beam, scratch)
+            _add_surface(k, fit[MEAN, i] + SPLIT_SIGMAS * fit[SIGMA, i], 0.0, trial, beam)
+            trial[MEAN, i] -= SPLIT_SIGMAS * fit[SIGMA, i]
+            trial[WEIGHT, i] *= 0.5
+            trial[WEIGHT, k] = trial[WEIGHT, i]
+        else:
+            continue
+        _settle(data, k + 1, trial, beam, scratch)
+        found = log_likelihood(data, k + 1, trial, beam, scratch) - before
+        if found > gain and _supported(data.total, k + 1, trial, beam, rules):
+            gain = found
+            copy_components(k + 1, trial, best)
+    return gain
+
+
+@borrowing
+def _move_no_return(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> bool:
+    """Add a surface at the mean of c_0's samples, and give it most of them; return whether there is such a place."""
+    weight = fit[WEIGHT, -1]
+    if weight == 0.0:
+        return False
+    expect(data, k, fit, beam, scratch)
+    own, term = scratch[no_return_row(fit)], scratch[SPARE, : len(data.value)]
+    for j in range(len(data.value)):
+        term[j] = scratch[SHARE, j] * own[j]
+    support = total_of(term)
+    if weight * support < MIN_SUPPORT:
+        return False
+    place = product_of(term, data.value) / support
+    if is_beyond(place, beam):
+        return False
+    _add_surface(k, place, 0.0, fit, beam)
+    fit[WEIGHT, k], fit[WEIGHT, -1] = MOVED_SHARE * weight, (1.0 - MOVED_SHARE) * weight
+    return True
+
+
+@borrowing
+def grow(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> int:
+    """Add surfaces to work.fit while one more gains enough; return how many there are."""
+    while k < rules.max_layers and may_gain_more(data, k, work, beam, rules):
+        if try_one_more(data, k, work, beam, rules) < rules.least_gain:
+            break
+        k += 1
+        copy_components(k, work.best, work.fit)
+    return k
+
+
+@borrowing
+def count_surfaces(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> int:
+    """Count the surfaces from a start of `k` in work.fit; return how many there are, with their tied fit there."""
+    _settle(data, k, work.fit, beam, work.scratch)
+    k = _add_unexplained(data, k, work.fit, beam, work.scratch)
+    k = prune(data, k, work, beam, rules)
+    k = grow(data, k, work, beam, rules)
+    if weigh_no_return(data, k, work, beam, rules):
+        k = prune(data, k, work, beam, rules)  # what stood beside c_0 may not be needed beside what took its place
+    return k
+
+
+@borrowing
+def surface_gains(data: Readings, k: int, work: Workspace, beam: Beam) -> None:
+    """Set the gain of each surface of work.fit: the likelihood, nat, lost without it; infinite where it is certain.
+
+    With tied sigmas, as in counting, whatever the sigmas of work.fit are.
+    """
+    fit, trial, tied, scratch = work
+    full = math.nan
+    for i in range(k):
+        fit[GAIN, i] = math.inf
+        if _certain(k, i, fit, beam):
+            continue
+        if math.isnan(full):
+            copy_components(k, fit, tied)
+            _settle(data, k, tied, beam, scratch)
+            full = log_likelihood(data, k, tied, beam, scratch)
+        _leave_out(k, i, tied, trial, beam)
+        _settle(data, k - 1, trial, beam, scratch)
+        fit[GAIN, i] = full - log_likelihood(data, k - 1, trial, beam, scratch)

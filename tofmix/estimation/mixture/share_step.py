@@ -1,0 +1,16 @@
+"""One step of Newton's search for the share of a new surface, all else held.
+
+The log likelihood is concave in the share. The step is kept between half of the share and
+half of the way to `LARGEST_SHARE`, so that no step leaves (0, 1).
+"""
+
+from tofmix.jit import borrowing
+
+LARGEST_SHARE = 0.9
+"""A new surface is given at most this share: the rest stays with the surfaces that are there."""
+
+
+@borrowing
+def next_share(share: float, slope: float, bend: float) -> float:
+    """Share after one step, from the likelihood's slope and negative second derivative at `share`, in nat."""
+    return min(max(share + slope / bend, 0.5 * share), 0.5 * (share + LARGEST_SHARE))

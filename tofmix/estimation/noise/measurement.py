@@ -1,0 +1,280 @@
+"""The noise curve sigma(r) and the share of outliers, measured from a recording itself.
+
+Use `measure_noise` where a camera's curve is not known, or to check the one that
+is. It needs pixels that see one surface; up to 40 % may see several. Nothing here
+knows a curve beforehand.
+
+1. `series` gives each pixel's variance and shape, run of frames by run.
+2. Series shaped as one Gaussian are sorted by range into bins (`curve`).
+3. Where amplitudes were recorded, and held-out pixels ask for it, sigma is a function of range and amplitude
+   (`amplitude`); what amplitude does is taken out of the series then.
+4. A bin's sigma is that of the lowest group of its series: two surfaces closer than some 3 sigma look like one
+   with a larger sigma, never a smaller one (`scale`).
+5. The curve through the bins is taken out and the bins are measured again, so that a steep curve within a bin
+   does no harm. They are smoothed as far as their scatter asks for it.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.estimation.noise.amplitude import ChosenLaw, SpreadSeries, choose_law
+from tofmix.estimation.noise.curve import (
+    LEAST_IN_BIN,
+    WIDE,
+    Point,
+    cut_into_bins,
+    join,
+    log_curve,
+    measure_bins,
+    reference_at,
+    smooth,
+    with_law,
+)
+from tofmix.estimation.noise.outliers import measure_outliers
+from tofmix.estimation.noise.scale import single_share
+from tofmix.estimation.noise.series import (
+    LEAST_SAMPLES,
+    Series,
+    SeriesStatistics,
+    memory_correction,
+    quantisation_step,
+    read_series,
+    series_statistics,
+    shaped_as_one,
+    trend_degree,
+)
+from tofmix.recording import SampleSource, by_target
+from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.wording import counted
+
+STRICTNESS = 0.1
+"""Share of Gaussian series that each test of shape turns away: it costs no bias."""
+
+PILE_SIGMA = 0.5
+"""Samples without a return with less than this share of their neighbour's sigma are a constant."""
+
+LEAST_FITTING = 0.1
+"""Share of series that must have the shape of one surface for the tests of shape to count."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasuredNoise:
+    """What a recording tells of its camera's noise.
+
+    Parameters
+    ----------
+    curve : NoiseCurve
+        sigma(r), mm; with a law of amplitude where the recording shows one.
+    pixels : (n,) int64
+        Pixels that tell each point of the curve; 0 where it is carried on from its neighbours.
+    outlier_probability : float
+        p(c_r) of equation (1), in (0, 1).
+    outlier_samples : int
+        Samples that were seen as outliers.
+    step_mm : float
+        Step of the stored ranges.
+    law_gain : float or None
+        What the law gains in likelihood, nat, on pixels that no fit has seen; None without a law.
+    """
+
+    curve: NoiseCurve
+    pixels: IntArray
+    outlier_probability: float
+    outlier_samples: int
+    step_mm: float
+    law_gain: float | None = None
+
+
+def measure_noise(source: SampleSource) -> MeasuredNoise:
+    """Measure sigma(r), or sigma by range and amplitude, and p(c_r) from a recording.
+
+    The sensor's own curve is not looked at. The result depends on the samples and their amplitudes alone.
+
+    Parameters
+    ----------
+    source : SampleSource
+        The recording; at least 10 frames, and 20 pixels that see one surface at about one range. Amplitudes are used
+        if it is a `tofmix.recording.AmplitudeSource`.
+
+    Returns
+    -------
+    MeasuredNoise
+        The curve is linear between its points and constant past its ends, as any `NoiseCurve`.
+
+    Raises
+    ------
+    ValueError
+        If too few pixels see one surface; the text says what is missing.
+
+    References
+    ----------
+    Basu, Sankhya 15 (1955), 377: shape and variance of a Gaussian sample are independent.
+    """
+    source = by_target(source)
+    series = read_series(source)
+    step = quantisation_step(series.samples)
+    found = series_statistics(series, step)
+    chosen = single_surface(found)
+    bins = cut_into_bins(found.range_mm[chosen])
+    if not bins:
+        raise ValueError(_what_is_missing(source, found, chosen))
+    spread = _Spread(series, found, chosen, bins, step)
+    law = spread.law()
+    points = _without_constant_pile(spread.points(law), source.sensor)
+    curve = join(points)
+    if law is not None:
+        curve = with_law(curve, law.law, spread.centres)
+    p_outlier, n_outliers = measure_outliers(series.samples, found, curve, source.sensor, series.amplitude)
+    return MeasuredNoise(
+        curve=curve,
+        pixels=_pixels(curve, points, series.pixel[chosen]),
+        outlier_probability=p_outlier,
+        outlier_samples=n_outliers,
+        step_mm=step,
+        law_gain=None if law is None else law.gain,
+    )
+
+
+def single_surface(found: SeriesStatistics) -> IntArray:
+    """Numbers of the series that are shaped as one surface, by range; all with samples where hardly any is."""
+    usable = found.kept > 0
+    fits = usable & shaped_as_one(found, STRICTNESS)
+    # Noise that is not Gaussian fails the tests nearly everywhere: then they tell nothing of surfaces.
+    if fits.sum() < LEAST_FITTING * usable.sum():
+        fits = usable
+    moving = found.variance > 0
+    if 2 * (fits & moving).sum() > fits.sum():
+        fits &= moving  # the others are stuck, or coarse steps hide their noise
+    chosen = np.flatnonzero(fits)
+    return chosen[np.argsort(found.range_mm[chosen], kind="stable")]
+
+
+def _what_is_missing(source: SampleSource, found: SeriesStatistics, chosen: IntArray) -> str:
+    frames = source.shape[0]
+    if frames < LEAST_SAMPLES:
+        return f"noise: {counted(frames, 'frame')}; at least {LEAST_SAMPLES} are needed to measure it"
+    filled = int((found.valid >= LEAST_SAMPLES).sum())
+    if filled < LEAST_IN_BIN:
+        seen = counted(filled, "pixel")
+        return f"noise: {seen} with {LEAST_SAMPLES} valid samples or more; at least {LEAST_IN_BIN} are needed"
+    return (
+        f"noise: one surface in {counted(chosen.size, 'pixel')}, and nowhere {LEAST_IN_BIN} of them within"
+        f" {100 * WIDE:.0f} % of one range, as measuring it needs"
+    )
+
+
+class _Spread:
+    """The series that tell of the noise, by range, in bins."""
+
+    def __init__(
+        self, series: Series, found: SeriesStatistics, chosen: IntArray, bins: Sequence[slice], step: float
+    ) -> None:
+        self._bins = bins
+        self._range, self._variance, self._memory = (
+            values[chosen] for values in (found.range_mm, found.variance, found.memory)
+        )
+        self._log_amplitude, self._pixel = np.log(series.amplitude[chosen]), series.pixel[chosen]
+        self._size = int(np.median(found.kept[chosen]))
+        self._degrees = self._size - trend_degree(self._size) - 1
+        # Sheppard's correction: rounding adds step^2 / 12. What is left of less than that cannot be told.
+        self._rounding = step**2 / 12.0
+        self.centres = np.array([np.median(self._range[members]) for members in bins])
+
+    def _log_sigma(self, correction: float = 1.0) -> FloatArray:
+        corrected = self._variance * correction - self._rounding
+        return np.asarray(0.5 * np.log(np.maximum(corrected, self._rounding)), dtype=np.float64)
+
+    def law(self) -> ChosenLaw | None:
+        """Choose how noise depends on amplitude, with the slope of the curve by range alone taken out of the bins."""
+        if not np.isfinite(self._log_amplitude).any():
+            return None
+        log_sigma = self._log_sigma()
+        points, _ = measure_bins(self._range, log_sigma, self._bins, self._degrees)
+        group = np.repeat(np.arange(len(self._bins)), [members.stop - members.start for members in self._bins])
+        inside = np.concatenate([np.arange(members.start, members.stop) for members in self._bins])
+        chosen = choose_law(
+            SpreadSeries(
+                group=group,
+                log_sigma=(log_sigma - log_curve(points, self._range))[inside],
+                log_amplitude=self._log_amplitude[inside],
+                pixel=self._pixel[inside],
+                degrees=self._degrees,
+            )
+        )
+        if chosen is None:
+            return None
+        # A reference that jumps with the reflectivity of each bin's pixels would make the curve jump with it.
+        log_reference = np.log(chosen.law.reference)
+        error = np.array([_spread_of(self._log_amplitude[members]) for members in self._bins])
+        smoothed = smooth(np.log(np.maximum(self.centres, 1.0)), log_reference, error)
+        return replace(chosen, law=replace(chosen.law, reference=np.exp(smoothed)))
+
+    def points(self, law: ChosenLaw | None) -> list[Point]:
+        """Measure the bins, at the law's factor 1; noise that remembers is corrected."""
+        log_factor = np.zeros(len(self._range))
+        if law is not None:
+            reference = reference_at(law.law, self.centres, self._range)
+            known = np.isfinite(self._log_amplitude)
+            log_factor = law.law.log_factor(np.where(known, np.exp(self._log_amplitude), reference))
+        plain = self._log_sigma() - log_factor
+        points, located = measure_bins(self._range, plain, self._bins, self._degrees)
+        # Surfaces that take turns have no memory: only that of the single series counts, by their variance.
+        away = plain - log_curve(points, self._range)
+        share = single_share(away, self._degrees, located.chances) * np.exp(2.0 * np.minimum(away, 1.0))
+        memory = float(share @ self._memory / share.sum())
+        correction = memory_correction(memory, self._size)
+        if correction == 1.0:
+            return points
+        return measure_bins(self._range, self._log_sigma(correction) - log_factor, self._bins, self._degrees)[0]
+
+
+def _spread_of(log_amplitude: FloatArray) -> float:
+    """Standard deviation of the known ones, at least 1 %; 1 without any."""
+    known = log_amplitude[np.isfinite(log_amplitude)]
+    return max(float(known.std()), 0.01) if known.size else 1.0
+
+
+def _without_constant_pile(points: list[Point], sensor: Sensor) -> list[Point]:
+    """Leave out samples without a return that are a constant: their spread is not sigma(range_max)."""
+    if sensor.range_max_mm is None or len(points) == 1:
+        return points
+    before, last = points[-2:]
+    near = last.high >= sensor.range_max_mm - 3.0 * math.exp(before.log_sigma)
+    return points[:-1] if near and last.log_sigma < before.log_sigma + math.log(PILE_SIGMA) else points
+
+
+def _pixels(curve: NoiseCurve, points: Sequence[Point], pixel: IntArray) -> IntArray:
+    """Pixels that tell each point of the curve; 0 between the bins' centres."""
+    count = np.zeros(len(curve.range_mm), dtype=np.int64)
+    for point in points:
+        nearest = int(np.argmin(np.abs(curve.range_mm - point.centre)))
+        count[nearest] += len(np.unique(pixel[point.members]))
+    return count
+
+
+def disagreement(measured: MeasuredNoise, curve: NoiseCurve) -> tuple[float, float]:
+    """Where a curve and the recording differ most: range, mm, and the curve's sigma over the measured one.
+
+    Only the ranges at which the recording tells sigma count.
+
+    Parameters
+    ----------
+    measured : MeasuredNoise
+        What `measure_noise` returned.
+    curve : NoiseCurve
+        The curve to check.
+
+    Returns
+    -------
+    float, float
+        Range and ratio.
+    """
+    seen = measured.pixels > 0
+    range_mm = measured.curve.range_mm[seen]
+    ratio = curve.sigma(range_mm) / measured.curve.sigma_mm[seen]
+    worst = int(np.argmax(np.abs(np.log(ratio))))
+    return float(range_mm[worst]), float(ratio[worst])

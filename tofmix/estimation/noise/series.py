@@ -1,0 +1,264 @@
+"""Series of one pixel's samples in time, and the statistics that tell its noise without knowing the noise curve.
+
+Use it through `noise`. A series is one pixel in one run of consecutive frames. Its
+trend in time (drift, a surface that moves) is taken out by a polynomial, samples
+far off are set aside, and what is left has a variance and a shape. For Gaussian
+noise the shape is independent of the variance (Basu's theorem), so that series
+may be picked by their shape as strictly as one likes and the variance stays unbiased.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.estimation.samples import FARTHEST_MM
+from tofmix.jit import jit
+from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
+from tofmix.robust import MAD_TO_SIGMA
+
+SERIES_FRAMES = 100
+"""Frames of a series: long enough to tell a shape, short enough for drift to be a polynomial."""
+
+MAX_SERIES = 1 << 17
+"""Most series that are looked at: 52 MB of samples."""
+
+LEAST_SAMPLES = 10
+"""Fewest valid samples of a series."""
+
+TREND_DEGREES = ((50, 4), (20, 2), (0, 1))
+"""Degree of a series' trend, from so many samples on: a warm-up within the series is followed."""
+
+CLIP_SIGMAS = 6.0
+"""Samples farther from the trend than this, in robust sigmas, are set aside."""
+
+LEAST_KEPT = 0.7
+"""A series of which a smaller share is left then sees more than one surface."""
+
+
+_ROUNDS = 4  # of fitting a trend and setting samples aside
+_RESOLUTION_MM = 0.01  # finer steps are not told from none
+_SHAPE_TRIALS = 2000  # simulated Gaussian series for each size
+_SHAPE_SEED = 20080922  # of these series, so that the limits are always the same
+_SHAPE_SIZES = (10, 13, 17, 20, 26, 34, 50, 70, 100)  # samples of a series; limits in between are interpolated
+
+
+class Series(NamedTuple):
+    """Series of samples.
+
+    `samples` (series, frame) float32 in mm, NaN where invalid; `pixel` (series,), the number of the pixel they are of;
+    `amplitude` (series,), the median of their amplitudes above 0, NaN where none is known.
+    """
+
+    samples: Float32Array
+    pixel: IntArray
+    amplitude: FloatArray
+
+
+class SeriesStatistics(NamedTuple):
+    """What each series tells, all of the shape (series,).
+
+    `valid` samples, of which `kept` are near the trend; `range_mm`, their median; `variance` about the trend, mm^2,
+    unbiased for independent samples; `skewness`, `kurtosis` of them (0 and 3 for a Gaussian); `memory`, their
+    correlation from one frame to the next. Where there are fewer than `LEAST_SAMPLES`, `kept` is 0.
+    """
+
+    valid: IntArray
+    kept: IntArray
+    range_mm: FloatArray
+    variance: FloatArray
+    skewness: FloatArray
+    kurtosis: FloatArray
+    memory: FloatArray
+
+
+def read_series(source: SampleSource, *, most: int = MAX_SERIES) -> Series:
+    """Take series from a recording: all pixels up to `most`, in as many runs of frames as that allows.
+
+    Runs are spread evenly over the recording. Of larger images every k-th row is taken. What is taken depends on the
+    recording's sizes alone. It is read band by band.
+    """
+    frames, rows, cols = source.shape
+    length = min(frames, SERIES_FRAMES)
+    step = max(1, math.ceil(rows * cols / most))
+    chosen = np.arange(0, rows, step)
+    runs = max(1, min(frames // length, most // (len(chosen) * cols)))
+    starts = np.linspace(0, frames - length, runs).astype(int)
+    return read_runs(source, starts.tolist(), length, chosen, amplitude_source(source))
+
+
+def read_runs(
+    source: SampleSource,
+    starts: Sequence[int],
+    length: int,
+    chosen: IntArray,
+    amplitudes: AmplitudeSource | None,
+) -> Series:
+    """Series of `length` frames from each of `starts` on, of the pixels of the chosen rows, ascending.
+
+    Runs come one after the other, each in the order of its pixels. They are read band by band of stored rows.
+    """
+    _, rows, cols = source.shape
+    band = max(1, source.row_step)
+    parts, pixels, medians = [], [], []
+    for start in starts:
+        for first in range(0, rows, band):
+            wanted = chosen[(chosen >= first) & (chosen < first + band)]
+            if wanted.size:
+                block = slice(start, start + length), slice(first, min(first + band, rows))
+                parts.append(source.read_range(*block)[:, wanted - first].reshape(length, -1).T.copy())
+                pixels.append((wanted[:, None] * cols + np.arange(cols)).ravel())
+                if amplitudes is None:
+                    medians.append(np.full(len(pixels[-1]), np.nan))
+                else:
+                    read = amplitudes.read_amplitude(*block)[:, wanted - first].reshape(length, -1).T
+                    medians.append(_medians(np.where(np.isfinite(parts[-1]), read, np.nan)))
+    return Series(np.concatenate(parts), np.concatenate(pixels).astype(np.int64), np.concatenate(medians))
+
+
+def _medians(amplitude: Float32Array) -> FloatArray:
+    """Median of the finite values above 0 of each row, NaN where there is none."""
+    ordered = np.sort(np.where(np.isfinite(amplitude) & (amplitude > 0), amplitude, np.nan), axis=1)  # NaN last
+    count = np.isfinite(ordered).sum(axis=1)
+    row = np.arange(len(ordered))
+    low, high = ordered[row, np.maximum(count - 1, 0) // 2], ordered[row, count // 2]
+    return np.asarray(0.5 * (low.astype(np.float64) + high), dtype=np.float64)
+
+
+def quantisation_step(samples_mm: Float32Array) -> float:
+    """Step between neighbouring stored ranges, mm: that of the densest tenth; tiny where ranges are continuous."""
+    values = samples_mm[np.abs(samples_mm) <= FARTHEST_MM]
+    distinct = np.unique(np.rint(values.astype(np.float64) / _RESOLUTION_MM))
+    if distinct.size < 3:  # noqa: PLR2004  two values may be any distance apart
+        return _RESOLUTION_MM
+    gaps = np.diff(distinct) * _RESOLUTION_MM
+    # A step that is no whole number of mm is stored as two gaps by turns: their mean is the step.
+    return float(gaps[gaps <= 1.5 * np.quantile(gaps, 0.1)].mean())
+
+
+@jit
+def trend_degree(n: int) -> int:
+    """Degree of the polynomial that is taken out of `n` samples."""
+    for least, degree in TREND_DEGREES:
+        if n >= least:
+            return degree
+    return 1
+
+
+@jit
+def _fit_trend(time: FloatArray, values: FloatArray, keep: BoolArray, degree: int, trend: FloatArray) -> None:
+    """Fill `trend` with the least-squares polynomial through the kept values."""
+    size = degree + 1
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    for j in range(len(time)):
+        if keep[j]:
+            for a in range(size):
+                right[a] += time[j] ** a * values[j]
+                for b in range(size):
+                    normal[a, b] += time[j] ** (a + b)
+    # Frames that are all in one place leave the trend to a tiny ridge, not to a division by zero.
+    for a in range(size):
+        normal[a, a] += 1e-9
+    solution = np.linalg.solve(normal, right)
+    for j in range(len(time)):
+        trend[j] = 0.0
+        for a in range(size):
+            trend[j] += solution[a] * time[j] ** a
+
+
+@jit
+def _series_statistics(samples: Float32Array, step: float) -> SeriesStatistics:
+    count, frames = samples.shape
+    valid, kept = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.int64)
+    place, variance, skewness = np.zeros(count), np.zeros(count), np.zeros(count)
+    kurtosis, memory = np.zeros(count), np.zeros(count)
+    all_time, all_values = np.empty(frames), np.empty(frames)
+    for k in range(count):
+        n = 0
+        for frame in range(frames):
+            if abs(samples[k, frame]) <= FARTHEST_MM:  # false for NaN
+                all_time[n], all_values[n] = 2.0 * frame / frames - 1.0, samples[k, frame]
+                n += 1
+        valid[k] = n
+        if n < LEAST_SAMPLES:
+            continue
+        time, centre, degree = all_time[:n], np.median(all_values[:n]), trend_degree(n)
+        values = all_values[:n] - centre
+        trend, keep = np.zeros(n), np.ones(n, dtype=np.bool_)
+        for _ in range(_ROUNDS):
+            rest = values - trend
+            middle = np.median(rest)
+            spread = MAD_TO_SIGMA * np.median(np.abs(rest - middle))
+            # Few samples have a rough median deviation: the limit is wider for them.
+            keep = np.abs(rest - middle) <= max(CLIP_SIGMAS * spread * (1.0 + 5.0 / n), 2.0 * step)
+            _fit_trend(time, values, keep, degree, trend)
+        m2, m3, m4, lagged, left = 0.0, 0.0, 0.0, 0.0, 0
+        for j in range(n):
+            if keep[j]:
+                rest_j = values[j] - trend[j]
+                left += 1
+                m2 += rest_j**2
+                m3 += rest_j**3
+                m4 += rest_j**4
+                if j > 0 and keep[j - 1]:
+                    lagged += rest_j * (values[j - 1] - trend[j - 1])
+        if left < max(degree + 3, LEAST_KEPT * n):
+            continue
+        kept[k], place[k] = left, centre + np.median(values[keep])
+        variance[k] = m2 / (left - degree - 1)
+        if m2 > 0.0:
+            skewness[k], kurtosis[k] = m3 / left / (m2 / left) ** 1.5, m4 / left / (m2 / left) ** 2
+            memory[k] = lagged / m2
+    return SeriesStatistics(valid, kept, place, variance, skewness, kurtosis, memory)
+
+
+def series_statistics(series: Series, step_mm: float) -> SeriesStatistics:
+    """Statistics of each series; `step_mm` is what `quantisation_step` returned."""
+    return _series_statistics(np.ascontiguousarray(series.samples), step_mm)
+
+
+def shaped_as_one(statistics: SeriesStatistics, strictness: float) -> BoolArray:
+    """Which series have the shape of one Gaussian.
+
+    Two surfaces that overlap make a sample flat (low kurtosis) or lopsided. The limits are those that Gaussian series
+    of as many samples pass, from a simulation with a fixed seed: a share `strictness` of them fails each of the two.
+    A tenth of that fails for long tails.
+    """
+    rng = np.random.default_rng(_SHAPE_SEED)
+    limits = []
+    for n in _SHAPE_SIZES:
+        gaussian = rng.standard_normal((_SHAPE_TRIALS, n)).astype(np.float32)
+        drawn = _series_statistics(gaussian, 0.0)
+        limits.append(
+            (
+                np.quantile(np.abs(drawn.skewness), 1.0 - strictness),
+                *np.quantile(drawn.kurtosis, (strictness, 1.0 - 0.1 * strictness)),
+            )
+        )
+    size = np.clip(statistics.kept, _SHAPE_SIZES[0], _SHAPE_SIZES[-1])
+    skew, flat, long = (np.interp(size, _SHAPE_SIZES, column) for column in np.array(limits).T)
+    fits = (np.abs(statistics.skewness) <= skew) & (statistics.kurtosis >= flat) & (statistics.kurtosis <= long)
+    return np.asarray(fits & (statistics.kept > 0), dtype=np.bool_)
+
+
+def memory_correction(memory: float, n: int) -> float:
+    """Factor on the variance of `n` samples whose noise is AR(1), from their correlation from frame to frame.
+
+    A trend takes out slow noise as well, and more of it the longer the noise remembers. Both the variance and the
+    correlation that are left have known means, traces of M R with M the projection and R the correlation matrix; the
+    coefficient is the one that gives `memory`. 1 where there is no memory.
+    """
+    degree = trend_degree(n)
+    basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, n), degree + 1))
+    project = np.eye(n) - basis @ basis.T
+    apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+    coefficients = np.linspace(0.0, 0.9, 46)
+    left, lagged = [], []
+    for coefficient in coefficients:
+        rest = project @ coefficient**apart @ project
+        left.append(float(np.trace(rest)))
+        lagged.append(float(np.trace(rest, offset=1)) / left[-1])
+    found = float(np.interp(memory, lagged, coefficients))  # lagged rises with the coefficient
+    return (n - degree - 1) / float(np.interp(found, coefficients, left))

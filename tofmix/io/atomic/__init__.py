@@ -1,0 +1,1 @@
+"""Outputs that appear whole or not at all: temporary files, locks, groups of files, folders for partial outputs."""

@@ -1,0 +1,194 @@
+"""One run an output: the temporary file that becomes the output is locked by the run that writes it.
+
+The kernel drops the lock when the run ends, however it ends. So a second run is refused at once, and a temporary file
+that nobody has locked is a dead run's and is removed. The name of a temporary file tells the machine: on a disk that
+several machines share, none touches another's, for locks need not reach that far.
+"""
+
+import errno
+import fcntl
+import hashlib
+import os
+import platform
+import secrets
+import stat
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from tofmix.errors import StorageError, UsageError, os_error_text
+from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_output, on_discard
+
+_ENDING = ".tofmix-partial"
+_NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
+_ATTEMPTS = 10
+_PAUSE_S = 0.02
+"""Who clears a folder holds a lock for less."""
+
+_MOST_DESCRIPTORS = 4096  # descriptors that a signal handler looks through
+
+_cleared: set[Path] = set()
+
+_begun: set[Path] = set()
+"""Files that are about to be created and locked: whether they are ours yet is for the lock to say."""
+
+
+@dataclass(frozen=True, slots=True)
+class OutputLock:
+    """A temporary file, open and locked: its path, its descriptor."""
+
+    path: Path
+    descriptor: int
+
+    def is_there(self) -> bool:
+        """Whether the path still leads to this file."""
+        return _leads_to(self.path, self.descriptor)
+
+    def release(self) -> None:
+        """Remove the file and give up the lock."""
+        if self.is_there():
+            self.path.unlink(missing_ok=True)
+        os.close(self.descriptor)
+        forget_partial_output(self.path)
+
+
+_held: dict[Path, OutputLock] = {}
+"""Locks of this process that no writer has taken yet, by output."""
+
+
+def hold_lock(target: Path) -> None:
+    """Lock an output for a writer of this process that comes later; raises as `lock_output` does."""
+    _held[target] = lock_output(target)
+
+
+def release_lock(target: Path) -> None:
+    """Give a held lock up, unless a writer has taken it."""
+    lock = _held.pop(target, None)
+    if lock is not None:
+        lock.release()
+
+
+def lock_output(target: Path) -> OutputLock:
+    """Lock an output: its temporary file, new and empty; one that is held is handed over.
+
+    Parameters
+    ----------
+    target : Path
+        The output; no symbolic link.
+
+    Raises
+    ------
+    UsageError
+        If another run is writing it.
+    StorageError
+        If nothing can be created there.
+    """
+    if target in _held:
+        return _held.pop(target)
+    own = target.with_name(f".{target.name}.{_machine()}{_ENDING}")
+    _begun.add(own)
+    try:
+        clear_folder(target.parent)
+        lock = _lock(own) or _without_locks(target)
+        note_partial_output(lock.path, resumable=False)
+    except BlockingIOError as error:
+        raise UsageError(f"{target}: another run is writing it; wait for that, or choose another output") from error
+    except OSError as error:
+        raise StorageError(os_error_text(error, target)) from error
+    finally:
+        _begun.discard(own)
+    return lock
+
+
+def _discard_begun() -> None:
+    """Remove files that a signal finds created, but not yet noted as ours; never one that another run has locked."""
+    for path in _begun:
+        for descriptor in range(3, _MOST_DESCRIPTORS):
+            try:
+                if _leads_to(path, descriptor):
+                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    path.unlink()
+            except OSError:
+                continue  # no descriptor of that number, or another run's lock
+
+
+on_discard(_discard_begun)
+
+
+def _machine() -> str:
+    return hashlib.sha256(platform.node().encode()).hexdigest()[:8]
+
+
+def _lock(path: Path) -> OutputLock | None:
+    """Create and lock a file; None where the disk knows no locks. What a dead run left there is replaced."""
+    for attempt in range(_ATTEMPTS):
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(descriptor)
+            if error.errno in _NO_LOCKS:
+                path.unlink(missing_ok=True)  # nobody writes it: all that come here take a name of their own
+                return None
+            if attempt == _ATTEMPTS - 1 or not isinstance(error, BlockingIOError):
+                raise
+            time.sleep(_PAUSE_S)
+            continue
+        if _leads_to(path, descriptor):
+            if os.fstat(descriptor).st_size == 0:
+                return OutputLock(path, descriptor)
+            path.unlink()  # and not truncated: its content may have another name, too
+        os.close(descriptor)
+    raise BlockingIOError(errno.EAGAIN, "others claim it again and again")
+
+
+def _without_locks(target: Path) -> OutputLock:
+    """Create a file of a name that no other run has; nobody is refused, and a dead run's stays."""
+    path = target.with_name(f".{target.name}.{secrets.token_hex(6)}{_ENDING}")
+    return OutputLock(path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
+
+
+def _leads_to(path: Path, descriptor: int) -> bool:
+    try:
+        there = os.lstat(path)
+    except OSError:
+        return False
+    opened = os.fstat(descriptor)
+    return (there.st_dev, there.st_ino) == (opened.st_dev, opened.st_ino)
+
+
+def clear_folder(folder: Path) -> None:
+    """Remove the temporary files of dead runs of this machine and user, once a process and folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Where outputs are written.
+    """
+    folder = folder.absolute()
+    if folder in _cleared:
+        return
+    _cleared.add(folder)
+    ending = f".{_machine()}{_ENDING}"
+    with os.scandir(folder) as entries:
+        found = [entry for entry in entries if entry.name.startswith(".") and entry.name.endswith(ending)]
+    for entry in found:
+        _remove_if_dead(Path(entry.path))
+
+
+def _remove_if_dead(path: Path) -> None:
+    try:
+        status = path.lstat()
+        if not stat.S_ISREG(status.st_mode) or status.st_uid != os.geteuid():
+            return
+        descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except OSError:
+        return  # gone meanwhile, or not ours
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        if _leads_to(path, descriptor):
+            path.unlink()
+    except OSError:
+        return  # a live run's, or a disk without locks
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,74 @@
+"""A folder for what is unpacked and used up, in the temporary folder; it goes with the run, however the run ends.
+
+A killed run cannot remove its own. As it is locked while its run lives, the next one that needs a folder removes it.
+"""
+
+import fcntl
+import os
+import shutil
+import stat
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tofmix.errors import StorageError, os_error_text
+from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_output
+
+_PREFIX = "tofmix-scratch-"
+_YOUNG_S = 60.0
+"""A folder may be this old and not locked yet."""
+
+
+@contextmanager
+def scratch_folder() -> Iterator[Path]:
+    """Make a folder that is removed when the block ends, or the process.
+
+    Raises
+    ------
+    StorageError
+        If it cannot be made.
+    """
+    root = Path(tempfile.gettempdir())
+    _clear(root)
+    try:
+        folder = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=root))
+        note_partial_output(folder, resumable=False)
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError as error:
+        raise StorageError(os_error_text(error, root)) from error
+    try:
+        _lock(descriptor)
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(descriptor)
+        forget_partial_output(folder)
+
+
+def _lock(descriptor: int) -> bool:
+    """Lock an open folder; False if another run has it, or the disk knows no locks."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
+
+
+def _clear(root: Path) -> None:
+    """Remove folders of dead runs of this user."""
+    for folder in root.glob(f"{_PREFIX}*"):
+        try:
+            status = folder.lstat()
+            ours = stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid()
+            if not ours or time.time() - status.st_ctime < _YOUNG_S:
+                continue
+            descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        except OSError:
+            continue  # gone meanwhile
+        try:
+            if _lock(descriptor):
+                shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            os.close(descriptor)

@@ -1,0 +1,251 @@
+"""The one place where HDF5 files are opened for reading; none is opened that has not been looked at.
+
+`open_for_reading` first lets a process of its own check a file's structure (`structure_process`, by the rules of
+`structure_rules`); the library may hang or crash there without harm. Only then the file is opened here. The process
+starts with the first file and serves all others.
+"""
+
+import atexit
+import base64
+import io
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import h5py
+
+from tofmix.errors import BadInputError, StorageError, os_error_text
+from tofmix.io.atomic.storage import check_input
+from tofmix.io.guard.hdf5_memory import make_room
+from tofmix.io.guard.library_reason import library_reason
+from tofmix.io.guard.unpacking import BoundedDataset
+from tofmix.io.guard.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
+from tofmix.io.next_command import folder_fault, foreign_kind, import_command
+
+_GRACE_S = 2.0  # s beyond the limit until the process is killed
+_PROGRAM = (sys.executable, "-P", str(Path(__file__).with_name("structure_process.py")))
+
+LIBRARY_FAULTS = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError)
+"""What h5py raises on damaged files; a name that is no UTF-8 is a ValueError."""
+
+
+class StructureChecker:
+    """The process that looks at files first.
+
+    Parameters
+    ----------
+    program : sequence of str
+        What to start, in place of `tofmix.io.guard.structure_process`.
+    """
+
+    def __init__(self, program: Sequence[str] = _PROGRAM) -> None:
+        self._program = program
+        self._process: subprocess.Popen[str] | None = None
+        self._owner = 0
+        self._lock = threading.Lock()
+
+    def check(self, request: dict[str, Any], what: Path) -> list[int]:
+        """Ask for one look; return what the file was: device, inode, size, time of the last change.
+
+        Raises
+        ------
+        BadInputError
+            If the file breaks a rule, or the library hangs or crashes on it.
+        StorageError
+            If the process cannot be started, or somebody kills it.
+        MemoryError
+            If there is no memory to open any file in.
+        """
+        limit = limit_s(STRUCTURE_LIMIT_S)
+        with self._lock:
+            process = self._started(what)
+            line = json.dumps(request | {"limit_s": limit})
+            answer = _exchange(process, line, limit + _GRACE_S)
+            if not answer:
+                code = self._ended()
+                if code == -signal.SIGALRM or code is None:
+                    reason = f"its structure could not be read within {limit:g} s; given up, the file is damaged"
+                elif code == -signal.SIGKILL:
+                    raise StorageError(f"{what}: the process that looks at files was killed; is the memory used up?")
+                elif code < 0:
+                    reason = "cannot be read: the HDF5 library crashed on it; the file is damaged"
+                else:
+                    raise StorageError(f"{what}: the process that looks at files ended with {code}")
+                raise BadInputError(f"{what}: {reason}")
+        found = json.loads(answer)
+        if "no_memory" in found:
+            raise MemoryError
+        if "refused" in found:
+            raise BadInputError(f"{what}: {found['refused']}")
+        return list(found["identity"])
+
+    def _started(self, what: Path) -> "subprocess.Popen[str]":
+        if self._process is None or self._owner != os.getpid() or self._process.poll() is not None:
+            pipe = subprocess.PIPE
+            try:
+                # In a session of its own: Ctrl-C is the terminal's word to us, and the pipe's end is ours to it.
+                self._process = subprocess.Popen(  # noqa: S603  our own program
+                    self._program, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True,
+                    start_new_session=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+                )  # fmt: skip
+            except OSError as error:
+                raise StorageError(f"{what}: {os_error_text(error, 'the process that looks at files')}") from error
+            self._owner = os.getpid()
+        return self._process
+
+    def _ended(self) -> int | None:
+        """End the process; return its exit code if it ended by itself, None if it had to be killed."""
+        process, self._process = self._process, None
+        assert process is not None  # noqa: S101  for the type checker: it was asked
+        return _finish(process)
+
+    def close(self) -> None:
+        """End the process, if this one has started it."""
+        process, self._process = self._process, None
+        if process is not None and self._owner == os.getpid():
+            _finish(process)
+
+
+def _finish(process: "subprocess.Popen[str]") -> int | None:
+    """Close the pipes, which ends the process; return its exit code, None if it had to be killed."""
+    for pipe in (process.stdin, process.stdout):
+        try:
+            if pipe is not None:
+                pipe.close()
+        except OSError:  # what was not sent to a process that has gone
+            continue
+    try:
+        return process.wait(_GRACE_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+    with suppress(subprocess.TimeoutExpired):  # one that waits for a dead disk cannot even be killed
+        process.wait(_GRACE_S)
+    return None
+
+
+def _exchange(process: "subprocess.Popen[str]", line: str, seconds: float) -> str:
+    """Send a line and return the answer; nothing if there is none in time."""
+    assert process.stdin is not None and process.stdout is not None  # noqa: S101, PT018  for the type checker: pipes
+    try:
+        process.stdin.write(line + "\n")
+        process.stdin.flush()
+    except OSError:
+        return ""
+    if not select.select([process.stdout], [], [], seconds)[0]:
+        return ""
+    return process.stdout.readline()
+
+
+_checker = StructureChecker()
+atexit.register(_checker.close)
+
+
+@contextmanager
+def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False) -> Iterator[h5py.File]:
+    """Open an HDF5 file, with one clear error for each way in which it can be unfit.
+
+    In the end it must be as it was, unless `settled` says that what was read is known to be good and in use.
+
+    Raises
+    ------
+    BadInputError
+        If the file is missing, cannot be read, is not HDF5, is cut short, or breaks a rule of `structure_rules`.
+    """
+    with watched(str(path)):
+        if path.is_dir():
+            raise BadInputError(folder_fault(path))
+        check_input(path)
+        kind = foreign_kind(path)
+        if kind is not None and not h5py.is_hdf5(path):  # a MATLAB file may be HDF5
+            raise BadInputError(f"{path} is {kind}, not HDF5: {import_command(path)}")
+        # Resolved here, for /dev/stdin and its like are other files in another process.
+        seen = _checker.check({"path": os.path.realpath(path)}, path)
+        file = _open(path)
+    with file:
+        if identity(file) != seen:
+            raise BadInputError(f"{path}: another file now than a moment ago; refused")
+        yield file
+        if not settled():
+            check_unchanged(file, seen, path)
+
+
+def _open(path: Path) -> h5py.File:
+    make_room()
+    try:
+        return h5py.File(path, "r")
+    except LIBRARY_FAULTS as error:
+        if isinstance(error, OSError) and error.errno:
+            raise BadInputError(os_error_text(error, path)) from error
+        raise BadInputError(f"{path}: {library_reason(error)}") from error
+
+
+@contextmanager
+def open_image(image: bytes, path: Path) -> Iterator[h5py.File]:
+    """Open a small HDF5 file in memory, which the file `path` holds; refused as by `open_for_reading`."""
+    _checker.check({"image": base64.b64encode(image).decode()}, path)
+    make_room()
+    with reading(path, "header"), h5py.File(io.BytesIO(image), "r") as root:
+        yield root
+
+
+def is_hdf5(path: Path) -> bool:
+    """Whether a file begins as HDF5 does; a hanging disk is waited for no longer than for a read."""
+    with watched(str(path)):
+        return bool(h5py.is_hdf5(path))
+
+
+def identity(file: h5py.File) -> list[int]:
+    """What an open file is: device, inode, size, time of the last change."""
+    status = os.fstat(file.id.get_vfd_handle())
+    return [status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns]
+
+
+def check_unchanged(file: h5py.File, seen: list[int], path: Path) -> None:
+    """Refuse what was read if the file was written to meanwhile.
+
+    Raises
+    ------
+    BadInputError
+        If it is no longer what `identity` gave as `seen`.
+    """
+    if identity(file) != seen:
+        raise BadInputError(f"{path}: it has changed while it was read; nothing of it can be relied on")
+
+
+@contextmanager
+def reading(path: Path, name: str) -> Iterator[None]:
+    """Turn what h5py raises while data are read into one `BadInputError` that names the dataset; watch the clock."""
+    try:
+        with watched(f"{path}: {name}"):
+            yield
+    except LIBRARY_FAULTS as error:
+        raise BadInputError(f"{path}: {name}: cannot be read: {library_reason(error)}") from error
+
+
+def checked_dataset(group: h5py.Group, name: str, path: Path) -> h5py.Dataset:
+    """Return the dataset `name`.
+
+    Raises
+    ------
+    BadInputError
+        If there is none, it is a group, or it breaks a rule.
+    """
+    with reading(path, name):
+        link = group.get(name, getlink=True)
+        if isinstance(link, h5py.ExternalLink):
+            raise BadInputError(f"{path}: {name}: a link to another file; refused")
+        item = group.get(name)
+    if item is None:
+        raise BadInputError(f"{path}: no dataset {name}")
+    if not isinstance(item, h5py.Dataset):
+        raise BadInputError(f"{path}: {name}: expected a dataset, got a group")
+    with reading(path, name):
+        return BoundedDataset(item.id)

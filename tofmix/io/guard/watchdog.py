@@ -1,0 +1,103 @@
+"""A watchdog over reads: one that gives nothing for minutes ends the program, and says which file it was.
+
+A read from a network disk that has gone never returns, and no exception can reach a thread inside the operating system
+or the HDF5 library. So a thread of its own watches the clock, says what hangs, removes unfinished files and ends the
+process. Only the command line arms it: a library must not end its caller's process.
+"""
+
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from tofmix.errors import ExitCode
+from tofmix.io.atomic.partial_output import discard_partial_outputs, is_resumable
+
+READ_LIMIT_S = 120.0
+"""For one read, which is of one stored chunk or of some MB."""
+
+STRUCTURE_LIMIT_S = 20.0
+"""For a look at a file's structure."""
+
+_VARIABLE = "TOFMIX_READ_TIMEOUT"
+_POLL_S = 0.5  # s between two looks at the clock
+
+
+def limit_s(default: float) -> float:
+    """Seconds until a read is given up: the default, or what the environment variable TOFMIX_READ_TIMEOUT says."""
+    try:
+        chosen = float(os.environ.get(_VARIABLE, ""))
+    except ValueError:
+        return default
+    return chosen if 0.0 < chosen < float("inf") else default
+
+
+class Watchdog:
+    """Knows which reads are going on, and since when.
+
+    Parameters
+    ----------
+    give_up : callable
+        Called once, in the watching thread, with what hangs and after how many seconds.
+    """
+
+    def __init__(self, give_up: Callable[[str, float], object]) -> None:
+        self._give_up = give_up
+        self._since: dict[object, tuple[float, str, float]] = {}
+        threading.Thread(target=self._watch, name="tofmix-watchdog", daemon=True).start()
+
+    @contextmanager
+    def over(self, what: str, times: float = 1.0) -> Iterator[None]:
+        """Watch a block that reads; it may take some times as long as a single read."""
+        key = object()
+        self._since[key] = time.monotonic(), what, times
+        try:
+            yield
+        finally:
+            self._since.pop(key, None)
+
+    def _watch(self) -> None:
+        while True:
+            time.sleep(_POLL_S)
+            for since, what, times in list(self._since.values()):
+                limit = times * limit_s(READ_LIMIT_S)
+                if time.monotonic() - since > limit:
+                    self._give_up(what, limit)
+                    return
+
+
+_watchdog: list[Watchdog] = []
+
+
+def arm() -> None:
+    """End this process from now on when a read hangs; for programs, not for libraries."""
+    if not _watchdog:
+        _watchdog.append(Watchdog(_end))
+
+
+@contextmanager
+def watched(what: str, times: float = 1.0) -> Iterator[None]:
+    """Watch a block that reads, if the watchdog is armed.
+
+    Parameters
+    ----------
+    what : str
+        The file and the dataset, for the message.
+    times : float
+        How many times as long as a single read it may take.
+    """
+    if not _watchdog:
+        yield
+        return
+    with _watchdog[0].over(what, times):
+        yield
+
+
+def _end(what: str, seconds: float) -> None:
+    discard_partial_outputs()
+    rest = "; what is done is kept, --resume goes on from there" if is_resumable() else ""
+    text = f"tofmix: {what}: reading gave nothing for {seconds:g} s; given up{rest}\n"
+    os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, text.encode(errors="replace"))
+    os._exit(ExitCode.STORAGE)

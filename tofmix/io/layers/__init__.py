@@ -1,0 +1,1 @@
+"""Layers files (`*.layers.h5`): their chunks, the journal of an unfinished run, and their provenance."""

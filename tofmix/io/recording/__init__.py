@@ -1,0 +1,1 @@
+"""Recordings (`*.h5`): reading, writing, and the checks of their ranges."""

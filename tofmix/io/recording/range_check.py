@@ -1,0 +1,157 @@
+"""Whether the ranges of a recording are what they seem: mm, and zeros that are ranges.
+
+A float dataset says neither by itself. Without the attribute `units`, values of a few units are metres more likely than
+mm; without `_FillValue`, exact zeros are ranges by the contract, and lost samples more likely. Both are looked at in a
+few blocks, so that a long recording is not read twice: the same blocks whenever the same file is opened.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from tofmix.arrays import Float32Array
+from tofmix.errors import BadInputError
+from tofmix.io.next_command import import_command
+from tofmix.sensor import Sensor
+
+LEAST_MEDIAN_MM = 50.0
+"""A median range below this, in mm, is no camera's; in m it is beyond every camera's."""
+
+LEAST_OF_RANGE_MIN = 0.1
+"""A median below this share of the sensor's `range_min_mm` is in another unit."""
+
+ZEROS_SHARE = 0.01
+"""Share of exact zeros that is worth a line."""
+
+_BLOCKS = 4  # places of the recording that are looked at
+_BLOCK_SAMPLES = 1 << 16  # samples at each place
+
+
+class FloatRecording(Protocol):
+    """What is asked of a recording; `tofmix.io.recording.recording_file.RecordingFile` has it."""
+
+    path: Path
+    shape: tuple[int, int, int]
+    sensor: Sensor
+    units: str | None
+
+    @property
+    def row_step(self) -> int:
+        """Rows of a stored chunk."""
+
+    @property
+    def frame_step(self) -> int:
+        """Frames of a stored chunk."""
+
+    @property
+    def stored_type(self) -> str:
+        """Type of the stored ranges."""
+
+    @property
+    def fill(self) -> float | None:
+        """What stands for no sample beside NaN."""
+
+    def read_range(self, frames: slice, rows: slice) -> Float32Array:
+        """Samples, mm, NaN where invalid."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RangeCheck:
+    """What the blocks show.
+
+    Parameters
+    ----------
+    samples, zeros : int
+        Samples that were looked at, and those of them that are exactly 0.
+    median : float or None
+        Of the valid samples other than 0, as they are stored; None without any.
+    """
+
+    samples: int
+    zeros: int
+    median: float | None
+
+
+def look(recording: FloatRecording) -> RangeCheck | None:
+    """Look at some samples; None where neither unit nor zeros are in doubt.
+
+    Raises
+    ------
+    BadInputError
+        If a block cannot be read.
+    """
+    if "float" not in recording.stored_type or (recording.units is not None and recording.fill is not None):
+        return None
+    values = np.concatenate([recording.read_range(*block).ravel() for block in _blocks(recording)])
+    some = values[np.isfinite(values) & (values != 0)]
+    return RangeCheck(
+        samples=values.size,
+        zeros=int((values == 0).sum()),
+        median=float(np.median(some)) if some.size else None,
+    )
+
+
+def _blocks(recording: FloatRecording) -> Iterator[tuple[slice, slice]]:
+    """Frames and rows of blocks that are spread over recording and image; all of a small recording."""
+    frames, rows, cols = recording.shape
+    if frames * rows * cols <= _BLOCKS * _BLOCK_SAMPLES:
+        yield slice(0, frames), slice(0, rows)
+        return
+    # Whole stored chunks where they are small; of larger ones a part, so that no block is larger than its limit.
+    row_step, frame_step = min(recording.row_step, rows), min(recording.frame_step, frames)
+    high = min(rows, row_step * max(1, _BLOCK_SAMPLES // (row_step * frame_step * cols)))
+    high = min(high, max(1, _BLOCK_SAMPLES // cols))
+    deep = min(frames, max(1, _BLOCK_SAMPLES // (high * cols)))
+    for k, row in enumerate((0, 2, 1, 3)):  # the later frames of a scene that changes are not all of its lower rows
+        first, top = ((size - part) * place // (_BLOCKS - 1) for size, part, place in
+                      ((frames, deep, k), (rows, high, row)))  # fmt: skip
+        yield slice(first, first + deep), slice(top, top + high)
+
+
+def unit_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | None:
+    """What speaks against mm, and the remedies; None where nothing does."""
+    if found is None or found.median is None or recording.units is not None:
+        return None
+    least = recording.sensor.range_min_mm or 0.0
+    if found.median >= max(LEAST_MEDIAN_MM, LEAST_OF_RANGE_MIN * least):
+        return None
+    beside = f" and range_min_mm of {least:g}" if found.median < LEAST_OF_RANGE_MIN * least else ""
+    return (
+        f"{recording.stored_type} without units, its median {found.median:.4g}, is too small for mm{beside}; in metres:"
+        f" {import_command(recording.path, '--units', 'm')}; in mm: set the dataset's attribute units to mm"
+    )
+
+
+def zeros_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | None:
+    """How many samples are exactly 0 and count as ranges, and how to say otherwise; None where they are few."""
+    if found is None or recording.fill is not None or found.zeros <= ZEROS_SHARE * found.samples:
+        return None
+    return (
+        f"{found.zeros:,} of {found.samples:,} samples looked at are exactly 0 and taken as ranges of 0 mm; where 0"
+        f" means no sample: {import_command(recording.path, '--invalid', '0')}, or set the dataset's attribute"
+        " _FillValue to 0"
+    )
+
+
+def check_range(recording: FloatRecording) -> tuple[str, ...]:
+    """Refuse ranges that are not in mm, as it seems.
+
+    Returns
+    -------
+    tuple of str
+        What the user should know beside, each a line that names the file.
+
+    Raises
+    ------
+    BadInputError
+        If a float dataset without `units` holds ranges too small for mm, or cannot be read.
+    """
+    found = look(recording)
+    doubt = unit_doubt(recording, found)
+    if doubt is not None:
+        raise BadInputError(f"{recording.path}: range: {doubt}")
+    zeros = zeros_doubt(recording, found)
+    return () if zeros is None else (f"{recording.path}: range: {zeros}",)

@@ -1,0 +1,1 @@
+"""Two layers files of one size compared: numbers, table, pictures and page."""

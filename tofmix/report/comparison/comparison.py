@@ -1,0 +1,252 @@
+"""Where two layers files of one size differ: in the number of surfaces, or in ranges beyond their errors.
+
+Use it for two estimates of one recording (other options, another version) or of
+two recordings of one scene. Windows are read one by one. Two estimates of one
+recording share its noise: there a difference of a standard error is already much.
+"""
+
+from collections import Counter
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from tofmix.errors import BadInputError
+from tofmix.flags import Status, status_name
+from tofmix.layers import Layers
+from tofmix.report.comparison.window_difference import WindowDifference, compare_windows
+from tofmix.report.sources import LayersSource
+from tofmix.report.summary.quantiles import ValueCounts
+from tofmix.wording import counted
+
+DEFAULT_TOLERANCE = 3.0
+"""Difference of two ranges, in combined standard errors, up to which they are the same."""
+
+SHOWN_PIXELS = 20
+"""Pixels that are listed, the most different first."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PixelDifference:
+    """One pixel that differs. Ranges are in mm; `gap_errors` is None where the surfaces differ in number."""
+
+    window: int
+    row: int
+    col: int
+    surfaces: tuple[int, int]
+    status: tuple[str, str]
+    range_a_mm: tuple[float | None, ...]
+    range_b_mm: tuple[float | None, ...]
+    gap_errors: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """Two layers files against each other. Pixels are counted once a window.
+
+    Parameters
+    ----------
+    tolerance : float
+        In combined standard errors.
+    windows, rows, cols, pixels : int
+        Sizes; pixels = windows * rows * cols.
+    different, count_differs, range_differs : int
+        Pixels that differ: in number of surfaces, or in a range. A status alone is no difference.
+    status_differs : int
+        Pixels with another status.
+    surfaces : tuple of (int, int, int)
+        Surfaces in A, in B, pixels; those that differ, most frequent first.
+    layers_compared, layers_differ : int
+        Pairs of layers in pixels with as many surfaces in both; pairs beyond the tolerance.
+    gap_median_mm, gap_largest_mm, gap_largest_errors : float or None
+        Size of the pairs' differences. None without a pair; the last also where an error is not known.
+    different_by_window : tuple of int
+        Pixels that differ in each window.
+    options : dict of str to (value, value)
+        Options of estimate that differ.
+    sources : (str, str)
+        The recordings.
+    same_recording : bool
+        Whether both were made from one recording, by its checksum.
+    pixels_shown : tuple of PixelDifference
+        The most different ones.
+    """
+
+    tolerance: float
+    windows: int
+    rows: int
+    cols: int
+    pixels: int
+    different: int
+    count_differs: int
+    range_differs: int
+    status_differs: int
+    surfaces: tuple[tuple[int, int, int], ...]
+    layers_compared: int
+    layers_differ: int
+    gap_median_mm: float | None
+    gap_largest_mm: float | None
+    gap_largest_errors: float | None
+    different_by_window: tuple[int, ...]
+    options: dict[str, tuple[Any, Any]]
+    sources: tuple[str, str]
+    same_recording: bool
+    pixels_shown: tuple[PixelDifference, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the same as dicts and lists, for JSON."""
+        return asdict(self)
+
+    def equal(self, allow: float) -> bool:
+        """Whether at most this share of the pixels differs."""
+        return self.different <= allow * self.pixels
+
+
+def check_comparable(a: LayersSource, b: LayersSource) -> None:
+    """Refuse files of different sizes.
+
+    Raises
+    ------
+    BadInputError
+        If windows, rows or columns differ, or windows lie over other numbers of frames.
+    """
+    if a.shape != b.shape:
+        sizes = " and ".join(f"{counted(w, 'window')} of {r} x {c} pixels" for w, r, c in (a.shape, b.shape))
+        raise BadInputError(f"the two have different sizes, {sizes}")
+    lengths = [np.unique(one.window_stop - one.window_start).tolist() for one in (a, b)]
+    if lengths[0] != lengths[1]:
+        raise BadInputError(f"their windows have {lengths[0]} and {lengths[1]} frames")
+
+
+def common_circle(a: LayersSource, b: LayersSource) -> float | None:
+    """Length of the circle that the ranges of both files are on, mm; None where they are on a line, or not on one."""
+    length, other = a.provenance.unambiguous_range_mm, b.provenance.unambiguous_range_mm
+    return length if length == other else None
+
+
+def compare(a: LayersSource, b: LayersSource, *, tolerance: float = DEFAULT_TOLERANCE) -> Comparison:
+    """Compare two layers files.
+
+    Parameters
+    ----------
+    a, b : LayersSource
+        For example open `tofmix.io.layers.layers_file.LayersFile`.
+    tolerance : float
+        In combined standard errors, at least 0.
+
+    Returns
+    -------
+    Comparison
+        Over all windows.
+
+    Raises
+    ------
+    BadInputError
+        If they differ in size.
+    """
+    check_comparable(a, b)
+    tally = _Tally()
+    windows, rows, cols = a.shape
+    circle_mm = common_circle(a, b)
+    for window in range(windows):
+        of_a, of_b = a.read_window(window), b.read_window(window)
+        found = compare_windows(of_a, of_b, tolerance=tolerance, unambiguous_range_mm=circle_mm)
+        tally.add(window, of_a, of_b, found)
+    made = a.provenance, b.provenance
+    names = sorted({*made[0].options, *made[1].options})
+    options = {name: (_no_nan(made[0].options.get(name)), _no_nan(made[1].options.get(name))) for name in names}
+    return Comparison(
+        tolerance=tolerance,
+        windows=windows,
+        rows=rows,
+        cols=cols,
+        pixels=windows * rows * cols,
+        different=sum(tally.by_window),
+        count_differs=tally.count,
+        range_differs=tally.range,
+        status_differs=tally.status,
+        surfaces=tally.surfaces(),
+        layers_compared=tally.gaps.count,
+        layers_differ=tally.layers,
+        gap_median_mm=tally.gaps.quantiles(0.5)[0],
+        gap_largest_mm=tally.largest_mm if tally.gaps.count else None,
+        gap_largest_errors=tally.largest_errors if tally.gaps.count and np.isfinite(tally.largest_errors) else None,
+        different_by_window=tuple(tally.by_window),
+        options={name: pair for name, pair in options.items() if pair[0] != pair[1]},
+        sources=(made[0].source, made[1].source),
+        same_recording=made[0].source_sha256 == made[1].source_sha256,
+        pixels_shown=tally.shown(),
+    )
+
+
+class _Tally:
+    """Running counts over windows."""
+
+    def __init__(self) -> None:
+        self.count = self.range = self.status = self.layers = 0
+        self.by_window: list[int] = []
+        self.gaps = ValueCounts()
+        self.largest_mm = self.largest_errors = 0.0
+        self._surfaces: Counter[tuple[int, int]] = Counter()
+        self._shown: list[tuple[tuple[float, ...], PixelDifference]] = []
+
+    def add(self, window: int, a: Layers, b: Layers, found: WindowDifference) -> None:
+        self.count += int(found.count_differs.sum())
+        self.range += int(found.range_differs.sum())
+        self.status += int(found.status_differs.sum())
+        self.layers += int(found.layer_differs.sum())
+        self.by_window.append(int(found.differs.sum()))
+        sizes = np.abs(found.gap_mm)
+        self.gaps.add(sizes)
+        self.largest_mm = max(self.largest_mm, float(np.fmax.reduce(sizes, axis=None, initial=0.0)))
+        in_errors = np.abs(found.gap_errors)
+        self.largest_errors = max(self.largest_errors, float(np.fmax.reduce(in_errors, axis=None, initial=0.0)))
+        pairs = np.stack([a.n_modes[found.count_differs], b.n_modes[found.count_differs]], axis=-1)
+        self._surfaces.update(map(tuple, pairs.tolist()))
+        self._keep_most_different(window, a, b, found)
+
+    def _keep_most_different(self, window: int, a: Layers, b: Layers, found: WindowDifference) -> None:
+        row, col = np.nonzero(found.differs)
+        by_count = np.abs(a.n_modes[row, col].astype(int) - b.n_modes[row, col].astype(int))
+        by_range = np.fmax.reduce(np.abs(found.gap_errors[row, col]), axis=-1, initial=0.0)
+        for k in np.lexsort((col, row, -by_range, -by_count))[:SHOWN_PIXELS].tolist():
+            place = int(row[k]), int(col[k])
+            rank = (-float(by_count[k]), -float(by_range[k]), float(window), *map(float, place))
+            self._shown.append((rank, _pixel(window, place, a, b, float(by_range[k]))))
+        self._shown = sorted(self._shown, key=lambda item: item[0])[:SHOWN_PIXELS]
+
+    def surfaces(self) -> tuple[tuple[int, int, int], ...]:
+        ordered = sorted(self._surfaces.items(), key=lambda item: (-item[1], item[0]))
+        return tuple((pair[0], pair[1], count) for pair, count in ordered)
+
+    def shown(self) -> tuple[PixelDifference, ...]:
+        return tuple(pixel for _, pixel in self._shown)
+
+
+def _pixel(window: int, place: tuple[int, int], a: Layers, b: Layers, gap_errors: float) -> PixelDifference:
+    counts = int(a.n_modes[place]), int(b.n_modes[place])
+    known = counts[0] == counts[1] and np.isfinite(gap_errors)
+    return PixelDifference(
+        window=window,
+        row=place[0],
+        col=place[1],
+        surfaces=counts,
+        status=(_status(a, place), _status(b, place)),
+        range_a_mm=_ranges(a, place),
+        range_b_mm=_ranges(b, place),
+        gap_errors=gap_errors if known else None,
+    )
+
+
+def _status(layers: Layers, place: tuple[int, int]) -> str:
+    value = int(layers.status[place])
+    return status_name(value) if value in tuple(Status) else f"status_{value}"
+
+
+def _ranges(layers: Layers, place: tuple[int, int]) -> tuple[float | None, ...]:
+    values = layers.range[place][: int(layers.n_modes[place])].astype(np.float64).tolist()
+    return tuple(round(value, 3) if np.isfinite(value) else None for value in values)
+
+
+def _no_nan(value: object) -> object:
+    return None if isinstance(value, float) and not np.isfinite(value) else value

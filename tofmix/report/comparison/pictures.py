@@ -1,0 +1,58 @@
+"""The pictures of a comparison of two windows, each with the words that go with it."""
+
+import numpy as np
+
+from tofmix.layers import Layers
+from tofmix.report.comparison.window_difference import WindowDifference
+from tofmix.report.figures.curves import gap_histogram
+from tofmix.report.figures.images import category_image, gap_image
+from tofmix.report.figures.picture import Picture, make_picture
+from tofmix.wording import counted
+
+_CATEGORIES = ("the same", "another range", "fewer in B", "more in B")
+
+
+def draw_comparison(a: Layers, b: Layers, found: WindowDifference, *, tolerance: float) -> tuple[Picture, ...]:
+    """Draw where two windows differ, by how much the first layer does, and all differences in standard errors."""
+    categories = np.zeros(a.n_modes.shape, dtype=np.uint8)
+    categories[found.range_differs] = 1
+    categories[b.n_modes < a.n_modes] = 2
+    categories[b.n_modes > a.n_modes] = 3
+    counts = np.bincount(categories.ravel(), minlength=len(_CATEGORIES)).tolist()
+    told = "; ".join(f"{name}: {counted(count, 'pixel')}" for name, count in zip(_CATEGORIES, counts, strict=True))
+    first = found.gap_mm[..., 0]
+    known = np.abs(first[np.isfinite(first)])
+    size = (
+        f"Median size {np.median(known):.2f} mm, largest {known.max():.1f} mm." if known.size else "No pixel has one."
+    )
+    in_errors = np.abs(found.gap_errors[np.isfinite(found.gap_errors)])
+    spread = f"{int((in_errors > tolerance).sum())} of {counted(in_errors.size, 'layer')} lie beyond the tolerance."
+    return (
+        make_picture(
+            lambda theme: category_image(categories, names=_CATEGORIES, theme=theme),
+            "png",
+            title="Where they differ",
+            alt=f"Differences over the image plane. {told}.",
+            shows="Pixels that have fewer or more surfaces, or a range beyond the tolerance.",
+            good="Few pixels, and those along edges.",
+            bad="Whole areas: one of the two finds other surfaces there, or sees another scene.",
+        ),
+        make_picture(
+            lambda theme: gap_image(first, no_data="no such pair", theme=theme),
+            "png",
+            title="First layer, B less A",
+            alt=f"Difference of the first layer's range over the image plane. {size}",
+            shows="By how much the nearest surface is farther away in B, where both have as many surfaces.",
+            good="Nothing but grain, or nothing at all.",
+            bad="Areas of one colour: the one is biased against the other.",
+        ),
+        make_picture(
+            lambda theme: gap_histogram(found.gap_errors, tolerance=tolerance, theme=theme),
+            "svg",
+            title="Differences in standard errors",
+            alt=f"Histogram of the differences of all layers in combined standard errors. {spread}",
+            shows="All pairs of layers. The curve is what chance gives between two recordings of one scene.",
+            good="Within the curve. Two estimates of one recording share its noise and lie far inside it.",
+            bad="Wider than the curve or shifted: the standard errors do not explain the differences.",
+        ),
+    )

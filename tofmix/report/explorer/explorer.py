@@ -1,0 +1,272 @@
+"""What the page's explorer shows: every pixel of some windows, packed, and the settings of its script.
+
+The script reads what `explorer_json` writes. For one pixel in the terminal use
+`tofmix.report.pixels.pixels`.
+"""
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tofmix.flags import STATUS_MEANINGS, Status, status_name
+from tofmix.layers import Layers, Provenance
+from tofmix.recording import SampleSource
+from tofmix.report.averaging import AveragedImage, average_layers, average_samples
+from tofmix.report.explorer.packing import pack_numbers
+from tofmix.report.explorer.sample_packing import MOST_SAMPLES, PackedSamples, pack_samples
+from tofmix.report.figures.rasters import ABOVE, BELOW, count_colours, count_label, range_shades
+from tofmix.report.figures.theme import DARK, LIGHT
+from tofmix.report.pixels.pixels import drifts, learnt_sensor
+from tofmix.report.sources import LayersSource
+from tofmix.sensor import Sensor
+
+MOST_PIXELS = 60_000
+"""Pixels of all windows of a page; one window is always there, unless it has more than `LARGEST_IMAGE`."""
+
+MOST_WINDOWS = 50
+"""Windows of a page, however small."""
+
+LARGEST_IMAGE = 400_000
+"""Pixels beyond which a page has no explorer."""
+
+MOST_TEXT = 2_400_000
+"""Characters of the data, so that a page of one full image stays below 3 MB with its pictures."""
+
+LEAST_SAMPLE_TEXT = 200_000
+"""Characters that samples may take however much the layers take."""
+
+_PIXEL_UNITS = {
+    "n_modes": 1.0, "n_peaks": 1.0, "status": 1.0, "n_samples": 1.0, "weight_no_return": 1e-4, "weight_outlier": 1e-7,
+}  # fmt: skip
+_LAYER_UNITS = {
+    "range": 0.01, "range_stderr": 0.01, "weight": 1e-4, "weight_stderr": 1e-4, "sigma": 0.01, "probability": 1e-6,
+}  # fmt: skip
+_AVERAGED_UNIT_MM = 0.1
+_SHAPE_POINTS = 161
+_LEAST_DENSITY = 1.0e-4
+"""Points of a shape in a page, and the part of its peak below which it is not seen."""
+_ANGLE_DIGITS = 6  # of an angle in rad: 0.01 mm at 10 m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Explorer:
+    """The data of the explorer.
+
+    text, JSON that may stand in a ``script`` element; note, which windows and samples are in it.
+    """
+
+    text: str
+    note: str
+
+
+def make_explorer(
+    layers_file: LayersSource,
+    *,
+    recording: SampleSource | None,
+    window: int,
+    layers: Layers,
+    averaged: AveragedImage,
+    scale: tuple[float, float],
+    most_pixels: int = MOST_PIXELS,
+    most_samples: int = MOST_SAMPLES,
+    largest_image: int = LARGEST_IMAGE,
+) -> Explorer | None:
+    """Pack windows for the page.
+
+    Parameters
+    ----------
+    layers_file : LayersSource
+        The file.
+    recording : SampleSource, optional
+        What the layers were made from; without it there are no samples.
+    window : int
+        The window shown first.
+    layers, averaged : Layers, AveragedImage
+        Of that window.
+    scale : (float, float)
+        Limits of the colours, mm.
+    most_pixels : int
+        Pixels of all windows together; fewer windows are held where they have more.
+    most_samples : int
+        Samples of all windows together; of longer windows frames are left out.
+    largest_image : int
+        Pixels beyond which there is no explorer.
+
+    Returns
+    -------
+    Explorer or None
+        None for an image of more than `largest_image` pixels.
+    """
+    if layers.n_modes.size > largest_image:
+        return None
+    chosen = windows_around(
+        layers_file, window, with_samples=recording is not None, most_pixels=most_pixels, most_samples=most_samples
+    )
+    windows = [
+        _pack_window(layers_file, number, recording, (layers, averaged) if number == window else None)
+        for number in chosen
+    ]
+    samples = None
+    if recording is not None:
+        room = max(LEAST_SAMPLE_TEXT, MOST_TEXT - sum(len(held["data"]) for held in windows)) // len(windows)
+        for held in windows:
+            start, stop = held["frames"]
+            noise = layers_file.provenance.sensor.noise
+            samples = pack_samples(
+                recording, start=start, stop=stop, noise=noise, room=room, windows=len(windows),
+                most_samples=most_samples,
+            )  # fmt: skip
+            held["samples"] = None if samples is None else _pack_samples(samples)
+    most = max(held["most_layers"] for held in windows)
+    content = _settings(layers_file, scale, most) | {"shown": window, "windows": windows}
+    text = json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    notes = (
+        _windows_note(chosen, layers_file.shape[0]),
+        _samples_note(samples, recorded=recording is not None),
+        _drift_note(layers_file.provenance, shown=samples is not None),
+    )
+    return Explorer(text=text, note=" ".join(note for note in notes if note))
+
+
+def windows_around(
+    layers_file: LayersSource,
+    window: int,
+    *,
+    with_samples: bool,
+    most_pixels: int = MOST_PIXELS,
+    most_samples: int = MOST_SAMPLES,
+) -> range:
+    """Windows that a page has room for: `window`, and as many of its neighbours in time as fit.
+
+    Room for `most_pixels` pixels of all windows and, `with_samples`, for `most_samples` samples.
+    """
+    windows, rows, cols = layers_file.shape
+    count = most_pixels // (rows * cols)
+    if with_samples:
+        frames = int(layers_file.window_stop[window] - layers_file.window_start[window])
+        count = min(count, most_samples // (rows * cols * max(1, frames)))
+    count = max(1, min(windows, count, MOST_WINDOWS))
+    first = min(max(0, window - count // 2), windows - count)
+    return range(first, first + count)
+
+
+def _pack_window(
+    layers_file: LayersSource,
+    number: int,
+    recording: SampleSource | None,
+    known: tuple[Layers, AveragedImage] | None,
+) -> dict[str, Any]:
+    start, stop = int(layers_file.window_start[number]), int(layers_file.window_stop[number])
+    if known is None:
+        layers, circle_mm = layers_file.read_window(number), layers_file.provenance.unambiguous_range_mm
+        mean = (
+            average_layers(layers, unambiguous_range_mm=circle_mm)
+            if recording is None
+            else average_samples(recording, start=start, stop=stop, unambiguous_range_mm=circle_mm)
+        )
+    else:
+        layers, mean = known
+    arrays = {name: (getattr(layers, name), unit) for name, unit in _PIXEL_UNITS.items()}
+    arrays["averaged"] = (mean.range_mm, _AVERAGED_UNIT_MM)
+    present = np.arange(layers.max_layers) < layers.n_modes[..., np.newaxis]
+    arrays |= {name: (getattr(layers, name)[present], unit) for name, unit in _LAYER_UNITS.items()}
+    specs, text = pack_numbers(arrays)
+    most = int(layers.n_modes.max(initial=0))
+    return {
+        "window": number, "frames": [start, stop], "most_layers": most, "arrays": specs, "data": text, "samples": None
+    }  # fmt: skip
+
+
+def _pack_samples(samples: PackedSamples) -> dict[str, Any]:
+    specs, text = pack_numbers({"counts": (samples.counts, 1.0)})
+    return {
+        "data": samples.text,
+        "ranks": samples.ranks,
+        "step": samples.step_mm,
+        "offset": samples.offset_mm,
+        "counts": {"arrays": specs, "data": text},
+    }
+
+
+def _settings(layers_file: LayersSource, scale: tuple[float, float], most: int) -> dict[str, Any]:
+    sensor = layers_file.provenance.sensor
+    curve = sensor.noise
+    _, rows, cols = layers_file.shape
+    return {
+        "rows": rows,
+        "cols": cols,
+        "scale": [float(round(limit)) for limit in scale],
+        "shades": range_shades(),
+        "below": BELOW,
+        "above": ABOVE,
+        "counts": {"light": count_colours(most, LIGHT), "dark": count_colours(most, DARK)},
+        "countLabels": [count_label(n) for n in range(len(count_colours(most, LIGHT)))],
+        "statuses": {int(s): [status_name(s).replace("_", " "), STATUS_MEANINGS[s]] for s in Status},
+        "tooFew": int(Status.TOO_FEW_SAMPLES),
+        "rangeMax": sensor.range_max_mm,
+        "circle": layers_file.provenance.unambiguous_range_mm,
+        "angles": _angles(sensor, (rows, cols)),
+        "noise": None if curve is None else [curve.range_mm.tolist(), curve.sigma_mm.tolist()],
+        **_learnt(layers_file.provenance),
+    }
+
+
+def _learnt(provenance: Provenance) -> dict[str, Any]:
+    """How components are drawn under learnt noise; nothing of a Gaussian.
+
+    It is the shape, [first z, step, densities], and whether there is a background to leave out of the view.
+    """
+    sensor = learnt_sensor(provenance)
+    if sensor is None or sensor.noise is None:
+        return {}
+    said: dict[str, Any] = {"background": True} if sensor.noise.background is not None else {}
+    shape = sensor.noise.shape
+    if shape is not None:
+        seen = shape.z[shape.density > _LEAST_DENSITY * shape.density.max()]
+        z = np.linspace(seen[0], seen[-1], _SHAPE_POINTS)
+        said["shape"] = [round(float(z[0]), 4), float(z[1] - z[0]), [round(float(p), 5) for p in shape.pdf(z)]]
+    return said
+
+
+def _angles(sensor: Sensor, shape: tuple[int, int]) -> list[list[float]] | None:
+    """Where the pixels of the middle row look across, and those of the middle column down, rad; None if not known."""
+    rows, cols = shape
+    try:
+        optics = sensor.optics
+        if optics is None:
+            return None
+        across = optics.rays((rows - 1) / 2, np.arange(cols), shape=shape)
+        down = optics.rays(np.arange(rows), (cols - 1) / 2, shape=shape)
+    except ValueError:  # numbers that no camera has; `info` says which
+        return None
+    angles = np.arctan2(across[:, 0], across[:, 2]), np.arctan2(down[:, 1], np.hypot(down[:, 0], down[:, 2]))
+    return [[round(float(angle), _ANGLE_DIGITS) for angle in line] for line in angles]
+
+
+def _windows_note(chosen: range, windows: int) -> str:
+    if len(chosen) == windows:
+        return "" if windows == 1 else f"All {windows} windows are in this page."
+    held = f"window {chosen[0]}" if len(chosen) == 1 else f"windows {chosen[0]} to {chosen[-1]}"
+    return f"This page holds {held} of 0 to {windows - 1}; --window chooses others."
+
+
+def _drift_note(provenance: Provenance, *, shown: bool) -> str:
+    if not shown or not drifts(provenance):
+        return ""
+    return (
+        "Where a pixel's ranges drift within the window its samples lie wider than its component; tofmix inspect draws"
+        " the drift."
+    )
+
+
+def _samples_note(samples: PackedSamples | None, *, recorded: bool) -> str:
+    if not recorded:
+        return "Samples and their density are shown with --recording."
+    if samples is None:
+        return "The image is too large for samples in this page; tofmix inspect shows those of any pixel."
+    rounded = "" if samples.step_mm == 1 else f" Samples are rounded to {samples.step_mm:g} mm."
+    if samples.frames_kept == samples.frames:
+        return rounded.strip()
+    return f"Of the {samples.frames:,} frames of a window, {samples.frames_kept:,} are shown.{rounded}"

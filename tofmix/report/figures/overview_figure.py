@@ -1,0 +1,64 @@
+"""One figure of a whole window: the nearest range and the number of surfaces of each pixel."""
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from tofmix.flags import Status
+from tofmix.layers import Layers
+from tofmix.report.figures.images import colour_scale
+from tofmix.report.figures.theme import RANGE_MAP, Theme, mark_no_data
+from tofmix.report.pixels.pixel_figures import new_figure
+
+_M = 1000.0  # mm in a metre
+_HEIGHT_INCH = 3.6  # of the figure
+
+
+def overview_figure(layers: Layers, *, name: str, theme: Theme) -> Figure:
+    """Draw the nearest range and the number of surfaces of each pixel, side by side.
+
+    Parameters
+    ----------
+    layers : Layers
+        Of the leading shape (row, col).
+    name : str
+        Title.
+    theme : Theme
+        Colours.
+
+    Returns
+    -------
+    Figure
+        Hatched where a pixel has no surface, or too few samples.
+    """
+    figure = new_figure(_HEIGHT_INCH)
+    left, right = figure.subplots(1, 2)
+    nearest = np.where(layers.n_modes > 0, layers.range[..., 0], np.nan).astype(np.float64)
+    low, high = colour_scale(nearest, default=(0.0, _M))
+    figure.suptitle(name, x=0.01, ha="left", fontweight="bold")
+    _style(left, "nearest range", theme)
+    shown = left.imshow(
+        np.ma.masked_invalid(nearest) / _M, cmap=colormaps[RANGE_MAP], norm=Normalize(low / _M, high / _M),
+        interpolation="nearest",
+    )  # fmt: skip
+    figure.colorbar(shown, ax=left, label="range (m)", shrink=0.8)
+    _style(right, "number of surfaces", theme)
+    most = max(1, int(layers.n_modes.max()))
+    counts = np.ma.masked_where(layers.status == int(Status.TOO_FEW_SAMPLES), layers.n_modes)
+    colours = [theme.no_surface, *colormaps[RANGE_MAP](np.linspace(0.0, 0.95, most))]
+    counted = right.imshow(
+        counts, cmap=ListedColormap(colours), norm=Normalize(-0.5, most + 0.5), interpolation="nearest"
+    )
+    figure.colorbar(counted, ax=right, ticks=range(most + 1), label="surfaces", shrink=0.8)
+    return figure
+
+
+def _style(axes: Axes, title: str, theme: Theme) -> None:
+    mark_no_data(axes, theme)
+    axes.set_title(title, loc="left", fontweight="bold")
+    axes.set(xlabel="column (pixels)", ylabel="row (pixels)")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1, nbins=6))
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1, nbins=6))

@@ -1,0 +1,150 @@
+"""Images of a page, one picture element a pixel: small, sharp at any size, and of one colour scale.
+
+The page itself draws axes, colour bar and hatching around them (``macros.html``),
+so nothing is laid out here. For pictures with a legend of their own, or files, use
+`tofmix.report.figures.images`.
+"""
+
+import base64
+import io
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+from PIL import Image
+
+from tofmix.arrays import FloatArray
+from tofmix.report.figures.theme import COUNT_MAP, DARK, LIGHT, RANGE_MAP, Theme
+from tofmix.wording import counted
+
+MANY = 6
+"""Counts of surfaces from here on share one colour."""
+
+BELOW, ABOVE = "#000a1f", "#fff7b8"
+"""Colours of ranges past the scale: darker and lighter than the map's own ends, so that no value hides."""
+
+MARK = "#d55e00"
+"""Colour of what is marked in an image of ranges."""
+
+_SHADES = 253  # colours of ranges; the other 3 of a byte mean no surface, below and above
+_NO_DATA, _BELOW_INDEX, _ABOVE_INDEX = 0, 1, 2  # then the shades
+
+
+@dataclass(frozen=True, slots=True)
+class Plane:
+    """Rows and columns of an image, and round numbers along them."""
+
+    rows: int
+    cols: int
+
+    @property
+    def col_ticks(self) -> list[tuple[float, int]]:
+        """Place in per cent of the width, and column."""
+        return pixel_ticks(self.cols)
+
+    @property
+    def row_ticks(self) -> list[tuple[float, int]]:
+        """Place in per cent of the height, and row."""
+        return pixel_ticks(self.rows)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImagePicture(Plane):
+    """One image of a page and its words.
+
+    title; alt, what it shows in numbers for those who do not see it; shows, good and bad, a line each; light and
+    dark, ``data:`` URIs, the same where no colour depends on the theme; bar, the labels of the colour bar or none;
+    legend, CSS colour and label; unit, that of the bar.
+    """
+
+    title: str
+    alt: str
+    shows: str
+    good: str
+    bad: str
+    light: str
+    dark: str
+    bar: tuple[str, ...]
+    legend: tuple[tuple[str, str], ...]
+    unit: str = "mm"
+
+
+def pixel_ticks(count: int) -> list[tuple[float, int]]:
+    """Round numbers along `count` pixels: the middle of each in per cent of the whole, and the number."""
+    places = MaxNLocator(nbins=6, integer=True, steps=[1, 2, 2.5, 5, 10]).tick_values(0, count - 1)
+    return [(round(100 * (n + 0.5) / count, 2), int(n)) for n in places if 0 <= n < count and n == int(n)]
+
+
+def range_shades() -> list[str]:
+    """Colours of the range scale, near to far, ``#rrggbb``."""
+    return [to_hex(colour) for colour in colormaps[RANGE_MAP](np.linspace(0.0, 1.0, _SHADES))]
+
+
+def bar_labels(scale: tuple[float, float]) -> tuple[str, ...]:
+    """Labels of the colour bar in mm: its ends, and three between."""
+    return tuple(f"{mm:.0f}" for mm in np.linspace(*scale, 5))
+
+
+def range_uri(range_mm: FloatArray, *, scale: tuple[float, float], marked: NDArray[np.bool_] | None = None) -> str:
+    """Draw ranges as a ``data:`` URI of a PNG.
+
+    Parameters
+    ----------
+    range_mm : (row, col) float
+        Ranges in mm, NaN where there is none: transparent.
+    scale : (float, float)
+        Limits of the colours, mm; the same for all that are compared.
+    marked : (row, col) bool, optional
+        Places that are drawn in `MARK`; ranges past the scale then have the colours of its ends.
+    """
+    low, high = scale
+    finite = np.isfinite(range_mm)
+    known = np.where(finite, range_mm, low)
+    shade = np.clip((known - low) / (high - low) * _SHADES, 0, _SHADES - 1).astype(np.uint8)
+    index = np.where(known < low, _BELOW_INDEX, np.where(known > high, _ABOVE_INDEX, shade + _ABOVE_INDEX + 1))
+    if marked is not None:
+        index = np.where(marked, _ABOVE_INDEX, np.where(finite, shade + _ABOVE_INDEX + 1, _NO_DATA))
+        return _png_uri(index.astype(np.uint8), ["#000000", BELOW, MARK, *range_shades()])
+    return _png_uri(np.where(finite, index, _NO_DATA).astype(np.uint8), ["#000000", BELOW, ABOVE, *range_shades()])
+
+
+def count_uri(n_modes: NDArray[np.uint8], *, fitted: NDArray[np.bool_], theme: Theme) -> str:
+    """Draw the number of surfaces (row, col) as a ``data:`` URI of a PNG; transparent where nothing was fitted."""
+    index = np.where(fitted, np.minimum(n_modes, MANY) + 1, _NO_DATA).astype(np.uint8)
+    return _png_uri(index, ["#000000", *count_colours(int(n_modes.max(initial=0)), theme)])
+
+
+def kinds_uri(kinds: NDArray[np.uint8], colours: list[str]) -> str:
+    """Draw one of a few kinds (row, col), each in its colour, ``#rrggbb``; transparent past the last."""
+    index = np.where(kinds < len(colours), kinds.astype(np.int64) + 1, _NO_DATA).astype(np.uint8)
+    return _png_uri(index, ["#000000", *colours])
+
+
+def count_colours(most: int, theme: Theme) -> list[str]:
+    """Colours of the counts 0 to `most`, at most `MANY`: the ground for none, then from dark to light, far apart."""
+    steps = colormaps[COUNT_MAP](np.linspace(0.15, 1.0, max(3, min(MANY, most))))
+    return [theme.no_surface, *(to_hex(step) for step in steps)]
+
+
+def count_label(count: int) -> str:
+    """``no surface``, ``1 surface``, ``2 surfaces``, ..., ``6 or more``."""
+    if count >= MANY:
+        return f"{MANY} or more"
+    return "no surface" if count == 0 else counted(count, "surface")
+
+
+def _png_uri(index: NDArray[np.uint8], palette: list[str]) -> str:
+    """Encode palette indices (row, col), index 0 transparent; the same image gives the same text."""
+    image = Image.fromarray(index)
+    image.putpalette(b"".join(bytes.fromhex(colour[1:]) for colour in palette))
+    buffer = io.BytesIO()
+    image.save(buffer, format="png", transparency=_NO_DATA)
+    return f"data:image/png;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"
+
+
+def style_colours() -> dict[str, object]:
+    """Colours that the page's style sheet takes from here: both themes, and stops of the range scale."""
+    return {"light": LIGHT, "dark": DARK, "shades": range_shades()[::21]}

@@ -1,0 +1,1 @@
+"""The report as one HTML page, and the templates and styles that all pages share."""

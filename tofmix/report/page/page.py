@@ -1,0 +1,212 @@
+"""The report as one HTML page that needs nothing else, not even a network.
+
+For the terminal use `tofmix.report.summary.tables`, for scripts `Summary.as_dict`. This
+is the one module that needs the extra ``report``, and only when it is called.
+"""
+
+import base64
+import hashlib
+from dataclasses import replace
+from importlib import import_module
+
+from tofmix.errors import UsageError
+from tofmix.layers import Provenance
+from tofmix.projection import projection_values
+from tofmix.recording import SampleSource
+from tofmix.report.averaging import AveragedImage, average_layers, average_samples
+from tofmix.report.page.templates import load_template, read_part
+from tofmix.report.pixels.single_pixels import SinglePixels, single_pixels
+from tofmix.report.sources import LayersSource
+from tofmix.report.summary.summary import Summary, noise_of, summarise
+from tofmix.report.summary.tables import ordinal
+from tofmix.sensor import Sensor
+from tofmix.surfaces.found import WindowSurfaces
+from tofmix.wording import counted
+
+SCRIPTS = tuple(f"explorer/{name}.js" for name in ("explorer_data", "explorer_plots", "explorer", "explorer_views"))
+
+Row = tuple[str, str]
+
+
+def render_page(
+    layers_file: LayersSource,
+    *,
+    recording: SampleSource | None = None,
+    window: int = 0,
+    summary: Summary | None = None,
+    singles: SinglePixels | None = None,
+    surfaces: WindowSurfaces | None = None,
+    first_surface: int = 0,
+) -> str:
+    """Render the page of a layers file.
+
+    Parameters
+    ----------
+    layers_file : LayersSource
+        For example an open `tofmix.io.layers.layers_file.LayersFile`.
+    recording : SampleSource, optional
+        What the layers were made from, for the averaged image; without it that image is the mean of the layers.
+    window : int
+        The window of the pictures, from 0.
+    summary : Summary, optional
+        From `summarise`, if it is at hand; all windows are read for it otherwise.
+    singles : SinglePixels, optional
+        From `single_pixels` of this window, if they are at hand.
+    surfaces : WindowSurfaces, optional
+        Surfaces of this window; without it the page has no part about them.
+    first_surface : int
+        Number of the first of them.
+
+    Returns
+    -------
+    str
+        HTML. The same input gives the same text.
+
+    Raises
+    ------
+    UsageError
+        If matplotlib or jinja2 is missing, there is no such window, or the recording is not of the layers' size.
+    """
+    n_windows, rows, cols = layers_file.shape
+    if not 0 <= window < n_windows:
+        raise UsageError(f"window {window}: the file has windows 0 to {n_windows - 1}")
+    if recording is not None and recording.shape[1:] != (rows, cols):
+        raise UsageError(
+            f"recording: {recording.shape[1]} x {recording.shape[2]} pixels, the layers have {rows} x {cols}; "
+            "pass the one the layers were made from"
+        )
+    template = load_template("page/page.html")
+    layers = layers_file.read_window(window)
+    frames = int(layers_file.window_start[window]), int(layers_file.window_stop[window])
+    provenance = layers_file.provenance
+    circle_mm = provenance.unambiguous_range_mm
+    averaged = (
+        average_layers(layers, unambiguous_range_mm=circle_mm)
+        if recording is None
+        else average_samples(recording, start=frames[0], stop=frames[1], unambiguous_range_mm=circle_mm)
+    )
+    summary = summary or summarise(layers_file)
+    pictures = import_module("tofmix.report.figures.pictures")
+    rasters = import_module("tofmix.report.figures.rasters")
+    sensor = replace(provenance.sensor, noise=noise_of(provenance))
+    scale: tuple[float, float] = pictures.range_scale(layers, averaged, sensor)
+    explorer = import_module("tofmix.report.explorer.explorer").make_explorer(
+        layers_file, recording=recording, window=window, layers=layers, averaged=averaged, scale=scale
+    )
+    noise_pictures = None
+    if summary.noise is not None:
+        start, stop = frames
+        singles = singles or single_pixels(layers, provenance, recording=recording, start=start, stop=stop)
+        draw_noise = import_module("tofmix.report.figures.noise_pictures").draw_noise
+        noise_pictures = draw_noise(layers, provenance, singles, summary.noise)
+    mixing = None
+    if summary.mixing is not None and layers.mixing is not None:
+        mixing = import_module("tofmix.report.figures.mixing_pictures").draw_mixing(layers.mixing, summary.mixing)
+    surfaces_part = None
+    if surfaces is not None:
+        draw_surfaces = import_module("tofmix.report.figures.surface_pictures").draw_surfaces
+        surfaces_part = draw_surfaces(surfaces, layers, first=first_surface, scale=scale)
+    script = page_script()
+    return template.render(
+        source=provenance.source,
+        headline=headline(summary),
+        window_text=_window_text(summary, window, frames),
+        averaged_text=_averaged_text(averaged, recorded=recording is not None),
+        summary=summary,
+        ordinal=ordinal,
+        gallery=pictures.draw_gallery(layers, averaged, sensor, scale=scale),
+        explorer=explorer,
+        plane=rasters.Plane(*layers.shape),
+        script=script,
+        script_sha256=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii"),
+        **rasters.style_colours(),
+        options=[(name, str(value)) for name, value in sorted(provenance.options.items())],
+        sensor=_sensor_rows(provenance),
+        noise=_noise_rows(provenance),
+        noise_pictures=noise_pictures,
+        mixing=mixing,
+        surfaces=surfaces_part,
+        provenance=_provenance_rows(summary, provenance.sensor.name),
+    )
+
+
+def headline(summary: Summary) -> str:
+    """Say in one sentence what was found, for example ``25,344 pixels, 1 window of 100 frames: 13 % see ...``."""
+    windows = f"{counted(summary.windows, 'window', ',')} of {counted(summary.window_frames, 'frame', ',')}"
+    pixels = counted(summary.rows * summary.cols, "pixel", ",")
+    several = percent(summary.share_several_surfaces)
+    return f"{pixels}, {windows}: {several} see more than one surface, {percent(summary.share_no_surface)} see none."
+
+
+def percent(share: float) -> str:
+    """Write a share as ``13 %``; ``less than 1 %`` and ``more than 99 %`` where rounding would give none or all."""
+    if share <= 0:
+        return "0 %"
+    per_cent = f"{100 * share:.0f} %"
+    return {"0 %": "less than 1 %", "100 %": "100 %" if share == 1 else "more than 99 %"}.get(per_cent, per_cent)
+
+
+def page_script() -> str:
+    """Return the script of the page: its files one after the other, out of reach of anything else."""
+    parts = "".join(read_part(name) for name in SCRIPTS)
+    return f'(() => {{\n"use strict";\n{parts}}})();'
+
+
+def _window_text(summary: Summary, window: int, frames: tuple[int, int]) -> str:
+    text = f"frames {frames[0]} to {frames[1] - 1}"
+    if summary.windows == 1:
+        return f"The pictures show the one window, {text}."
+    return f"The pictures show window {window} of 0 to {summary.windows - 1}, {text}; the tables count all windows."
+
+
+def _averaged_text(averaged: AveragedImage, *, recorded: bool) -> str:
+    text = f"The averaged image is the {averaged.averaging}."
+    return text if recorded else f"{text} With --recording it is made from the samples themselves."
+
+
+def _sensor_rows(provenance: Provenance) -> list[Row]:
+    sensor = provenance.sensor
+    values = (
+        ("modulation frequency", sensor.modulation_frequency_hz, 1e-6, "MHz"),
+        ("integration time", sensor.integration_time_ms, 1.0, "ms"),
+        ("least range", sensor.range_min_mm, 1.0, "mm"),
+        ("largest range", sensor.range_max_mm, 1.0, "mm"),
+        *_view_values(sensor),
+        ("outlier probability p(c_r)", sensor.outlier_probability, 1.0, ""),
+    )
+    rows = [(name, "not known" if v is None else f"{v * factor:g} {unit}".strip()) for name, v, factor, unit in values]
+    return [("name", sensor.name), *rows]
+
+
+def _view_values(sensor: Sensor) -> list[tuple[str, float | None, float, str]]:
+    """Where the pixels look, number by number."""
+    if sensor.projection is None:
+        names = (("horizontal", sensor.fov_horizontal_deg), ("vertical", sensor.fov_vertical_deg))
+        return [(f"field of view, {name}", value, 1.0, "degrees") for name, value in names]
+    rows: list[tuple[str, float | None, float, str]] = []
+    for key, value in projection_values(sensor.projection).items():
+        if isinstance(value, tuple):
+            rows += [(f"{sensor.projection.name}, {key} {n}", part, 1.0, "") for n, part in enumerate(value, 1)]
+        else:
+            rows.append((f"{sensor.projection.name}, {key}", value, 1.0, "pixels"))
+    return rows
+
+
+def _noise_rows(provenance: Provenance) -> list[Row]:
+    curve = provenance.sensor.noise
+    if curve is None:
+        return []
+    return [(f"{r:g}", f"{s:.3g}") for r, s in zip(curve.range_mm.tolist(), curve.sigma_mm.tolist(), strict=True)]
+
+
+def _provenance_rows(summary: Summary, sensor: str) -> list[Row]:
+    return [
+        ("recording", summary.source),
+        ("SHA-256 of the recording", summary.source_sha256),
+        ("estimated by tofmix", summary.version),
+        ("image", f"{counted(summary.rows, 'row')} x {counted(summary.cols, 'column')}"),
+        ("windows", f"{summary.windows} of {counted(summary.window_frames, 'frame')}"),
+        ("frames left out at the end", f"{summary.frames_left_out}"),
+        ("options of estimate", ", ".join(f"{name} {value}" for name, value in summary.options.items()) or "none"),
+        ("sensor", sensor),
+    ]

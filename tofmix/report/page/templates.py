@@ -1,0 +1,40 @@
+"""The templates of the pages, which share one style sheet and a few macros."""
+
+from importlib import import_module, resources
+from typing import TYPE_CHECKING
+
+from tofmix.errors import UsageError
+
+if TYPE_CHECKING:
+    from jinja2 import Template
+
+_MISSING_EXTRA = "the page needs matplotlib and jinja2: pip install 'tofmix[report]'"
+
+
+def load_template(name: str) -> "Template":
+    """Load a template of `tofmix.report`; `name` is its path there.
+
+    Raises
+    ------
+    UsageError
+        If matplotlib or jinja2 is missing.
+    """
+    try:
+        import_module("matplotlib")  # told here, before minutes are spent on the numbers
+        jinja2 = import_module("jinja2")
+    except ImportError as error:
+        raise UsageError(_MISSING_EXTRA) from error
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(read_part),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    template: Template = environment.get_template(name)
+    return template
+
+
+def read_part(name: str) -> str:
+    """Return a template, style sheet or script of `tofmix.report` as text; `name` is its path there."""
+    return resources.files("tofmix.report").joinpath(name).read_text(encoding="utf-8")

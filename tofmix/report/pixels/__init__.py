@@ -1,0 +1,1 @@
+"""Single pixels: their samples, layers and density, as numbers, tables and figures."""

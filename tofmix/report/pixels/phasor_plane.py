@@ -1,0 +1,240 @@
+"""A pixel of a lock-in camera in the complex plane: its samples, its neighbours, and the surfaces it was unmixed to.
+
+Use `read_around` for the samples and `phasor_plane` for what is shown of them. Drawing is left to
+`tofmix.report.pixels.phasor_figure`.
+"""
+
+import cmath
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.flags import Mixing
+from tofmix.layers import Layers
+from tofmix.recording import SampleSource, amplitude_source
+from tofmix.sensor import Sensor
+from tofmix.unmixing.image import ComplexArray
+from tofmix.unmixing.phasors import FIELDS, mean_phasors, phase_scale_mm
+
+REACH = 3
+"""Neighbours are shown up to so many pixels from the pixel, by row and by column: unmixing looks as far."""
+
+_SAME_SURFACE = 0.03
+"""Part of a layer's range within which a neighbour's range is of the same surface."""
+
+_BLOCK_FRAMES = 64
+"""Frames that are read at once, at least: rows are stored whole, of which a few columns are kept."""
+
+_REAL, _IMAGINARY, _VARIANCE_REAL, _VARIANCE_IMAGINARY, _COVARIANCE, _SAMPLES = (
+    FIELDS.index(name) for name in ("real", "imaginary", "variance_real", "variance_imaginary", "covariance", "samples")
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhasorEnd:
+    """A surface of an unmixed pixel, or its open space.
+
+    Parameters
+    ----------
+    share : float
+        Its share of the samples' sum, as the layers file has it.
+    range_mm : float
+        Of the layer; infinite for open space.
+    phase : float
+        range / K, radians.
+    amplitude : float or None
+        Median of the neighbours that see it alone; None if there are none. 0 for open space.
+    """
+
+    share: float
+    range_mm: float
+    phase: float
+    amplitude: float | None
+
+    @property
+    def phasor(self) -> complex | None:
+        """A exp(i r / K); None where the amplitude is not known."""
+        return None if self.amplitude is None else cmath.rect(self.amplitude, self.phase)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PhasorPlane:
+    """A pixel of one window in the complex plane, all in units of amplitude.
+
+    Parameters
+    ----------
+    row, col : int
+        The pixel.
+    mixing : Mixing
+        What its samples are of.
+    n_layers : int
+        Layers that it has.
+    samples : (sample,) complex128
+        z = A exp(i r / K) of each valid sample.
+    mean : complex or None
+        Their mean, without outliers; None without a sample.
+    mean_covariance : (2, 2) float64
+        Of the mean's real and imaginary part: that of a sample over their number.
+    neighbours : (neighbour,) complex128
+        Mean phasors of the pixels within `REACH`.
+    neighbour_is_single : (neighbour,) bool
+        Whether a neighbour sees one surface.
+    ends : tuple of PhasorEnd
+        The surfaces of an unmixed pixel, near to far, and open space last; none for any other pixel.
+    """
+
+    row: int
+    col: int
+    mixing: Mixing
+    n_layers: int
+    samples: ComplexArray
+    mean: complex | None
+    mean_covariance: FloatArray
+    neighbours: ComplexArray
+    neighbour_is_single: BoolArray
+    ends: tuple[PhasorEnd, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SamplesAround:
+    """Samples of the pixels around one.
+
+    Parameters
+    ----------
+    first_row, first_col : int
+        The pixel that ``[:, 0, 0]`` is of.
+    range_mm, amplitude : (frame, row, col) float32
+        Samples, mm, NaN where invalid, and their amplitudes.
+    """
+
+    first_row: int
+    first_col: int
+    range_mm: Float32Array
+    amplitude: Float32Array
+
+
+def read_around(source: SampleSource, *, row: int, col: int, start: int, stop: int) -> SamplesAround | None:
+    """Read the samples of the pixels within `REACH` of one over frames [start, stop); None without amplitudes."""
+    lights = amplitude_source(source)
+    if lights is None:
+        return None
+    frames, rows, cols = source.shape
+    around = slice(max(0, row - REACH), min(rows, row + REACH + 1))
+    beside = slice(max(0, col - REACH), min(cols, col + REACH + 1))
+    blocks = [
+        (source.read_range(block, around)[..., beside].copy(), lights.read_amplitude(block, around)[..., beside].copy())
+        for block in _frame_blocks(start, min(stop, frames), source.frame_step)
+    ]
+    range_mm, amplitude = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    return SamplesAround(first_row=around.start, first_col=beside.start, range_mm=range_mm, amplitude=amplitude)
+
+
+def _frame_blocks(start: int, stop: int, step: int) -> Iterator[slice]:
+    """Cut frames into blocks of whole steps, so that each stored chunk is read once."""
+    length = step * math.ceil(_BLOCK_FRAMES / step)
+    while start < stop:
+        end = min(stop, (start // length + 1) * length)
+        yield slice(start, end)
+        start = end
+
+
+def phasor_plane(
+    layers: Layers,
+    around: SamplesAround,
+    sensor: Sensor,
+    *,
+    row: int,
+    col: int,
+    unambiguous_range_mm: float | None = None,
+) -> PhasorPlane:
+    """Gather what the complex plane shows of a pixel.
+
+    Parameters
+    ----------
+    layers : Layers
+        One window, of the leading shape (row, col), with `mixing`.
+    around : SamplesAround
+        Samples of the same window.
+    sensor : Sensor
+        Its modulation frequency must be known.
+    row, col : int
+        The pixel.
+    unambiguous_range_mm : float, optional
+        Where ranges are on a circle: its length, mm.
+
+    Raises
+    ------
+    ValueError
+        If the layers have no `mixing`, or the modulation frequency is not known.
+    """
+    if layers.mixing is None:
+        raise ValueError("the complex plane needs layers with mixing")
+    phasors = mean_phasors(around.range_mm, around.amplitude, sensor).astype(np.float64)
+    assert sensor.modulation_frequency_hz is not None  # noqa: S101  mean_phasors has refused it
+    scale_mm = phase_scale_mm(sensor.modulation_frequency_hz)
+    rows, cols = phasors.shape[:2]
+    here = row - around.first_row, col - around.first_col
+    patch = slice(around.first_row, around.first_row + rows), slice(around.first_col, around.first_col + cols)
+    single = (layers.mixing[patch] == int(Mixing.ONE_SURFACE)) & (layers.n_modes[patch] == 1)
+    beside = phasors[..., _SAMPLES] > 0
+    beside[here] = False
+    means = phasors[..., _REAL] + 1j * phasors[..., _IMAGINARY]
+    ends: tuple[PhasorEnd, ...] = ()
+    mixing = Mixing(int(layers.mixing[row, col]))
+    if mixing == Mixing.PHASOR:
+        known = beside & single
+        ends = _ends(
+            layers, (row, col), np.abs(means[known]), layers.range[patch][..., 0][known].astype(np.float64),
+            scale_mm, unambiguous_range_mm,
+        )  # fmt: skip
+    own = phasors[here]
+    range_mm, light = (part[:, *here].astype(np.float64) for part in (around.range_mm, around.amplitude))
+    valid = np.isfinite(range_mm) & np.isfinite(light)
+    covariance = np.array([[own[_VARIANCE_REAL], own[_COVARIANCE]], [own[_COVARIANCE], own[_VARIANCE_IMAGINARY]]])
+    return PhasorPlane(
+        row=row,
+        col=col,
+        mixing=mixing,
+        n_layers=int(layers.n_modes[row, col]),
+        samples=light[valid] * np.exp(1j * range_mm[valid] / scale_mm),
+        mean=complex(means[here]) if own[_SAMPLES] > 0 else None,
+        mean_covariance=covariance / max(1.0, own[_SAMPLES]),
+        neighbours=means[beside],
+        neighbour_is_single=single[beside],
+        ends=ends,
+    )
+
+
+def _ends(
+    layers: Layers,
+    pixel: tuple[int, int],
+    amplitude: FloatArray,
+    range_mm: FloatArray,
+    scale_mm: float,
+    length_mm: float | None,
+) -> tuple[PhasorEnd, ...]:
+    """The surfaces of an unmixed pixel, with amplitude and range (neighbour,) of the neighbours of one surface."""
+    count = int(layers.n_modes[pixel])
+    of_layers = layers.range[pixel][:count].astype(np.float64)
+    gap = np.abs(range_mm[:, np.newaxis] - of_layers)
+    if length_mm is not None:
+        gap = np.minimum(gap % length_mm, length_mm - gap % length_mm)
+    nearest = gap.argmin(axis=1) if count and range_mm.size else np.zeros(range_mm.size, np.int64)
+    ends = []
+    for k in range(count):
+        same = (nearest == k) & (gap[:, k] <= _SAME_SURFACE * of_layers[k])
+        ends.append(
+            PhasorEnd(
+                share=float(layers.weight[(*pixel, k)]),
+                range_mm=float(of_layers[k]),
+                phase=float(of_layers[k] / scale_mm),
+                amplitude=float(np.median(amplitude[same])) if same.any() else None,
+            )
+        )
+    empty = float(layers.weight_no_return[pixel])
+    if empty > 0:
+        ends.append(PhasorEnd(share=empty, range_mm=math.inf, phase=0.0, amplitude=0.0))
+    return tuple(ends)

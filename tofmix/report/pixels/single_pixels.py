@@ -1,0 +1,188 @@
+"""Pixels of one layer, held against the learnt noise: how wide their samples lie, and how their errors are shaped."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tofmix.arrays import FloatArray, IntArray
+from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.pixel_mixture import drifts_of, legendre, times
+from tofmix.estimation.mixture.beam import beam_of
+from tofmix.layers import Layers, Provenance
+from tofmix.noise_shape import CENTRAL
+from tofmix.recording import SampleSource, samples_a_frame
+from tofmix.report.pixels.pixels import drifts
+from tofmix.report.summary.quantiles import Quantiles
+
+MOST_PIXELS = 1000
+"""Pixels that are looked at, evenly spread over the image; more are not seen in a picture."""
+
+MOST_SAMPLES = 200_000
+"""Samples of all of them: windows of more than `MOST_FRAMES` are thinned out evenly, then pixels."""
+
+MOST_FRAMES = 1000  # of a window; longer windows are thinned out evenly
+
+LEAST_SAMPLES = 12
+"""Samples of a pixel that tell the width of their central 68 %: two at least are outside on either side."""
+
+REACH = 12.0
+"""Samples more than this many sigma from the surface are background. What it adds nearer by is taken off."""
+
+_FRAMES_A_BLOCK = 256  # frames that are read at once
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SinglePixels:
+    """Pixels of one layer in one window.
+
+    Parameters
+    ----------
+    range_mm, sigma_mm : (pixel,) float64
+        Range, and half the width of the central 68 % of the pixel's samples, less their drift and background; without
+        a recording sigma as the layers file has it.
+    over_curve : (pixel,) float64
+        `sigma_mm` over sigma(r).
+    errors : (sample,) float64
+        Errors of the samples of all pixels, in units of the pixel's sigma; empty without a recording.
+    background : float
+        Expected density of background at any of them, over one unit of the errors, as a share of all errors.
+    held : float
+        Share of the errors that are the surfaces'.
+    pixels_of_one_layer : int
+        All of them in the window.
+    from_samples : bool
+        Whether there was a recording.
+    """
+
+    range_mm: FloatArray
+    sigma_mm: FloatArray
+    over_curve: FloatArray
+    errors: FloatArray
+    background: float
+    held: float
+    pixels_of_one_layer: int
+    from_samples: bool
+
+    def spread(self) -> Quantiles | None:
+        """Quantiles of `over_curve`; None without a pixel."""
+        if self.over_curve.size == 0:
+            return None
+        low, middle, high = (float(q) for q in np.quantile(self.over_curve, (0.05, 0.5, 0.95)))
+        return Quantiles(count=self.over_curve.size, q05=low, q50=middle, q95=high)
+
+
+def single_pixels(
+    layers: Layers, provenance: Provenance, *, recording: SampleSource | None, start: int, stop: int
+) -> SinglePixels:
+    """Look at pixels of one layer.
+
+    Parameters
+    ----------
+    layers : Layers
+        One window, of the leading shape (row, col).
+    provenance : Provenance
+        Of the layers; its sensor has a noise curve.
+    recording : SampleSource, optional
+        What the layers were made from.
+    start, stop : int
+        Frames of the window.
+
+    Raises
+    ------
+    ValueError
+        If the sensor has no noise curve.
+    """
+    sensor, length = provenance.sensor, provenance.unambiguous_range_mm
+    curve = sensor.noise
+    if curve is None:
+        raise ValueError("the sensor has no noise curve")
+    known = np.isfinite(layers.range[..., 0]) & (layers.sigma[..., 0] > 0) & np.isfinite(layers.sigma[..., 0])
+    one = np.flatnonzero(((layers.n_modes == 1) & known & (layers.weight[..., 0] > 0)).ravel())
+    each = 1 if recording is None else samples_a_frame(recording)
+    frames = (stop - start) * each
+    step = max(1, math.ceil(frames / MOST_FRAMES))
+    most = MOST_PIXELS if recording is None else max(1, min(MOST_PIXELS, MOST_SAMPLES // max(1, frames // step)))
+    chosen = one[np.unique(np.linspace(0, max(0, one.size - 1), min(one.size, most)).astype(np.int64))]
+    range_mm = layers.range[..., 0].ravel()[chosen].astype(np.float64)
+    sigma_mm = layers.sigma[..., 0].ravel()[chosen].astype(np.float64)
+    if recording is None or chosen.size == 0:
+        return SinglePixels(
+            range_mm=range_mm, sigma_mm=sigma_mm, over_curve=sigma_mm / curve.sigma(range_mm), errors=np.zeros(0),
+            background=0.0, held=1.0, pixels_of_one_layer=one.size, from_samples=recording is not None,
+        )  # fmt: skip
+    samples = _samples(recording, chosen, slice(start * each, stop * each), step)
+    away = samples - range_mm[:, np.newaxis]
+    if length is not None:
+        away -= length * np.round(away / length)
+    share = np.nan_to_num(layers.weight_outlier.ravel()[chosen].astype(np.float64))
+    weight = layers.weight[..., 0].ravel()[chosen].astype(np.float64)
+    beam = beam_of(sensor, length)
+    density = share / (beam.range_top - beam.range_min)
+    freedom = np.zeros(chosen.size)
+    if drifts(provenance):
+        law, _ = PixelNoise.of(sensor).laws()
+        away, freedom = _without_drift(away, sigma_mm, weight, density, law)
+    number = np.isfinite(away).sum(axis=1)
+    half = np.array([_half_width(*values) for values in zip(away, REACH * sigma_mm, density, weight, strict=True)])
+    half *= np.sqrt(number / np.maximum(number - freedom, 1.0))
+    told = np.isfinite(half)
+    every = max(1, int(number.sum()))
+    return SinglePixels(
+        range_mm=range_mm[told],
+        sigma_mm=half[told],
+        over_curve=half[told] / curve.sigma(range_mm[told]),
+        errors=(away / sigma_mm[:, np.newaxis])[np.isfinite(away)],
+        background=float((number * density * sigma_mm).sum() / every),
+        held=float((number * weight).sum() / every),
+        pixels_of_one_layer=one.size,
+        from_samples=True,
+    )
+
+
+def _samples(recording: SampleSource, pixels: IntArray, frames: slice, step: int) -> FloatArray:
+    """Samples (pixel, frame) of pixels of the flattened image, ascending, mm, every `step`-th, NaN where invalid."""
+    _, rows, cols = recording.shape
+    band = max(1, recording.row_step)
+    kept = np.arange(frames.start, frames.stop, step)
+    out = np.full((len(pixels), len(kept)), np.nan)
+    for top in sorted({int(row) // band * band for row in pixels // cols}):
+        here = (pixels // cols >= top) & (pixels // cols < top + band)
+        for first in range(frames.start, frames.stop, _FRAMES_A_BLOCK):
+            last = min(first + _FRAMES_A_BLOCK, frames.stop)
+            wanted = (kept >= first) & (kept < last)
+            if not wanted.any():
+                continue
+            block = recording.read_range(slice(first, last), slice(top, min(top + band, rows)))
+            series = block[kept[wanted] - first].reshape(int(wanted.sum()), -1)
+            out[np.ix_(here, wanted)] = series[:, pixels[here] - top * cols].T
+    return out
+
+
+def _without_drift(
+    away: FloatArray, sigma_mm: FloatArray, weight: FloatArray, density: FloatArray, law: Law
+) -> tuple[FloatArray, FloatArray]:
+    """Errors (pixel, frame) less the drift of each pixel, and the degrees of freedom that it takes."""
+    drift, freedom = drifts_of(
+        away, range_mm=np.zeros((len(away), 1)), sigma_mm=sigma_mm[:, np.newaxis], weight=weight[:, np.newaxis],
+        rest=np.repeat(density[:, np.newaxis], away.shape[1], axis=1), law=law,
+    )  # fmt: skip
+    return away - drift[:, 0] @ legendre(times(away.shape[1])), freedom[:, 0]
+
+
+def _half_width(away: FloatArray, reach: float, density: float, weight: float) -> float:
+    """Half the width of the central 68 % of the errors within `reach`, less the background among them; NaN of few.
+
+    Quantiles are those of rank (k - 1/3) / (n + 1/3), whose median is right for any distribution (Hyndman and Fan,
+    Am. Stat. 50(4), 1996, type 8).
+    """
+    near = np.sort(away[np.abs(away) < reach])
+    if near.size < LEAST_SAMPLES:
+        return math.nan
+    random = 2.0 * reach * density
+    share = random / (random + weight)
+    below = (np.arange(1, near.size + 1) - 1.0 / 3.0) / (near.size + 1.0 / 3.0)
+    surface = (below - share * 0.5 * (near / reach + 1.0)) / (1.0 - share)
+    low, _, high = np.interp(CENTRAL, np.maximum.accumulate(surface), near)
+    return float(0.5 * (high - low))

@@ -1,0 +1,99 @@
+"""The learnt noise of a layers file in numbers and in a line."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from tofmix.estimation.learnt.words import noise_words, shape_words
+from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
+from tofmix.sensor import Sensor
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseNumbers:
+    """Learnt noise, or noise with parts beyond a curve. None stands for a part that is not there.
+
+    Parameters
+    ----------
+    line : str
+        All of it in words, as `tofmix estimate` says it.
+    sigma_least_mm, sigma_most_mm : float
+        Least and largest sigma of the curve.
+    shape : str
+        ``Gaussian``, ``skewed (1.3)``, ``long-tailed`` or ``short-tailed``.
+    skewness, excess_kurtosis : float or None
+        Of the shape.
+    width_spread : float or None
+        Standard deviation of log width over the pixels.
+    widths : Quantiles or None
+        The pixels' own widths, of those with a surface.
+    background : Quantiles or None
+        Share of background over the pixels.
+    drift_mm : list of float or None
+        Scale of each polynomial of time that a pixel's ranges may follow within a window.
+    memory : float or None
+        Correlation of the error from one frame to the next.
+    scatter_over_sigma : Quantiles or None
+        Half the width of the central 68 % of a pixel's samples over sigma(r), over pixels of one layer; with the
+        recording alone.
+    """
+
+    line: str
+    sigma_least_mm: float
+    sigma_most_mm: float
+    shape: str
+    skewness: float | None = None
+    excess_kurtosis: float | None = None
+    width_spread: float | None = None
+    widths: Quantiles | None = None
+    background: Quantiles | None = None
+    drift_mm: list[float] | None = None
+    memory: float | None = None
+    scatter_over_sigma: Quantiles | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the same as a dict, for JSON."""
+        return asdict(self)
+
+
+def has_more_than_a_curve(sensor: Sensor) -> bool:
+    """Whether a sensor's noise has learnt parts, or parts of a file, beyond sigma by range and amplitude."""
+    curve = sensor.noise
+    if curve is None:
+        return False
+    of_file = curve.shape is not None or curve.width_spread > 0 or curve.background is not None
+    return of_file or sensor.learnt is not None
+
+
+def noise_numbers(sensor: Sensor, widths: ValueCounts | None = None) -> NoiseNumbers | None:
+    """The numbers of a sensor's noise; None where it is a Gaussian of a curve, or there is no curve.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Of a layers file.
+    widths : ValueCounts, optional
+        The pixels' own widths.
+    """
+    curve, learnt = sensor.noise, sensor.learnt
+    if curve is None or not has_more_than_a_curve(sensor):
+        return None
+    skewness, kurtosis = (None, None) if curve.shape is None else (float(m) for m in curve.shape.moments()[2:])
+    shares = None
+    if curve.background is not None:
+        low, middle, high = (float(q) for q in np.quantile(curve.background, (0.05, 0.5, 0.95)))
+        shares = Quantiles(count=curve.background.size, q05=low, q50=middle, q95=high)
+    return NoiseNumbers(
+        line=", ".join(noise_words(sensor)),
+        sigma_least_mm=float(curve.sigma_mm.min()),
+        sigma_most_mm=float(curve.sigma_mm.max()),
+        shape=shape_words(curve),
+        skewness=skewness,
+        excess_kurtosis=kurtosis,
+        width_spread=curve.width_spread or None,
+        widths=spread_of(widths) if widths is not None and widths.count else None,
+        background=shares,
+        drift_mm=learnt.drift_mm.tolist() if learnt is not None and learnt.drift_mm.any() else None,
+        memory=float(learnt.memory) if learnt is not None and learnt.memory else None,
+    )

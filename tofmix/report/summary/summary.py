@@ -1,0 +1,373 @@
+"""The numbers of a layers file: what was found, how well, and what to be wary of.
+
+`summarise` reads window by window, so a sequence of any length fits in memory.
+For one pixel or one window read the file itself.
+"""
+
+from dataclasses import asdict, dataclass
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+
+from tofmix.arrays import FloatArray
+from tofmix.circle import circular_noise
+from tofmix.flags import Mixing, Status, mixing_name, status_name
+from tofmix.layers import Layers, Provenance
+from tofmix.report.sources import LayersSource
+from tofmix.report.summary.findings import (
+    CLOSE_SIGMAS,
+    Finding,
+    Remedy,
+    count_findings,
+    sigma_findings,
+    target_findings,
+)
+from tofmix.report.summary.noise_numbers import NoiseNumbers, noise_numbers
+from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
+from tofmix.sensor import NoiseCurve
+
+DOMINANT_WEIGHT = 0.5
+"""Components above this share tell of the noise curve; weak ones tell of the fit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LayerSummary:
+    """One layer over all pixels and windows. None stands where there is no such value.
+
+    Medians are over the layer's `count` components; `sigma_over_curve_median` is sigma divided by the sensor's
+    sigma(r) at the component's range.
+    """
+
+    layer: int
+    count: int
+    range_mm: Quantiles
+    weight_median: float | None
+    range_stderr_median_mm: float | None
+    sigma_median_mm: float | None
+    sigma_over_curve_median: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MixingNumbers:
+    """The law of mixing.
+
+    Parameters
+    ----------
+    line : str
+        The law in words.
+    phasor_share : float or None
+        Share of the samples at edges that are phasor sums; None if no pixel tells it.
+    telling_pixels : int
+        Pixels that tell it.
+    pixels : dict
+        Pixels by the names of `tofmix.flags.Mixing`.
+    """
+
+    line: str
+    phasor_share: float | None
+    telling_pixels: int
+    pixels: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """A layers file in numbers. Pixels are counted once a window.
+
+    Parameters
+    ----------
+    source, source_sha256, version, options
+        From the file's provenance.
+    windows, window_frames, rows, cols, max_layers, frames_left_out : int
+        Its sizes; `window_frames` is the length of the first window.
+    pixels : int
+        windows * rows * cols.
+    pixels_by_surfaces, pixels_by_peaks : tuple of int
+        Entry n counts pixels with n surfaces; with n peaks of the density in step 1.
+    pixels_by_status : dict
+        By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
+    pixels_with_close_layers : int
+        Pixels with two layers within 5 sigma (of the wider one) of each other.
+    share_several_surfaces, share_no_surface : float
+        Shares of `pixels` with more than one surface, and with none.
+    layers : tuple of LayerSummary
+        One entry for each of `max_layers`, near to far.
+    weight_no_return : Quantiles
+        p(c_0) over the pixels where it is known.
+    sigma_over_curve : Quantiles
+        sigma / sigma(r) over components with a share above 0.5.
+    samples : Quantiles
+        Valid samples a pixel.
+    noise : NoiseNumbers or None
+        The noise, where it has learnt parts, or parts of a file, beyond sigma by range and amplitude.
+    mixing : MixingNumbers or None
+        The law of mixing, where it was measured.
+    warnings : tuple of Finding
+        What to be wary of.
+    """
+
+    source: str
+    source_sha256: str
+    version: str
+    options: dict[str, str | int | float | None]
+    windows: int
+    window_frames: int
+    rows: int
+    cols: int
+    max_layers: int
+    frames_left_out: int
+    pixels: int
+    pixels_by_surfaces: tuple[int, ...]
+    pixels_by_peaks: tuple[int, ...]
+    pixels_by_status: dict[str, int]
+    pixels_with_close_layers: int
+    share_several_surfaces: float
+    share_no_surface: float
+    layers: tuple[LayerSummary, ...]
+    weight_no_return: Quantiles
+    sigma_over_curve: Quantiles
+    samples: Quantiles
+    noise: NoiseNumbers | None
+    mixing: MixingNumbers | None
+    warnings: tuple[Finding, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the same as dicts and lists under the same names, for JSON; never NaN, None instead."""
+        values = {key: list(value) if isinstance(value, tuple) else value for key, value in asdict(self).items()}
+        return values | {"warnings": [finding.as_dict() for finding in self.warnings]}
+
+
+def summarise(layers_file: LayersSource) -> Summary:
+    """Summarise a layers file, reading one window at a time.
+
+    Quantiles are exact up to 65,536 different values and bounded in memory past
+    that (see `ValueCounts`); all counts are exact.
+
+    Parameters
+    ----------
+    layers_file : LayersSource
+        For example an open `tofmix.io.layers.layers_file.LayersFile`.
+
+    Returns
+    -------
+    Summary
+        Over all windows.
+    """
+    provenance = layers_file.provenance
+    tally = _Tally(layers_file.max_layers, noise_of(provenance), provenance.unambiguous_range_mm)
+    windows, rows, cols = layers_file.shape
+    for k in range(windows):
+        tally.add(layers_file.read_window(k))
+    pixels = windows * rows * cols
+    summaries = tally.layer_summaries()
+    return Summary(
+        source=provenance.source,
+        source_sha256=provenance.source_sha256,
+        version=provenance.version,
+        options={name: _no_nan(value) for name, value in sorted(provenance.options.items())},
+        windows=windows,
+        window_frames=int(layers_file.window_stop[0] - layers_file.window_start[0]) if windows else 0,
+        rows=rows,
+        cols=cols,
+        max_layers=layers_file.max_layers,
+        frames_left_out=provenance.frames_left_out,
+        pixels=pixels,
+        pixels_by_surfaces=tuple(tally.surfaces),
+        pixels_by_peaks=tuple(tally.peaks),
+        pixels_by_status=tally.by_status(),
+        pixels_with_close_layers=tally.close,
+        share_several_surfaces=sum(tally.surfaces[2:]) / max(1, pixels),
+        share_no_surface=sum(tally.surfaces[:1]) / max(1, pixels),
+        layers=summaries,
+        weight_no_return=spread_of(tally.no_return),
+        sigma_over_curve=spread_of(tally.dominant_ratio),
+        samples=spread_of(tally.samples),
+        noise=noise_numbers(provenance.sensor, tally.widths),
+        mixing=_mixing(layers_file, tally),
+        warnings=tally.findings(layers_file, pixels, remedy_for(provenance, windows)),
+    )
+
+
+def _mixing(layers_file: LayersSource, tally: "_Tally") -> MixingNumbers | None:
+    """Numbers of the law of mixing; None where it was not measured."""
+    law = layers_file.mixing_law
+    if law is None:
+        return None
+    counts = dict(zip((mixing_name(kind) for kind in Mixing), (*tally.mixing, 0, 0, 0, 0), strict=False))
+    share = law.as_dict()["phasor_share"]
+    return MixingNumbers(line=law.words(), phasor_share=share, telling_pixels=law.pixels, pixels=counts)
+
+
+def find(layers_file: LayersSource, remedy: Remedy | None = None) -> tuple[Finding, ...]:
+    """List the findings of a layers file, the same as in its summary, with less work.
+
+    Parameters
+    ----------
+    layers_file : LayersSource
+        The file; read window by window.
+    remedy : Remedy, optional
+        What the remedies' commands are about; by default the recording under the name that the file gives.
+    """
+    provenance = layers_file.provenance
+    windows, rows, cols = layers_file.shape
+    tally = _FindingTally(layers_file.max_layers, noise_of(provenance), provenance.unambiguous_range_mm)
+    for k in range(windows):
+        tally.add(layers_file.read_window(k))
+    return tally.findings(layers_file, windows * rows * cols, remedy or remedy_for(provenance, windows))
+
+
+def remedy_for(provenance: Provenance, windows: int, recording: str | None = None) -> Remedy:
+    """The estimate that made a layers file, for the commands of its findings."""
+    options = provenance.options
+    return Remedy(
+        recording=provenance.source if recording is None else recording,
+        noise=str(options.get("noise", "file")),
+        window_frames=int(options.get("window", 2)),
+        windows=windows,
+        paper=bool(options.get("paper", False)),
+    )
+
+
+class _FindingTally:
+    """Running counts over windows of what findings are about."""
+
+    def __init__(self, max_layers: int, curve: NoiseCurve | None, length: float | None) -> None:
+        self._curve = curve
+        self._length = length
+        self.surfaces = [0] * (max_layers + 1)
+        self.close = 0
+        self._status: dict[int, int] = {}
+        self.dominant_ratio = ValueCounts()
+
+    def add(self, window: Layers) -> None:
+        self.surfaces = _added(self.surfaces, window.n_modes)
+        self.close += _close(window, self._length)
+        values, counts = np.unique(window.status, return_counts=True)
+        for value, count in zip(values.tolist(), counts.tolist(), strict=True):
+            self._status[value] = self._status.get(value, 0) + count
+        self.dominant_ratio.add(self.ratio(window)[window.weight > DOMINANT_WEIGHT])
+
+    def ratio(self, window: Layers) -> FloatArray:
+        """Sigma over the curve's, of each layer; NaN where there is none."""
+        range_mm = window.range.astype(np.float64)
+        ratio = np.full(range_mm.shape, np.nan)
+        if self._curve is not None:
+            known = np.isfinite(range_mm)
+            ratio[known] = window.sigma[known] / self._curve.sigma(range_mm[known])
+        return ratio
+
+    def findings(self, layers_file: LayersSource, pixels: int, remedy: Remedy) -> tuple[Finding, ...]:
+        curve = layers_file.provenance.sensor.noise
+        # With a law of amplitude, sigma is that of each pixel's own amplitude, which a layers file does not hold.
+        by_range = curve is None or curve.law is None
+        of_sigma = sigma_findings(
+            count=self.dominant_ratio.count,
+            median=self.dominant_ratio.quantiles(0.5)[0] if by_range else None,
+            has_curve=curve is not None,
+            remedy=remedy,
+        )
+        of_counts = count_findings(
+            pixels=pixels,
+            by_status=self.by_status(),
+            by_surfaces=self.surfaces,
+            max_layers=layers_file.max_layers,
+            close=self.close,
+            remedy=remedy,
+        )
+        return *of_sigma, *of_counts, *target_findings(layers_file.provenance.targets)
+
+    def by_status(self) -> dict[str, int]:
+        named = {status_name(s): self._status.get(int(s), 0) for s in Status}
+        unnamed = {f"status_{v}": n for v, n in sorted(self._status.items()) if v not in tuple(Status)}
+        return named | unnamed
+
+
+class _Tally(_FindingTally):
+    """Running counts over windows of all that a summary tells."""
+
+    def __init__(self, max_layers: int, curve: NoiseCurve | None, length: float | None) -> None:
+        super().__init__(max_layers, curve, length)
+        self.peaks = [0]
+        self._layers = [_LayerTally() for _ in range(max_layers)]
+        self.no_return = ValueCounts()
+        self.samples = ValueCounts()
+        self.widths = ValueCounts()
+        self.mixing = [0]
+
+    def add(self, window: Layers) -> None:
+        super().add(window)
+        self.peaks = _added(self.peaks, window.n_peaks)
+        self.no_return.add(window.weight_no_return)
+        self.samples.add(window.n_samples.astype(np.float32))
+        if window.noise_width is not None:
+            self.widths.add(window.noise_width[window.n_modes > 0])
+        if window.mixing is not None:
+            self.mixing = _added(self.mixing, window.mixing)
+        ratio = self.ratio(window)
+        for k, layer in enumerate(self._layers):
+            layer.range.add(window.range[..., k])
+            layer.weight.add(window.weight[..., k])
+            layer.stderr.add(window.range_stderr[..., k])
+            layer.sigma.add(window.sigma[..., k])
+            layer.ratio.add(ratio[..., k])
+
+    def layer_summaries(self) -> tuple[LayerSummary, ...]:
+        return tuple(
+            LayerSummary(
+                layer=k,
+                count=tally.range.count,
+                range_mm=spread_of(tally.range),
+                weight_median=tally.weight.quantiles(0.5)[0],
+                range_stderr_median_mm=tally.stderr.quantiles(0.5)[0],
+                sigma_median_mm=tally.sigma.quantiles(0.5)[0],
+                sigma_over_curve_median=tally.ratio.quantiles(0.5)[0],
+            )
+            for k, tally in enumerate(self._layers, start=1)
+        )
+
+
+class _LayerTally:
+    """The values of one layer."""
+
+    def __init__(self) -> None:
+        self.range = ValueCounts()
+        self.weight = ValueCounts()
+        self.stderr = ValueCounts()
+        self.sigma = ValueCounts()
+        self.ratio = ValueCounts()
+
+
+def _close(window: Layers, length: float | None) -> int:
+    """Pixels with two layers within `CLOSE_SIGMAS` of each other, across the fold of a circle as well."""
+    gap = np.diff(window.range, axis=-1)
+    sigma = np.maximum(window.sigma[..., 1:], window.sigma[..., :-1])
+    with np.errstate(invalid="ignore"):
+        close = (gap < CLOSE_SIGMAS * sigma).any(axis=-1)
+    if length is not None:
+        last = np.maximum(window.n_modes.astype(np.int64), 1)[..., np.newaxis] - 1
+        far, sigma_far = (np.take_along_axis(values, last, -1)[..., 0] for values in (window.range, window.sigma))
+        across = window.range[..., 0] + length - far
+        with np.errstate(invalid="ignore"):
+            close |= (window.n_modes > 1) & (across < CLOSE_SIGMAS * np.maximum(window.sigma[..., 0], sigma_far))
+    return int(close.sum())
+
+
+def noise_of(provenance: Provenance) -> NoiseCurve | None:
+    """Return the curve that sigmas are held against: the sensor's, on a circle continuous across the fold."""
+    sensor, length = provenance.sensor, provenance.unambiguous_range_mm
+    if length is None or sensor.noise is None:
+        return sensor.noise
+    try:
+        return circular_noise(sensor, length, at_fold=False)
+    except ValueError:
+        return sensor.noise  # a circle that the estimator would have refused
+
+
+def _added(totals: list[int], values: np.ndarray[Any, np.dtype[np.uint8]]) -> list[int]:
+    """Add the counts of small integers to running ones, lengthening as needed."""
+    counts = np.bincount(values.ravel()).tolist()
+    return [a + b for a, b in zip_longest(totals, counts, fillvalue=0)]
+
+
+def _no_nan(value: str | float) -> str | int | float | None:
+    return None if isinstance(value, float) and not np.isfinite(value) else value
