@@ -22,10 +22,11 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from tofmix.arrays import FloatArray
 from tofmix.simulation.builtin import builtin_text
 from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
-from tofmix.simulation.prediction import Prediction, predict
+from tofmix.simulation.prediction import predict
 from tofmix.simulation.render import render_blocks
 from tofmix.simulation.truth import Truth
 

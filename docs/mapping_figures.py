@@ -31,8 +31,8 @@ from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
 from tofmix.report.figures.theme import LIGHT, drawing
 from tofmix.simulation.cast import cast_scene
-from tofmix.simulation.model import Surface
 from tofmix.simulation.render import recording_sensor, render_blocks
+from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))

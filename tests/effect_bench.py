@@ -13,8 +13,9 @@ from tofmix.sensor import NoiseCurve
 from tofmix.sensors import SensorProfile, load_profile
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.render import render_blocks
+from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
 if TYPE_CHECKING:

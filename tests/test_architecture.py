@@ -1,4 +1,4 @@
-"""Imports point one way: cli -> io, report -> estimation, simulation -> root modules. Modules and constants have words."""
+"""Imports point one way: cli -> io, report -> estimation, simulation -> root modules. Modules have words."""
 
 import ast
 from collections.abc import Iterator

@@ -23,15 +23,15 @@ Nothing heavy is imported here, so that ``tofmix --help`` answers at once.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from tofmix.version import __version__
+
 if TYPE_CHECKING:
     from tofmix.api.estimates import Estimate, estimate
+    from tofmix.api.files import open_file as open  # noqa: A004  tofmix.open reads well, as gzip.open does
     from tofmix.api.plots import plot
     from tofmix.api.recordings import Recording, from_array
-    from tofmix.api.recordings import open_file as open  # noqa: A004  tofmix.open reads well, as gzip.open does
     from tofmix.api.simulations import reconcile, simulate
     from tofmix.sensor import NoiseCurve, Sensor
-
-__version__ = "0.1.0"
 
 _LAZY = {
     "Estimate": ("tofmix.api.estimates", "Estimate"),
@@ -40,7 +40,7 @@ _LAZY = {
     "Sensor": ("tofmix.sensor", "Sensor"),
     "estimate": ("tofmix.api.estimates", "estimate"),
     "from_array": ("tofmix.api.recordings", "from_array"),
-    "open": ("tofmix.api.recordings", "open_file"),
+    "open": ("tofmix.api.files", "open_file"),
     "plot": ("tofmix.api.plots", "plot"),
     "reconcile": ("tofmix.api.simulations", "reconcile"),
     "simulate": ("tofmix.api.simulations", "simulate"),

@@ -11,7 +11,8 @@ from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects.surface_pose import posed
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 
 
 def test_every_verdict_ends_with_a_step(small: Model) -> None:

@@ -14,7 +14,8 @@ from tofmix.reconciliation.refit import begin
 from tofmix.reconciliation.subsets import Explained, Subsets
 from tofmix.reconciliation.summaries import Summary, summaries
 from tofmix.simulation.effects import EFFECTS
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 
 TOLERANCE = 0.1
 

@@ -12,8 +12,9 @@ from sizes import sized
 from tofmix.errors import BadInputError
 from tofmix.simulation import cast, cast_kernel
 from tofmix.simulation.cast import MIN_SHARE, cast_scene
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
 from tofmix.simulation.scene import scene_arrays
+from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
 Floats = NDArray[np.float64]

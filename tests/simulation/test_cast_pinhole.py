@@ -17,8 +17,9 @@ from tofmix.sensors import SensorProfile, load_profile
 from tofmix.simulation import cast_cells
 from tofmix.simulation.cast import MovingCaster, cast_scene
 from tofmix.simulation.effects.base import Context
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.scene import scene_arrays
+from tofmix.simulation.surface import Surface
 
 Floats = NDArray[np.float64]
 SHARE = 0.001  # the contract

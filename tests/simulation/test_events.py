@@ -10,7 +10,8 @@ from scipy import stats
 
 from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.events import EventTable, Samples, draw, event_table, frame_generator, stored_range
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
 MakeModel = Callable[..., Model]

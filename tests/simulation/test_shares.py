@@ -14,7 +14,8 @@ from scipy import ndimage
 
 from tofmix.equiangular import Equiangular
 from tofmix.simulation.cast import cast_scene
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
 pytestmark = pytest.mark.usefixtures("kernel_casts")

@@ -16,8 +16,9 @@ from tofmix.simulation.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.base import Context
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.render import render_blocks
+from tofmix.simulation.surface import Surface
 from users.strangers import STRANGERS, Stranger
 
 ROWS, COLS, FRAMES, RATE_HZ = 56, 72, 120, 25.0

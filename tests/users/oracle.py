@@ -19,9 +19,10 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.model import Model
-from tofmix.simulation.prediction import Prediction, predict
+from tofmix.simulation.prediction import predict
 from users.cases import FRAMES, RATE_HZ, Case
 
 KNOWN_NATS = 20.0

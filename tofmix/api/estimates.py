@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix import __version__
-from tofmix.api.recordings import Recording
+from tofmix.api.recordings import Recording, opened_recording
 from tofmix.errors import BadInputError, DoubtWarning
 from tofmix.layers import LAW_TEXTS, Layers, Provenance
 from tofmix.mixing import MixingLaw
 from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.version import __version__
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -316,22 +316,6 @@ def read_estimate(path: Path) -> Estimate:
 
 def _arrays(layers: Layers) -> dict[str, Any]:
     return {field.name: getattr(layers, field.name) for field in fields(Layers)}
-
-
-def opened_recording(path: Path) -> Recording:
-    """Open a recording; layers are refused.
-
-    Raises
-    ------
-    BadInputError
-        If the file is no recording.
-    """
-    from tofmix.api.recordings import open_file
-
-    found = open_file(path)
-    if not isinstance(found, Recording):
-        raise BadInputError(f"{path}: a layers file, not a recording; tofmix.open reads it as it is")
-    return found
 
 
 def _knows_gaussian_alone(options: "EstimateOptions") -> bool:

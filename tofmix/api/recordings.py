@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.errors import DoubtWarning
+from tofmix.errors import BadInputError, DoubtWarning
 from tofmix.recording import ArrayRecording, SampleSource
 from tofmix.sensor import NoiseCurve, Sensor
 
 if TYPE_CHECKING:
-    from tofmix.api.estimates import Estimate
     from tofmix.simulation.truth import Truth
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
@@ -220,43 +219,31 @@ class Recording:
         return target
 
 
-def open_file(path: str | Path) -> "Recording | Estimate":
-    """Open a recording, or the layers that `tofmix estimate` or `Estimate.save` wrote.
-
-    Parameters
-    ----------
-    path : str or Path
-        An HDF5 file.
-
-    Returns
-    -------
-    Recording or Estimate
-        Samples of a recording are read when they are asked for; layers are read at once.
+def opened_recording(path: Path) -> Recording:
+    """Open a recording; layers are refused.
 
     Raises
     ------
     BadInputError
-        If the file is missing, damaged or neither of the two, or its ranges are hardly mm.
+        If the file is missing, damaged or no recording, or its ranges are hardly mm.
 
     Warns
     -----
     DoubtWarning
-        If many of a recording's samples are exactly 0 and count as ranges.
+        If many of its samples are exactly 0 and count as ranges.
     """
-    from tofmix.api.estimates import read_estimate
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers.layers_file import FORMAT
     from tofmix.io.recording.recording_file import open_recording
 
-    file = Path(path)
-    if format_of(file) == FORMAT:
-        return read_estimate(file)
-    with open_recording(file) as source:
+    if format_of(path) == FORMAT:
+        raise BadInputError(f"{path}: a layers file, not a recording; tofmix.open reads it as it is")
+    with open_recording(path) as source:
         for remark in source.remarks:
-            warnings.warn(remark, DoubtWarning, stacklevel=2)
+            warnings.warn(remark, DoubtWarning, stacklevel=3)
         averaged = source.attributes().get("averaged", 0) not in (0, "0", "")
         shape = source.frames, *source.shape[1:]
-        return Recording(file, source.sensor, shape=shape, targets=source.targets, averaged=averaged)
+        return Recording(path, source.sensor, shape=shape, targets=source.targets, averaged=averaged)
 
 
 def from_array(

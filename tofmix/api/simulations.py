@@ -100,7 +100,7 @@ def reconcile(
     BadInputError
         If the model or the recording cannot be read, or they do not go together.
     """
-    from tofmix.api.estimates import opened_recording
+    from tofmix.api.recordings import opened_recording
     from tofmix.reconciliation.evidence import make_evidence
     from tofmix.reconciliation.name import KINDS
     from tofmix.reconciliation.way import Settings

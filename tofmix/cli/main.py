@@ -8,7 +8,6 @@ from typing import NoReturn, TextIO
 
 import click
 
-from tofmix import __version__
 from tofmix.cli.compare import compare
 from tofmix.cli.estimate import estimate
 from tofmix.cli.export import export
@@ -28,6 +27,7 @@ from tofmix.cli.warmup import warmup
 from tofmix.errors import EXIT_CODE_MEANINGS, ExitCode, TofmixError, os_error_text
 from tofmix.io.atomic.partial_output import discard_partial_outputs, is_resumable
 from tofmix.io.guard.watchdog import arm
+from tofmix.version import __version__
 
 _EPILOG = """\b
 Start here:

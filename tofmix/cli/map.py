@@ -239,7 +239,7 @@ def _thin_beam(
 
 
 def _comment(file: "LayersFile", source: str, recording: Path | None) -> str:
-    from tofmix import __version__
+    from tofmix.version import __version__
 
     samples = "" if recording is None else f" of {recording.name}"
     return f"tofmix {__version__} map --from {source}{samples}, {file.path.name}"

@@ -46,12 +46,12 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
     taken by itself. The layers file must say where its pixels look. docs/surfaces.md
     describes the file; tofmix export passes it on to other programs.
     """
-    from tofmix import __version__
     from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.recording_file import file_sha256
     from tofmix.io.surfaces_file import SurfacesWriter
     from tofmix.surfaces.found import SurfacesProvenance
+    from tofmix.version import __version__
 
     output = output or layers.with_name(f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}")
     with locked(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:

@@ -17,13 +17,13 @@ from pathlib import Path
 from tempfile import gettempdir
 from typing import Any
 
-from tofmix import __version__
 from tofmix.errors import BadInputError, StorageError, TofmixError, UsageError, os_error_text
 from tofmix.grid import Cell, Grid
 from tofmix.io.layers.chunks import EncodedCell
 from tofmix.io.recording.recording_file import file_sha256, open_recording
 from tofmix.pipeline.job import Job
 from tofmix.pipeline.local import LocalEngine
+from tofmix.version import __version__
 
 BLOCK_SAMPLES = 1 << 22
 """Samples of a task: half a second of work or more, beside which dask's 2 ms do not count."""

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from tofmix import __version__
 from tofmix.errors import UsageError
 from tofmix.estimation.blocks.sequence import settled_mixing
 from tofmix.estimation.settings import EstimateOptions
@@ -14,6 +13,7 @@ from tofmix.io.layers.chunks import EncodedCell
 from tofmix.io.layers.provenance import header_image
 from tofmix.io.recording.recording_file import RecordingFile
 from tofmix.layers import Provenance
+from tofmix.version import __version__
 from tofmix.windows import Windows
 
 

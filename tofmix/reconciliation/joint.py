@@ -7,7 +7,7 @@ same in both models; else they have names of their own while they are worked wit
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,10 @@ from tofmix.reconciliation.witnesses import (
     warm_up_witness,
 )
 from tofmix.simulation.effects.base import Effect
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
+
+if TYPE_CHECKING:
+    from tofmix.simulation.surface import Surface
 
 Recording = tuple[Model, Evidence]
 """What a recording is held against, and its samples."""

@@ -16,7 +16,7 @@ from tofmix.reconciliation.summaries import summaries, surfaces_of
 from tofmix.reconciliation.verdict import SIGMAS
 from tofmix.reconciliation.verify import Verified
 from tofmix.reconciliation.way import Settings, fit_part
-from tofmix.simulation.model import Surface
+from tofmix.simulation.surface import Surface
 from tofmix.wording import counted
 
 _CLEAR = 5.0  # standard errors by which a surface stands elsewhere

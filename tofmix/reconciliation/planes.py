@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.simulation.model import Surface
+from tofmix.simulation.surface import Surface
 
 _PASSES, _FAR = 12, 6.0  # of a fit; medians of what is left, beyond which a pixel is left out
 _LEAST_MM = 1.0  # range

@@ -21,10 +21,10 @@ from tofmix.reconciliation.joint import View, views
 from tofmix.reconciliation.likelihood import Likelihood
 from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.planes import PlanePose, measured_pose, range_slopes
-from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.effects.base import refuse_without_phase
 from tofmix.simulation.effects.parameter import Holds
+from tofmix.simulation.model import Model
 
 MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 """Makes an effect of a kind from its parameters."""
@@ -362,15 +362,15 @@ def problems(kind: str, likelihood: Likelihood, mixture: Mixture) -> list[Proble
         except ValueError:
             return []
     found = SEARCHES.get(kind, _declared(kind))(setting(likelihood, mixture))
-    return [_plausible(problem, likelihood.scene.model.sensor) for problem in found]
+    return [_plausible(problem, likelihood.scene.model) for problem in found]
 
 
-def _plausible(problem: Problem, sensor: SensorProfile) -> Problem:
+def _plausible(problem: Problem, model: Model) -> Problem:
     """The search, whose vectors that are not plausible count as another effect."""
 
     def other(x: FloatArray) -> bool:
         try:
-            return (problem.other is not None and problem.other(x)) or not problem.make(x).plausible(sensor)
+            return (problem.other is not None and problem.other(x)) or not problem.make(x).plausible(model.sensor)
         except ValueError:
             return True
 

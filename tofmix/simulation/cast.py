@@ -18,8 +18,9 @@ from tofmix.projection import cell_nodes
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.cast_cells import cast_cells, reached_cells
 from tofmix.simulation.cast_kernel import cast_row, reached_row
-from tofmix.simulation.model import MAX_LENGTH_MM, Model
+from tofmix.simulation.model import Model
 from tofmix.simulation.scene import SceneArrays, scene_arrays
+from tofmix.simulation.surface import MAX_LENGTH_MM
 from tofmix.simulation.truth import Truth
 
 # A surface or a gap of less than this share of a pixel is left out, and the others take its place. Shares are right

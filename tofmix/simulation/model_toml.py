@@ -11,7 +11,8 @@ from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sensor_file import sensor_of
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.parameter import Holds, Parameter
-from tofmix.simulation.model import Model, RecordingSettings, Surface
+from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.surface import Surface
 from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml
 
 

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.cast import MovingCaster, cast_scene
-from tofmix.simulation.model import Model, Surface
+from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
+from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
 

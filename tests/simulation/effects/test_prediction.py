@@ -7,8 +7,9 @@ import pytest
 from effect_bench import Bench, Recorded, effect
 from scipy import stats
 
+from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects import Effect, PixelMap
-from tofmix.simulation.prediction import Prediction, predict
+from tofmix.simulation.prediction import predict
 
 FRAMES = 400
 ALPHA = 1e-3

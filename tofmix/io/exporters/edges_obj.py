@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 
-from tofmix import __version__
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.edge_lines import EdgeLine
+from tofmix.version import __version__
 
 VERTEX = "v {:.6f} {:.6f} {:.6f}"
 """A vertex, metres, to a micrometre."""

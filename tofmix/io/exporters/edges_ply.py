@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tofmix import __version__
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.edge_lines import EdgeLine
 from tofmix.io.exporters.ply import TYPES
 from tofmix.points import PointArray, PointField, packed
+from tofmix.version import __version__
 
 FIELDS: tuple[PointField, ...] = (
     PointField(name="x", dtype="<f4", units="m", long_name="to the right, on the plane of the nearer surface"),

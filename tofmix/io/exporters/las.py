@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from tofmix import __version__
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.extras import need
 from tofmix.points import POINT_FIELDS, PointArray, PointSource
+from tofmix.version import __version__
 
 SCALE_M = 1e-6
 """A count of a coordinate, m."""

@@ -4,9 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tofmix import __version__
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.points import PointSource
+from tofmix.version import __version__
 
 
 def write(file: AtomicFile, points: PointSource, title: str, written: Callable[[], None]) -> int:

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix import __version__
 from tofmix.arrays import FloatArray
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.edges_obj import VERTEX
 from tofmix.io.exporters.outlines import Outline, placed
 from tofmix.io.extras import need
 from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.version import __version__
 
 
 def write(file: AtomicFile, source: SurfacesFile, outlines: Sequence[Outline], title: str) -> None:

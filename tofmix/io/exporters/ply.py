@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
-from tofmix import __version__
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.points import PointSource
+from tofmix.version import __version__
 
 TYPES = {"<f4": "float", "|u1": "uchar", "<u4": "uint", "<i4": "int"}
 """Names of types in the format."""

@@ -12,7 +12,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix import __version__
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.io import hdf5
 from tofmix.io.atomic.storage import AtomicFile
@@ -21,6 +20,7 @@ from tofmix.io.recording.truth_effects import add_effect_truth, add_range_true_f
 from tofmix.sensor import Sensor
 from tofmix.simulation.effects import EffectTruth
 from tofmix.simulation.truth import Truth
+from tofmix.version import __version__
 
 CHUNK_FRAMES = 100
 """Frames stored together; also what `simulate` holds in memory at once."""

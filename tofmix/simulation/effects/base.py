@@ -25,9 +25,9 @@ from tofmix.simulation.effects.parameter import Parameter, declared_parameters
 from tofmix.toml_table import nearest
 
 if TYPE_CHECKING:
+    from tofmix.simulation.distribution import Prediction
     from tofmix.simulation.echoes import Echoes, FrameSamples
-    from tofmix.simulation.model import Surface
-    from tofmix.simulation.prediction import Prediction
+    from tofmix.simulation.surface import Surface
 
 _RECORDING, _FRAME = 0, 1  # branches of an effect's random streams
 

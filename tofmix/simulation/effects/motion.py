@@ -8,7 +8,7 @@ from tofmix.simulation.effects.parameter import number, surface
 from tofmix.simulation.effects.surface_pose import shifted
 
 if TYPE_CHECKING:
-    from tofmix.simulation.model import Surface
+    from tofmix.simulation.surface import Surface
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

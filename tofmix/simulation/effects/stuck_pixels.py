@@ -12,7 +12,7 @@ from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Latent,
 from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
 
 if TYPE_CHECKING:
-    from tofmix.simulation.prediction import Prediction
+    from tofmix.simulation.distribution import Prediction
 
 _HIGHEST_MM = 65_534
 

@@ -9,7 +9,7 @@ from tofmix.simulation.effects.base import Effect, Level, Target
 from tofmix.simulation.effects.parameter import number, surface
 
 if TYPE_CHECKING:
-    from tofmix.simulation.model import Surface
+    from tofmix.simulation.surface import Surface
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

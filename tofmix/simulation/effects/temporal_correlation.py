@@ -10,7 +10,7 @@ from tofmix.simulation.effects.base import Context, Effect, Latent, Level, Targe
 from tofmix.simulation.effects.parameter import number
 
 if TYPE_CHECKING:
-    from tofmix.simulation.prediction import Prediction
+    from tofmix.simulation.distribution import Prediction
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
