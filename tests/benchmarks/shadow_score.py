@@ -16,12 +16,17 @@ from users.cases import FRAMES, RATE_HZ, Case, draw, recorded
 from users.oracle import known
 from users.shadow import Scored, Shadow, beats
 
-from tofmix.reconciliation.columns import summed_up, terms
+from tofmix.reconciliation.columns import ColumnMaker, Term, summed_up, terms
 from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.joint import joint_likelihood
 from tofmix.reconciliation.name import KINDS
 from tofmix.reconciliation.summaries import summaries
 from tofmix.reconciliation.way import Settings
+from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects.motion import Motion
+from tofmix.simulation.effects.range_offset import RangeOffset
+from tofmix.simulation.effects.surface_pose import SurfacePose
+from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 
 SEED = 20261124
 IN_THE_MODEL = ("outliers", "temporal_correlation", "quantisation", "pixel_crosstalk")
@@ -42,7 +47,9 @@ def judged(case: Case) -> Iterator[tuple[str, bool, str]]:
     state = likelihood.start()
     everything = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
     (summary,) = summaries(likelihood, state, everything)
-    shadow = Shadow(summary, terms(likelihood, state, [summary], KINDS), Settings(kinds=KINDS).tolerance)
+    exact = [_exact(ColumnMaker(likelihood, state, [summary]), e) for e in case.hidden if summed_up(e.kind)]
+    every = terms(likelihood, state, [summary], KINDS)
+    shadow = Shadow(summary, every, Settings(kinds=KINDS).tolerance, exact)
     oracle = known(case) if case.hidden else None
     traces = frozenset() if oracle is None else frozenset(
         (e.kind, getattr(e, "surface", "")) for e in case.hidden if summed_up(e.kind) and e.kind in oracle.traces
@@ -62,9 +69,26 @@ def judged(case: Case) -> Iterator[tuple[str, bool, str]]:
     beaten = [s for s in found if beats(s, truth, count)]
     sort = "the truth leads or ties" + ("" if oracle.identifiable else ", where it cannot be known")
     yield sort, not beaten, _said(max(beaten, key=lambda s: s.total)) if beaten else ""
+    straight = shadow.scored([t for t in exact if t.name in traces])
+    yield f"{sort}, with its laws exact", not [s for s in found if beats(s, straight, count)], ""
     if oracle.identifiable:
         others = [s for s in found if not s.laws and not s.names >= truth.names]
         yield "all sets without the truth are beaten", all(beats(truth, s, count) for s in others), ""
+
+
+def _exact(make: ColumnMaker, effect: Effect) -> Term:
+    """A hidden effect as one column, of which about one is in the recording."""
+    if isinstance(effect, TemperatureDrift):
+        tau_s = effect.time_constant_s
+        column = make.column(
+            RangeOffset(offset_mm=effect.amplitude_mm), 1.0, 1.0, profile=lambda t: np.asarray(-np.expm1(-t / tau_s))
+        )
+    elif isinstance(effect, Motion):
+        moved = SurfacePose(surface=effect.surface, shift_mm=effect.velocity_mm_s)
+        column = make.column(moved, 1.0, 1.0, profile=lambda t: t)
+    else:
+        column = make.column(effect, 1.0, 1.0)
+    return Term(kind=effect.kind, surface=getattr(effect, "surface", ""), columns=(column,), make=lambda _: effect)
 
 
 def _said(scored: Scored) -> str:

@@ -64,12 +64,14 @@ class Shadow:
         Effects that may be in a set.
     tolerance : float
         Of the model.
+    exact : sequence of Term
+        The hidden effects, each as one column that has its law as it is.
     """
 
-    def __init__(self, summary: Summary, terms: Sequence[Term], tolerance: float) -> None:
+    def __init__(self, summary: Summary, terms: Sequence[Term], tolerance: float, exact: Sequence[Term] = ()) -> None:
         self.subsets = Subsets([summary], terms, tolerance)
         self.laws = list(unnamed(summary))
-        members = [*terms, *self.laws]
+        members = [*terms, *self.laws, *exact]
         columns = [c for term in members for c in term.columns]
         errors = list(model_errors([summary], tolerance))
         starts = np.cumsum([0, *(len(t.columns) for t in members)])

@@ -113,7 +113,7 @@ def terms(likelihood: Likelihood, state: State, seen: Sequence[Summary], kinds: 
     kinds : sequence of str
         Of the registry; those that move or widen no sample by a law have no term.
     """
-    make = _Maker(likelihood, state, seen)
+    make = ColumnMaker(likelihood, state, seen)
     return [
         term for kind in kinds if summed_up(kind) for term in make.possible(TERMS.get(kind, partial(_declared, kind)))
     ]
@@ -133,7 +133,7 @@ def _number(kind: str) -> Parameter | None:
     return numbers[0] if len(numbers) == 1 and numbers[0].zero == 0 and numbers[0].typical[1] > 0 else None
 
 
-class _Maker:
+class ColumnMaker:
     """Makes columns by predicting what a small effect does."""
 
     def __init__(self, likelihood: Likelihood, state: State, seen: Sequence[Summary]) -> None:
@@ -152,7 +152,7 @@ class _Maker:
         )
         self.surfaces = list(dict.fromkeys(name for s in seen for name, _ in surfaces_of(s)))
 
-    def possible(self, of_kind: "Callable[[_Maker], Iterator[Term]]") -> list[Term]:
+    def possible(self, of_kind: "Callable[[ColumnMaker], Iterator[Term]]") -> list[Term]:
         """The terms of a kind; none where the camera or the scene cannot have it."""
         try:
             return list(of_kind(self))
@@ -193,7 +193,7 @@ def _with(state: State, effect: Effect) -> State:
     return replace(state, effects=(*state.effects, effect))
 
 
-def _offset(make: _Maker) -> Iterator[Term]:
+def _offset(make: ColumnMaker) -> Iterator[Term]:
     size, prior = make.scales.sigma_mm, _prior("range_offset", "offset_mm")
     yield Term(
         kind="range_offset", surface="", make=lambda c: _effect("range_offset", offset_mm=float(c[0])),
@@ -201,7 +201,7 @@ def _offset(make: _Maker) -> Iterator[Term]:
     )  # fmt: skip
 
 
-def _pose(make: _Maker) -> Iterator[Term]:
+def _pose(make: ColumnMaker) -> Iterator[Term]:
     """A shift alone, or with both tilts."""
     size, prior = make.scales.sigma_mm, _prior("surface_pose", "shift_mm")
     for name in make.surfaces:
@@ -220,7 +220,7 @@ def _moved(surface: str, c: FloatArray) -> Effect:
     return _effect("surface_pose", surface=surface, shift_mm=shift, yaw_deg=yaw, pitch_deg=pitch)
 
 
-def _motion(make: _Maker) -> Iterator[Term]:
+def _motion(make: ColumnMaker) -> Iterator[Term]:
     """By the way in the whole recording, of which as much is likely as of a pose."""
     size, duration, prior = make.scales.sigma_mm, make.scales.duration_s, _prior("surface_pose", "shift_mm")
 
@@ -233,7 +233,7 @@ def _motion(make: _Maker) -> Iterator[Term]:
         yield Term(kind="motion", surface=name, make=partial(moving, name), columns=(column,))
 
 
-def _wiggling(make: _Maker) -> Iterator[Term]:
+def _wiggling(make: ColumnMaker) -> Iterator[Term]:
     def made(c: FloatArray) -> Effect:
         return _effect("wiggling", amplitude_mm=math.hypot(c[0], c[1]), phase_rad=math.atan2(c[1], c[0]))
 
@@ -242,7 +242,7 @@ def _wiggling(make: _Maker) -> Iterator[Term]:
     yield Term(kind="wiggling", surface="", make=made, columns=both)
 
 
-def _walk(make: _Maker) -> Iterator[Term]:
+def _walk(make: ColumnMaker) -> Iterator[Term]:
     size, prior, reference = make.scales.sigma_mm, _prior("amplitude_walk", "scale_mm"), make.scales.reference
 
     def made(exponent: float, c: FloatArray) -> Effect:
@@ -255,7 +255,7 @@ def _walk(make: _Maker) -> Iterator[Term]:
         )
 
 
-def _drift(make: _Maker) -> Iterator[Term]:
+def _drift(make: ColumnMaker) -> Iterator[Term]:
     size, prior = make.scales.sigma_mm, _prior("temperature_drift", "amplitude_mm")
     constant = _effect("range_offset", offset_mm=size)
 
@@ -273,7 +273,7 @@ def _drift(make: _Maker) -> Iterator[Term]:
         )
 
 
-def _scattering(make: _Maker) -> Iterator[Term]:
+def _scattering(make: ColumnMaker) -> Iterator[Term]:
     def made(c: FloatArray) -> Effect:
         return _effect("scattering", share=float(c[0]))
 
@@ -281,7 +281,7 @@ def _scattering(make: _Maker) -> Iterator[Term]:
     yield Term(kind="scattering", surface="", make=made, columns=(law,))
 
 
-def _multipath(make: _Maker) -> Iterator[Term]:
+def _multipath(make: ColumnMaker) -> Iterator[Term]:
     """The second path's phasor over the first's: along it, which changes the noise, and across it, the range."""
     turn = make.scales.turn_mm
 
@@ -296,7 +296,7 @@ def _multipath(make: _Maker) -> Iterator[Term]:
         yield Term(kind="multipath", surface=name, make=own, columns=both)
 
 
-def _noise(make: _Maker) -> Iterator[Term]:
+def _noise(make: ColumnMaker) -> Iterator[Term]:
     def made(c: FloatArray) -> Effect:
         return _effect("excess_noise", factor=math.exp(c[0]))
 
@@ -304,7 +304,7 @@ def _noise(make: _Maker) -> Iterator[Term]:
     yield Term(kind="excess_noise", surface="", make=made, columns=(law,))
 
 
-def _vignetting(make: _Maker) -> Iterator[Term]:
+def _vignetting(make: ColumnMaker) -> Iterator[Term]:
     def made(c: FloatArray) -> Effect:
         return _effect("vignetting", corner_factor=math.exp(c[0]))
 
@@ -312,7 +312,7 @@ def _vignetting(make: _Maker) -> Iterator[Term]:
     yield Term(kind="vignetting", surface="", make=made, columns=(law,))
 
 
-def _declared(kind: str, make: _Maker) -> Iterator[Term]:
+def _declared(kind: str, make: ColumnMaker) -> Iterator[Term]:
     number = _number(kind)
     if number is None:
         return
@@ -340,7 +340,7 @@ def _effect(kind: str, **values: float | str) -> Effect:
     return make(**values)
 
 
-TERMS: dict[str, Callable[[_Maker], Iterator[Term]]] = {
+TERMS: dict[str, Callable[[ColumnMaker], Iterator[Term]]] = {
     "range_offset": _offset,
     "surface_pose": _pose,
     "motion": _motion,
