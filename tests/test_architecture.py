@@ -92,10 +92,6 @@ def test_every_module_has_a_docstring() -> None:
     assert not offenders, "\n".join(offenders)
 
 
-_CONSTANTS_NOT_YET_EXPLAINED = {"cli", "reconciliation", "simulation"}
-"""Folders whose constants have no words yet."""
-
-
 def _is_number(value: ast.expr) -> bool:
     if isinstance(value, ast.Tuple):
         return bool(value.elts) and all(_is_number(element) for element in value.elts)
@@ -122,6 +118,5 @@ def _unexplained_constants(module: Path) -> Iterator[str]:
 
 
 def test_every_numeric_constant_is_explained() -> None:
-    modules = [module for module in MODULES if _folder(module) not in _CONSTANTS_NOT_YET_EXPLAINED]
-    offenders = [text for module in modules for text in _unexplained_constants(module)]
+    offenders = [text for module in MODULES for text in _unexplained_constants(module)]
     assert not offenders, "\n".join(offenders)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from tofmix.report.summary.findings import Finding, Remedy
     from tofmix.windows import Windows
 
-_COMPILING_AFTER_S = 4.0
+_COMPILING_AFTER_S = 4.0  # of work without a result, after which compiling is said to be the cause
 
 _NO_PHASORS = (
     "mixing: not measured, as the recording has no amplitudes, or no single modulation frequency; each sample counts as"

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tofmix.report.pixels.phasor_plane import PhasorPlane
     from tofmix.report.pixels.pixels import GrowingDensity, PixelView
 
-_COORDINATES = 2
+_COORDINATES = 2  # of a pixel: row and column
 
 
 @examples(

@@ -38,7 +38,7 @@ _TRIED = 4  # rivals that are looked at with the model within its tolerance
 _FAIR = 0.5  # share of the best candidate's score from which another may begin a way
 
 _COVERED = 0.999  # share of the beam that surfaces fill
-_ALIAS_SHARE = 0.002
+_ALIAS_SHARE = 0.002  # of the gain, by which candidates are alike
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -8,7 +8,7 @@ from tofmix.arrays import FloatArray, IntArray
 from tofmix.jit import jit
 from tofmix.simulation.effects.interference import Interference
 
-_LEAST = 1.0e-100
+_LEAST = 1.0e-100  # probability of a state
 
 
 def forward(quiet: FloatArray, loud: FloatArray, frames: IntArray, effect: Interference) -> tuple[float, FloatArray]:

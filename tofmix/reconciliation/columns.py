@@ -23,7 +23,7 @@ from tofmix.simulation.effects.parameter import Holds, Parameter
 _TAUS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # time constants of a drift, of the recording
 _EXPONENTS = (0.5, 1.0, 1.6)  # of a walk
 _SMALL = 0.01  # share of light, for the slope of what it does
-_TURN_DEG = 0.1
+_TURN_DEG = 0.1  # for the slope by a turn
 _WIDER = 0.05  # logarithm of a width, likewise
 
 

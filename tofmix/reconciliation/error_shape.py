@@ -17,7 +17,7 @@ GAUSSIAN: ShapeTable = (0.0, 1.0, np.zeros(0), np.zeros(0), 1.0)
 _STEP = 0.005
 """In sigma: within a step, a density that is linear in it has no other value by more than 1e-5 of its peak."""
 
-_LEAST_POINTS, _MOST_POINTS = 256, 65_536
+_LEAST_POINTS, _MOST_POINTS = 256, 65_536  # of a table
 
 Moves: TypeAlias = tuple[float, float, float, float]
 """Of the four statistics of `tofmix.reconciliation.panel.SHAPES`."""

@@ -18,9 +18,9 @@ from tofmix.errors import BadInputError
 from tofmix.simulation.model import Model
 from tofmix.wording import counted
 
-BLOCK_FRAMES = 5
-BLOCK_PIXELS = 4
-_LEAST_FRAMES = 20
+BLOCK_FRAMES = 5  # that are held out together
+BLOCK_PIXELS = 4  # along a side of a square that is held out
+_LEAST_FRAMES = 20  # four blocks: two to fit and two to judge
 _LEAST_ALIVE = 8  # pixels whose samples change
 _FAR_BELOW = 0.002  # of the largest range: what is in metres is a thousandth
 _APART = 1_000_000  # frames between two recordings: no burst lasts that long; a multiple of any block

@@ -13,7 +13,7 @@ from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.searches import Problem
 from tofmix.simulation.effects import Effect
 
-_MOST_CALLS = 90
+_MOST_CALLS = 90  # of the likelihood, for up to three numbers
 _NEAR = 0.1  # of a step, where the start is an end of another search
 _ENOUGH_X, _ENOUGH_NATS = 2e-2, 0.1  # enough to rank by; the last step is Newton's, for all numbers at once
 

@@ -18,7 +18,7 @@ from tofmix.reconciliation.error_shape import ShapeTable
 from tofmix.reconciliation.smooth_kernel import smooth_log_likelihood
 
 _FLOOR = 1.0e-12  # probability of what the model rules out: one impossible sample must not decide alone
-_INVALID_FLOOR = 1.0e-6
+_INVALID_FLOOR = 1.0e-6  # probability that any sample is lost, whatever the model says
 _ROOT2 = math.sqrt(2.0)
 _FAR = 40.0  # exp(-40) adds nothing
 _FINE = 0.7  # a cell narrower than this many sigma: its probability is density times width (Sheppard's correction)

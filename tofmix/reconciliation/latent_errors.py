@@ -12,7 +12,7 @@ from tofmix.simulation.effects.quantisation import Quantisation
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
-_LIKELY = 0.5
+_LIKELY = 0.5  # probability from which a frame counts as disturbed
 
 
 def latent_errors(likelihood: Likelihood, state: State, effect: Effect, seed: int) -> tuple[Effect, dict[str, float]]:

@@ -7,9 +7,9 @@ from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood import State
 from tofmix.simulation.effects.quantisation import Quantisation
 
-_LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0
-_ON_LATTICE = 0.985
-_AS_MANY = 0.999
+_LEAST_STEP_MM, _MOST_STEP_MM = 1.6, 120.0  # finer is hardly seen in whole mm, coarser than a scene fills
+_ON_LATTICE = 0.985  # share of the samples; the others are random values
+_AS_MANY = 0.999  # of the samples that a finer lattice holds
 _AROUND = 60  # lines of the spectrum on either side of a peak, which is wider than the lattice's step is sharp
 _MANY = 0.1  # share of the pixels
 _FULL = 5.0  # counts of a mm that has a density

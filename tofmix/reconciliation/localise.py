@@ -23,8 +23,8 @@ _IN_SIGMA = (
     "bias", "spread", "skew", "tails", "pattern", "spread_pattern", "skew_pattern", "tails_pattern", "common_mode",
     "bursts", "trend", "memory", "neighbour_correlation", "widths",
 )  # fmt: skip
-_SMALLEST_P = 1.0e-300
-_MOST_BINS = 60
+_SMALLEST_P = 1.0e-300  # above 0, which JSON readers take for a missing value
+_MOST_BINS = 60  # times ten: beyond, intervals are not scanned
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

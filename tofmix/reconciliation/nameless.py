@@ -34,7 +34,7 @@ law is exact."""
 _KNOWN = 0.5
 """Share of the price of a number that is known beforehand to within the tolerance."""
 
-_PASSES = 2
+_PASSES = 2  # of a linear fit, the second about the first's end
 _SOON = 0.05  # of the recording, in which a drift that is as short falls by e
 _ALONE = 0.98  # share of the beam of a surface that a pixel sees by itself
 

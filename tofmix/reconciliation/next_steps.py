@@ -21,9 +21,9 @@ from tofmix.wording import counted
 
 _CLEAR = 5.0  # standard errors by which a surface stands elsewhere
 _MOSTLY = 0.8  # of the weighted squares of a surface's biases, that another pose must explain
-_LEAST_PIXELS = 12
+_LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
 _LEAST = 1e-30  # information
-_MOST_POSES = 3
+_MOST_POSES = 3  # that are told: more are another scene
 _LEAST_TURN_DEG = 0.02  # a smaller tilt is not worth a word
 
 

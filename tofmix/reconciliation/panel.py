@@ -24,8 +24,8 @@ BINS = 12
 
 _ENOUGH = 200  # samples of a bin
 _ENOUGH_OF_MEANS = 40  # samples of a bin of which a mean, or a spread, is asked
-_ENOUGH_PIXELS = 12
-_MANY_BINS = 40
+_ENOUGH_PIXELS = 12  # for the correlation of neighbours in the image
+_MANY_BINS = 40  # from which a sum of squares is normal enough
 _FAR_WIDTH = 2.5  # spreads: a pixel that something else widens must not decide for all
 _CLIPPED_MEAN, _CLIPPED_SPREAD = 0.97756, 1.29675  # mean and spread of min(x^2, 2.5^2), x a standard normal number
 _TOLD = 0.5  # part of a pixel's log width, in variance, that its samples tell

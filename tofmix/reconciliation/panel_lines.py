@@ -10,7 +10,7 @@ from tofmix.reconciliation.likelihood import Part
 from tofmix.reconciliation.panel import Curve
 
 _FEW = 4  # samples of a line in a frame
-_LEAST = 1e-9
+_LEAST = 1e-9  # variance of a line that is not constant
 
 
 def lines(z: Float32Array, evidence: Evidence, part: Part) -> Iterator[Curve]:

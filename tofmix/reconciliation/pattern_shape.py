@@ -16,7 +16,7 @@ TILTED = 0.8
 
 _LINES = 0.2  # share of what a map has, from which its columns, or its rows, are looked at by themselves
 _CHANCE = 4.0  # of the correlation of so many neighbouring lines, in its standard deviations
-_PLANE_LINES = 8
+_PLANE_LINES = 8  # rows and columns, for a plane to be told from a pattern
 _SWEEPS = 30  # over columns and rows in turn, where not all pixels are known
 
 

@@ -21,7 +21,7 @@ _TURNS = 2  # of the search for the farthest point of an ellipse
 _SLOPE = 0.3  # of a step, over which slopes are taken
 _PARABOLA = (0.75, 1.33)  # drop over that of the parabola, where it will do
 _SETTLED = 0.15  # logarithm of that, where the profile's end is reached
-_MOST_MOVES = 5
+_MOST_MOVES = 5  # along a profile until it falls by the error's share
 _LEAST_DROP = 0.2  # nats; less says nothing of the width
 
 Value = Callable[[FloatArray], float]

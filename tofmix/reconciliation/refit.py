@@ -19,7 +19,7 @@ from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.effects.stuck_pixels import StuckPixels
 
-_MOST_TURNS = 8
+_MOST_TURNS = 8  # of numbers and latent states
 
 
 def refit(

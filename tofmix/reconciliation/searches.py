@@ -30,7 +30,7 @@ MAKE: Mapping[str, Callable[..., Effect]] = EFFECTS
 """Makes an effect of a kind from its parameters."""
 
 _LEAST_PIXELS = 12  # that a surface must fill, for effects of its own
-_MOSTLY = 0.5
+_MOSTLY = 0.5  # share of lost samples from which a pixel is full
 _MOST_OUTLIERS = 0.5  # beyond, it is the rest that is odd
 _FLAT = 0.1  # exponent of a walk, below which it is an offset
 _AT_ONCE = 1.2  # of the shortest time constant, below which a drift is an offset

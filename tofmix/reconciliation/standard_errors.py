@@ -20,7 +20,7 @@ from tofmix.reconciliation.profiles import Parameter, numeric, parabola_error, s
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.saturation import Saturation
 
-_MOST_STEPS = 4
+_MOST_STEPS = 4  # of Newton's to the top
 _ENOUGH = 0.01  # nats that are not worth a step
 _PARTS = (1.0, 0.5, 0.2, 0.05)  # of a step that are tried
 _DAMPINGS = (0.0, 0.1, 1.0, 10.0)  # in units of a number's own curvature

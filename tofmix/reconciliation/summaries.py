@@ -18,7 +18,7 @@ from tofmix.reconciliation.memory import inflation, one_surface
 from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.pixel_pattern import pixel_biases
 
-TENTHS = 10
+TENTHS = 10  # parts of the time
 _STEPS = 2  # of Newton's, from the bias of the whole recording
 _NUDGE = 0.05  # of the logarithm of a width, for its slopes
 _FAR = 1.0  # logarithm of a width: a longer step is not taken at once

@@ -27,9 +27,9 @@ FINE = 48
 """Bins of axes that are cut by quantiles: what varies within a bin is lost."""
 
 _REACH = 2.0  # of means, in sigma: scores beyond 4 count as 4
-_TENTHS = 10
-_LAGS = (1, 2, 3)
-_LEAST = 1e-9
+_TENTHS = 10  # parts of the time in which slow changes are taken out
+_LAGS = (1, 2, 3)  # frames
+_LEAST = 1e-9  # weight of a pixel
 
 Telling = dict[tuple[str, str], float]
 

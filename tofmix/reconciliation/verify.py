@@ -38,7 +38,7 @@ IN_TIME = 0.005
 ECHO = 0.1
 """Correlation, at any lag, that a memory of one frame may leave."""
 
-_SEEDS_APART = 1000
+_SEEDS_APART = 1000  # of recordings, beside the seeds of verification
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

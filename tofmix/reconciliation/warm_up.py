@@ -11,7 +11,7 @@ from tofmix.reconciliation.memory import RandomValues, memory_gain, predicted_no
 from tofmix.simulation.model import Model
 from tofmix.simulation.polygon_cast import PolygonCaster
 
-_FRAMES = 20
+_FRAMES = 20  # as few as are taken
 
 
 def warm_up(model: Model) -> None:

@@ -28,16 +28,16 @@ from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 from tofmix.simulation.model import Model
 
 _SINGLE = 0.9  # weight of a pixel's main surface
-_LEAST_PIXELS = 12
+_LEAST_PIXELS = 12  # of a surface, for the median of its amplitudes
 _ROUGH = 0.3  # scatter of a surface's log ratios above which its amplitudes follow another law
 _OWN_UNIT = 0.02  # a surface whose amplitude is right to this: the recording's unit is the model's
 _BEST = 0.002  # log ratio: scatter of a model's amplitudes that is supposed before it is seen,
 _SUPPOSED = 2  # as if seen on so many surfaces
-_LEAST_OTHERS = 2
-_LEAST_RISE_K = 0.5
+_LEAST_OTHERS = 2  # surfaces, beside which one stands out
+_LEAST_RISE_K = 0.5  # of the temperature, for a law of its own
 _SAME_LAW = 0.9  # of the temperature's variance that a warm-up must explain
 _LAG = 0.03  # by which the part that drifts may differ from the one that was measured
-_THERMAL_DOF = 4
+_THERMAL_DOF = 4  # of Student's t: a time constant that differs is no proof
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,8 +21,8 @@ _TITLES = {
     "unexplained": "unexplained: none of the known effects explains it",
 }
 _AXES = {"surfaces_in_pixel": "surfaces in the pixel", "neighbour_contrast": "contrast to the neighbours"}
-_NO_DOUBT = 1.0e-99
-_WIDER = 1.3
+_NO_DOUBT = 1.0e-99  # a smaller p-value is not told apart
+_WIDER = 1.3  # of gaps, from which the difference is worth a word
 _UNITS = {"range": "mm", "time": "s", "radius": "pixels", "neighbour_contrast": "mm"}
 
 

@@ -13,7 +13,7 @@ from tofmix.simulation.effects.parameter import number
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
 
-_SEVERAL = 2
+_SEVERAL = 2  # surfaces at least, whose light mixes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,7 @@ from tofmix.simulation.effects.parameter import number
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
 
-_SURE = 1e-9
+_SURE = 1e-9  # share of a beam that rounding may leave beside one surface
 _APART = 2  # neighbours whose events are told apart
 
 

@@ -14,7 +14,7 @@ from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
 if TYPE_CHECKING:
     from tofmix.simulation.distribution import Prediction
 
-_HIGHEST_MM = 65_534
+_HIGHEST_MM = 65_534  # the largest range that a recording stores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
