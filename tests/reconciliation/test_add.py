@@ -107,7 +107,7 @@ def test_offset_keeps_its_name_where_poses_are_nearly_right(model: Model, shifts
     result = reconcile(nearly, evidence, Settings(kinds=kinds))
     if max(shifts_mm) > 1:
         assert named_kinds(result) == ["range_offset"]
-        assert headline(result).endswith("within the tolerance, which errors do not hold.")
+        assert headline(result).endswith("within --tolerance, which the errors exclude.")
     else:
         assert {n.effect.kind for n in result.named} <= {"range_offset"}
 

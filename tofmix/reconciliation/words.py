@@ -31,7 +31,7 @@ def headline(result: Reconciliation) -> str:
     v = result.verified
     if v.verdict == "agree" or not result.where:
         gap = f"the gap is {v.before.gap:.2f}, noise alone gives {v.floor.gap:.2f}"
-        within = ", and what is between is within the tolerance" if v.before.gap > _WIDER * v.floor.gap else ""
+        within = "; the rest is within --tolerance" if v.before.gap > _WIDER * v.floor.gap else ""
         return f"{_TITLES['agree']}: no disagreement beyond chance and tolerance; {gap}{within}."
     place = where_text(result.where[0], result)
     if v.verdict == "unexplained":
@@ -46,7 +46,7 @@ def headline(result: Reconciliation) -> str:
     part = "it" if v.verdict == "explained" else "a part of it"
     fall = f"the gap falls from {v.before.gap:.1f} to {v.after.gap:.1f}, noise alone gives {v.floor.gap:.1f}"
     wider = v.verdict == "explained" and not result.left and v.after.gap > _WIDER * max(v.floor.gap, 1.0)
-    within = ", and what is between is within the tolerance, which errors do not hold" if wider else ""
+    within = "; the rest is within --tolerance, which the errors exclude" if wider else ""
     return f"Simulation and measurement disagree most {place}. {effects} {verb} {part}; {fall}{within}."
 
 
