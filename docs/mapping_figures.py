@@ -30,7 +30,7 @@ from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
 from tofmix.report.figures.theme import LIGHT, drawing
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth

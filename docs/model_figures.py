@@ -23,7 +23,7 @@ from tofmix.recording import ArrayRecording
 from tofmix.report.figures.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors import load_profile
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import recording_sensor, render_blocks

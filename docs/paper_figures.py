@@ -32,7 +32,7 @@ from tofmix.report.figures.theme import LIGHT, drawing
 from tofmix.report.pixels.pixel_figures import draw_density, draw_modes, new_figure, style_axes
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensors import load_profile
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.simulation.truth import Truth

@@ -27,7 +27,7 @@ from tofmix.flags import Mixing
 from tofmix.io.model_file import load_model
 from tofmix.projection import beam_directions_of
 from tofmix.recording import ArrayRecording
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.flying_pixels import FlyingPixels
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import recording_sensor, render_blocks

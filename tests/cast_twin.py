@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tofmix.simulation.scene import SceneArrays
+from tofmix.simulation.casting.scene import SceneArrays
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def cast_row(
     elevation: float, azimuths: Floats, width: float, height: float, scene: SceneArrays, wanted: NDArray[np.bool_],
     sums: Floats,
 ) -> None:  # fmt: skip
-    """Twin of `tofmix.simulation.cast_kernel.cast_row`."""
+    """Twin of `tofmix.simulation.casting.cast_kernel.cast_row`."""
     if len(scene.distance) == 0:
         return
     level = np.full(len(azimuths), elevation)
@@ -77,7 +77,7 @@ def cast_row(
 
 
 def cast_cells(nodes: Floats, scene: SceneArrays, wanted: NDArray[np.bool_], sums: Floats) -> None:
-    """Twin of `tofmix.simulation.cast_cells.cast_cells`: 64 x 64 beams in every pixel, by solid angle."""
+    """Twin of `tofmix.simulation.casting.cast_cells.cast_cells`: 64 x 64 beams in every pixel, by solid angle."""
     if len(scene.distance) == 0:
         return
     t = (np.arange(SIDE) + 0.5) / SIDE

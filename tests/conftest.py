@@ -83,7 +83,7 @@ def _twins() -> Iterator[None]:
 
     from tofmix.estimation.noise import series as noise_series
     from tofmix.reconciliation import likelihood
-    from tofmix.simulation import cast
+    from tofmix.simulation.casting import cast
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cast, "cast_row", cast_twin.cast_row)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors import SensorProfile, load_profile
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.model import Model, RecordingSettings
 from tofmix.simulation.render import render_blocks
@@ -123,3 +123,8 @@ class Bench:
             truth=truth,
             model=model,
         )
+
+
+def neutral_values(kind: type[Effect]) -> dict[str, float]:
+    """Each parameter at which an effect vanishes, with that value."""
+    return {name: p.zero for name, p in kind.parameters().items() if p.zero is not None}

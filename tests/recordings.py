@@ -14,7 +14,7 @@ import numpy as np
 from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks

@@ -7,7 +7,7 @@ from tofmix.geometry import beam_directions, largest_angle_deg, pixel_angles, ra
 from tofmix.pinhole import Pinhole
 from tofmix.projection import beam_directions_of
 from tofmix.sensors import load_profile
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
 

@@ -23,7 +23,7 @@ from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.io.model_file import load_model
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import recording_sensor, render_blocks

@@ -22,7 +22,7 @@ from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.model_file import load_model
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.simulation.truth import Truth
 

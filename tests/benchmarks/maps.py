@@ -39,7 +39,7 @@ from tofmix.mapping.occupancy import FloorMap, State, map_beams, project
 from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.flying_pixels import FlyingPixels
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.simulation.truth import Truth

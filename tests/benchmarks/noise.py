@@ -19,7 +19,7 @@ from tofmix.io.model_file import load_model
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.render import recording_sensor, render_blocks
 
 SAMPLE = Path(__file__).parents[2] / "sample_data" / "tmf8829_edge.h5"

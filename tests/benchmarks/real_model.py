@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
 from tofmix.io.model_file import load_model
 from tofmix.io.recording.recording_file import open_recording
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 
 Array = NDArray[Any]
 Box = tuple[float, float, float, float]  # rows from, to, columns from, to

@@ -19,7 +19,7 @@ from tofmix.io.recording.recording_file import open_recording
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.simulation.truth import Truth
 

@@ -30,7 +30,7 @@ from tofmix.io.model_file import load_model
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import Sensor
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.windows import plan_windows
 

@@ -5,7 +5,7 @@ import pytest
 
 from blind.geometry import Surface, View, cast, direction, first_hit
 from blind.scenes import FAMILIES, TARGET, draw_scene
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model_toml import parse_model
 
 VIEW = View(rows=12, cols=16, fov_horizontal_deg=40.0, fov_vertical_deg=30.0, range_max_mm=7000.0)

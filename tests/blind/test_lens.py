@@ -12,7 +12,7 @@ from blind.geometry import Lens, Surface, View, cast
 from blind.reference import NoiseTable
 from blind.scenes import draw_scene
 from blind.write import model_text
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model_toml import parse_model
 
 LENS = Lens(focal=(0.87, 1.1), off_center=(0.03, -0.02), radial=(-0.22, 0.05, -0.004))

@@ -11,7 +11,7 @@ from tofmix.reconciliation.bursts import forward
 from tofmix.reconciliation.likelihood import Likelihood
 from tofmix.reconciliation.mixture import Scene
 from tofmix.reconciliation.pixel_pattern import PixelBiases, marginal_pattern
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.effects.interference import Interference
 from tofmix.simulation.model import Model

@@ -13,7 +13,7 @@ from tofmix.reconciliation.evidence import Evidence, make_evidence
 from tofmix.reconciliation.name import KINDS
 from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import reconcile
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks

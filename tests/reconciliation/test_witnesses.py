@@ -23,7 +23,7 @@ from tofmix.reconciliation.witnesses import (
     warm_up_witness,
 )
 from tofmix.reconciliation.workflow import Reconciliation, reconcile
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 
 from tofmix.sensors import SensorProfile, load_profile
-from tofmix.simulation import cast, cast_cells, cast_kernel
 from tofmix.simulation.builtin import builtin_text
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting import cast, cast_cells, cast_kernel
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.surface import Surface

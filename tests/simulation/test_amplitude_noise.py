@@ -15,7 +15,7 @@ from tofmix.errors import BadInputError
 from tofmix.io import hdf5
 from tofmix.sensor import AmplitudeLaw
 from tofmix.simulation.averaging import exposures
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.events import event_table
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model

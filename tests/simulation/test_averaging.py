@@ -8,7 +8,7 @@ import pytest
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.averaging import exposure_times
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import FrameBlock, recording_sensor, render_blocks
 from tofmix.simulation.surface import Surface

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.events import EventTable, Samples, draw, event_table, frame_generator, stored_range
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface

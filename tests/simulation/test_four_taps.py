@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from simulation.four_taps import Board, Camera, Errors, Seen, look, record
 
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import render_blocks
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from tofmix.errors import BadInputError
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model import RecordingSettings
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import render_blocks

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from effect_bench import Bench, Floats, effect, light_alone
 
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks

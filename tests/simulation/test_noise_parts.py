@@ -14,7 +14,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.model_file import load_model
 from tofmix.noise_shape import NoiseShape
 from tofmix.sensor import NoiseCurve
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.explain import explain
 from tofmix.simulation.exposure import drawn_truth
 from tofmix.simulation.model import Model

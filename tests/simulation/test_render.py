@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import special, stats
 
 from tofmix.simulation.builtin import builtin_text
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import FrameBlock, recording_sensor, render_blocks

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from tofmix.equiangular import Equiangular
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth

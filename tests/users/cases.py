@@ -12,7 +12,7 @@ import numpy as np
 
 from tofmix.arrays import Float32Array
 from tofmix.sensors.registry import load_profile
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.base import Context
 from tofmix.simulation.effects.fixed_pattern import FixedPattern

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.model import Model

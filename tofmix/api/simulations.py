@@ -43,7 +43,7 @@ def simulate(
     BadInputError
         If the model is missing or wrong, or the camera cannot average.
     """
-    from tofmix.simulation.cast import cast_scene
+    from tofmix.simulation.casting.cast import cast_scene
     from tofmix.simulation.render import recording_sensor, render_blocks
 
     scene = _model(model)

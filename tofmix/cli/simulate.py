@@ -129,7 +129,7 @@ def _explain(scene: "Model") -> None:
 
 def _write(model: "Model", name: str, output: Path, averaged: bool, overwrite: bool) -> tuple[str, dict[str, Any]]:
     from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
-    from tofmix.simulation.cast import cast_scene
+    from tofmix.simulation.casting.cast import cast_scene
     from tofmix.simulation.exposure import drawn_truth
     from tofmix.simulation.render import recording_sensor, render_blocks
 

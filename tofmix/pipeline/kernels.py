@@ -18,7 +18,7 @@ from tofmix.mapping.occupancy import count_light
 from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.surfaces.reconstruct import reconstruct
 
 _RANGE_MM = 1000.0  # of the made-up samples

@@ -16,6 +16,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
 from tofmix.projection import beam_directions_of
 from tofmix.reconciliation.error_shape import GAUSSIAN, ShapeTable, shape_table
+from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects.base import Effect, Latent, Level
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -23,7 +24,6 @@ from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.saturation import Saturation
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 from tofmix.simulation.model import Model
-from tofmix.simulation.polygon_cast import PolygonCaster
 from tofmix.simulation.prediction import predict
 from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth

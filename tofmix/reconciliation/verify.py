@@ -24,7 +24,7 @@ from tofmix.reconciliation.refit import begin
 from tofmix.reconciliation.verdict import Findings, judge, share_closed
 from tofmix.reconciliation.way import Settings, fit_part, held_out
 from tofmix.reconciliation.widths import with_widths
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.parameter import PixelMap

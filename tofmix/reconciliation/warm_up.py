@@ -8,8 +8,8 @@ from tofmix.reconciliation import links
 from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.joint import joint_likelihood
 from tofmix.reconciliation.memory import RandomValues, memory_gain, predicted_noise
+from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.model import Model
-from tofmix.simulation.polygon_cast import PolygonCaster
 
 _FRAMES = 20  # as few as are taken
 

@@ -83,7 +83,7 @@ def event_table(truth: Truth, sensor: SensorProfile, *, outlier_share: float | F
     Parameters
     ----------
     truth : Truth
-        What `tofmix.simulation.cast.cast_scene` returned.
+        What `tofmix.simulation.casting.cast.cast_scene` returned.
     sensor : SensorProfile
         The camera it was cast for.
     outlier_share : float or (row, col), optional

@@ -15,7 +15,7 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.errors import BadInputError
 from tofmix.simulation.averaging import MeanNoise, exposures, phasor_mean
-from tofmix.simulation.cast import MovingCaster
+from tofmix.simulation.casting.cast import MovingCaster
 from tofmix.simulation.echoes import FrameSamples
 from tofmix.simulation.effects.base import Context, Effect, EffectTruth, Level
 from tofmix.simulation.events import Drawn, EventTable, draw_events, event_table, events_behind, frame_generator

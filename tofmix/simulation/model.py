@@ -2,7 +2,7 @@
 
 Use these types to build a scene in code. A model file is read by
 `tofmix.simulation.model_toml`; what a pixel sees of a model is worked out by
-`tofmix.simulation.cast`.
+`tofmix.simulation.casting.cast`.
 """
 
 import math

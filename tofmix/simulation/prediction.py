@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects.base import Context, Level
 from tofmix.simulation.model import Model
@@ -22,7 +22,7 @@ def equation_1(truth: Truth, model: Model) -> Prediction:
     Parameters
     ----------
     truth : Truth
-        What `tofmix.simulation.cast.cast_scene` returned for the model.
+        What `tofmix.simulation.casting.cast.cast_scene` returned for the model.
     model : Model
         The model.
 

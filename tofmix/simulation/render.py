@@ -116,7 +116,7 @@ def render_blocks(
     model : Model
         The model.
     truth : Truth
-        What `tofmix.simulation.cast.cast_scene` returned for it.
+        What `tofmix.simulation.casting.cast.cast_scene` returned for it.
     n_frames : int
         Number of frames, at least 1. The model's own `recording` settings are the caller's to pass or override.
     seed : int

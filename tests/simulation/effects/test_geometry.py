@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tofmix.errors import BadInputError
-from tofmix.simulation.cast import MovingCaster, cast_scene
+from tofmix.simulation.casting.cast import MovingCaster, cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
 from tofmix.simulation.surface import Surface

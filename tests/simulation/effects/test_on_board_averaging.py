@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Recorded, effect, light_alone
+from effect_bench import Bench, Recorded, effect, light_alone, neutral_values
 
 from tofmix.errors import BadInputError
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import EFFECTS, Effect
-from tofmix.simulation.effects.base import neutral_values
 from tofmix.simulation.effects.parameter import Holds
 from tofmix.simulation.render import recording_sensor, render_blocks
 

@@ -7,12 +7,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from effect_bench import Bench, effect
+from effect_bench import Bench, effect, neutral_values
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects import EFFECTS, Effect, Level
-from tofmix.simulation.effects.base import Context, neutral_values
+from tofmix.simulation.effects.base import Context
 from tofmix.simulation.effects.parameter import Holds, number
 from tofmix.simulation.explain import explain
 from tofmix.simulation.model_toml import parse_model

@@ -314,8 +314,3 @@ def refuse_without_phase(kind: str, sensor: SensorProfile) -> None:
     """Raise ValueError, a message that begins with the key, if the camera has no modulation frequency."""
     if sensor.modulation_frequency_hz is None:
         raise ValueError(f"kind: {kind} acts on the phase, and {sensor.name} has no modulation_frequency_hz")
-
-
-def neutral_values(kind: type[Effect]) -> dict[str, float]:
-    """Each parameter at which an effect vanishes, with that value."""
-    return {name: p.zero for name, p in kind.parameters().items() if p.zero is not None}

@@ -14,11 +14,11 @@ from sizes import sized
 from tofmix.pinhole import Pinhole
 from tofmix.projection import cell_nodes
 from tofmix.sensors import SensorProfile, load_profile
-from tofmix.simulation import cast_cells
-from tofmix.simulation.cast import MovingCaster, cast_scene
+from tofmix.simulation.casting import cast_cells
+from tofmix.simulation.casting.cast import MovingCaster, cast_scene
+from tofmix.simulation.casting.scene import scene_arrays
 from tofmix.simulation.effects.base import Context
 from tofmix.simulation.model import Model, RecordingSettings
-from tofmix.simulation.scene import scene_arrays
 from tofmix.simulation.surface import Surface
 
 Floats = NDArray[np.float64]

@@ -16,10 +16,10 @@ from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
 from tofmix.projection import cell_nodes
 from tofmix.sensors.profile import SensorProfile
-from tofmix.simulation.cast_cells import cast_cells, reached_cells
-from tofmix.simulation.cast_kernel import cast_row, reached_row
+from tofmix.simulation.casting.cast_cells import cast_cells, reached_cells
+from tofmix.simulation.casting.cast_kernel import cast_row, reached_row
+from tofmix.simulation.casting.scene import SceneArrays, scene_arrays
 from tofmix.simulation.model import Model
-from tofmix.simulation.scene import SceneArrays, scene_arrays
 from tofmix.simulation.surface import MAX_LENGTH_MM
 from tofmix.simulation.truth import Truth
 

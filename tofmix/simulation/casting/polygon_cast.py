@@ -1,7 +1,7 @@
 """Cast one camera's pixels many times, quickly, and as smooth functions of where the surfaces stand.
 
 Use it where a scene is fitted: shares are areas, which change evenly with a surface's place; those of
-`tofmix.simulation.cast` are counts of beams. Both are right to 0.001. Recordings are simulated by the other.
+`tofmix.simulation.casting.cast` are counts of beams. Both are right to 0.001. Recordings are simulated by the other.
 """
 
 import math
@@ -14,10 +14,10 @@ from tofmix.arrays import FloatArray
 from tofmix.equiangular import Equiangular
 from tofmix.projection import Projection, cell_nodes, pixel_extent_rad
 from tofmix.sensors.profile import SensorProfile
-from tofmix.simulation.cast import Seen, cast_scene, sift, truth_of
+from tofmix.simulation.casting.cast import Seen, cast_scene, sift, truth_of
+from tofmix.simulation.casting.polygon_kernel import cast_polygons
+from tofmix.simulation.casting.scene import scene_arrays
 from tofmix.simulation.model import Model
-from tofmix.simulation.polygon_kernel import cast_polygons
-from tofmix.simulation.scene import scene_arrays
 from tofmix.simulation.truth import Truth
 
 _BEAMS = 8  # a side of a pixel, for the moments of its directions: as `cast` has them

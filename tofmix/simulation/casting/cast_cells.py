@@ -1,6 +1,8 @@
-"""Kernels that cast the beams of one image row of any projection. They validate nothing; call `tofmix.simulation.cast`.
+"""Kernels that cast the beams of one image row of any projection.
 
-They work as those of `tofmix.simulation.cast_kernel`: what one surface fills gets a
+They validate nothing; call `tofmix.simulation.casting.cast`.
+
+They work as those of `tofmix.simulation.casting.cast_kernel`: what one surface fills gets a
 few beams, what an edge crosses is cut finer. A pixel's cell is a patch through nine
 rays, and each beam counts by the solid angle around it.
 """
@@ -12,7 +14,7 @@ import numpy as np
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.cells import fill_patch, patch_direction, patch_solid_angle
 from tofmix.jit import jit
-from tofmix.simulation.cast_kernel import (
+from tofmix.simulation.casting.cast_kernel import (
     LATTICE,
     LATTICE_STEP,
     MIXED,
@@ -24,7 +26,7 @@ from tofmix.simulation.cast_kernel import (
     judge,
     nearest,
 )
-from tofmix.simulation.scene import SceneArrays
+from tofmix.simulation.casting.scene import SceneArrays
 
 _BULGE = 1.01
 """A part of a cell reaches at most this much farther from its centre than its corners: 1 / 32 of the pixel's bend."""

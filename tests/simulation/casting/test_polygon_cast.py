@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from tofmix.pinhole import Pinhole
 from tofmix.sensors import SensorProfile, load_profile
-from tofmix.simulation.cast import cast_scene
+from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.casting.polygon_cast import PolygonCaster
+from tofmix.simulation.casting.polygon_kernel import MOST_IN_FRONT
 from tofmix.simulation.model import Model
-from tofmix.simulation.polygon_cast import PolygonCaster
-from tofmix.simulation.polygon_kernel import MOST_IN_FRONT
 from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 

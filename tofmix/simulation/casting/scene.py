@@ -8,7 +8,7 @@ beam is r = h / (N . d) and the cosine of incidence N . d.
 
 Being linear with unit vectors, a condition that holds at a cell's centre by more
 than the cell's radius holds in all of it. That is what lets
-`tofmix.simulation.cast` find every pixel that an edge crosses, however thin the
+`tofmix.simulation.casting.cast` find every pixel that an edge crosses, however thin the
 object.
 """
 

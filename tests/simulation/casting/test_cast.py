@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from sizes import sized
 
 from tofmix.errors import BadInputError
-from tofmix.simulation import cast, cast_kernel
-from tofmix.simulation.cast import MIN_SHARE, cast_scene
+from tofmix.simulation.casting import cast, cast_kernel
+from tofmix.simulation.casting.cast import MIN_SHARE, cast_scene
+from tofmix.simulation.casting.scene import scene_arrays
 from tofmix.simulation.model import Model
-from tofmix.simulation.scene import scene_arrays
 from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 

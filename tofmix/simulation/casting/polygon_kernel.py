@@ -1,8 +1,9 @@
 """Kernels that cut a pixel's cell along the edges of surfaces: shares and mean ranges as areas, without beams.
 
-They validate nothing; call `tofmix.simulation.polygon_cast`. Places (u, v) run across and down a cell, from 0 to 1.
-A condition of `tofmix.simulation.scene` is a polynomial of second degree in u and in v there, and the part of a cell
-that fulfils it is cut with straight lines between its places on the sides of the polygon.
+They validate nothing; call `tofmix.simulation.casting.polygon_cast`. Places (u, v) run
+across and down a cell, from 0 to 1. A condition of `tofmix.simulation.casting.scene` is a
+polynomial of second degree in u and in v there, and the part of a cell that fulfils it is
+cut with straight lines between its places on the sides of the polygon.
 """
 
 import math
@@ -12,8 +13,8 @@ import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.jit import borrowing, jit
-from tofmix.simulation.cast_kernel import MIXED, judge
-from tofmix.simulation.scene import SceneArrays
+from tofmix.simulation.casting.cast_kernel import MIXED, judge
+from tofmix.simulation.casting.scene import SceneArrays
 
 MOST_IN_FRONT = 6
 """Surfaces that may hide parts of one surface in one part of a cell; the subsets of more are too many."""

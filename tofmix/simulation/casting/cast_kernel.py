@@ -1,6 +1,8 @@
-"""Kernels that cast the beams of one image row, of equal angles. They validate nothing; call `tofmix.simulation.cast`.
+"""Kernels that cast the beams of one image row, of equal angles.
 
-`tofmix.simulation.cast_cells` has those of other projections, and takes from here what judges cells and beams.
+They validate nothing; call `tofmix.simulation.casting.cast`.
+
+`tofmix.simulation.casting.cast_cells` has those of other projections, and takes from here what judges cells and beams.
 
 A cell (a pixel, or one of the 32 x 32 parts of one that an edge crosses) is
 first judged as a whole: from its centre and its radius, does one surface, or
@@ -13,7 +15,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.jit import jit
-from tofmix.simulation.scene import SceneArrays
+from tofmix.simulation.casting.scene import SceneArrays
 
 NOTHING = -1  # no surface in any beam of the cell
 MIXED = -2  # an edge, a crease or the range limit may cross the cell
