@@ -13,6 +13,7 @@ from tofmix.reconciliation.nameless import CLEARLY_NATS
 from tofmix.reconciliation.refit import begin
 from tofmix.reconciliation.way import Settings, fit_part, name_of
 from tofmix.simulation.effects.base import Effect, Latent
+from tofmix.simulation.effects.registry import EFFECTS
 from tofmix.simulation.model import Model
 
 
@@ -37,7 +38,8 @@ def better_own(
     """
     value, chosen = added
     best, top = None, value - PRICE_NATS * sum(c.parameters for c in chosen) + CLEARLY_NATS
-    for effect in dict.fromkeys(e for e in likelihood.scene.effects if e.latent is Latent.NONE):
+    searched = (e for e in likelihood.scene.effects if e.latent is Latent.NONE and e.kind in EFFECTS)
+    for effect in dict.fromkeys(searched):  # recorded amplitudes stand among the effects, but are no registered kind
         without = joint_likelihood([(_less(model, effect), evidence) for model, evidence in recordings])
         part = fit_part(without, settings)
         trial = begin_trial(without, begin(without, part[0], settings.tolerance), settings.split, settings.seed)
