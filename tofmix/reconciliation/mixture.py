@@ -28,7 +28,7 @@ from tofmix.simulation.prediction import predict
 from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
-_LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
+LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
 """Hidden states that link samples: no part of the mixture. A lattice is a part of it."""
 
 _TIMES = (4, 8, 16, 32)  # at how many a moving scene is worked out
@@ -160,7 +160,7 @@ class Scene:
         self.time_s = time_s
         self.names = tuple(surface.name for surface in model.surfaces)
         self.members: tuple[Scene, ...] = (self,)
-        self.links = tuple(e for e in model.effects if e.latent in _LINKING and not _mapped_bias(e))
+        self.links = tuple(e for e in model.effects if e.latent in LINKING and not _mapped_bias(e))
         self._apart = tuple(e for e in model.effects if _stands_apart(e))
         rest = tuple(e for e in model.effects if e not in (*self.links, *self._apart))
         alike = replace(model.sensor.noise, width_spread=0.0)  # widths are the recording's: a state has them
@@ -227,7 +227,7 @@ class Scene:
         times = self._times(effects)
         wells = [e for e in effects if isinstance(e, Saturation)]
         acting = tuple(
-            e for e in effects if e.latent not in _LINKING and not _stands_apart(e) and not isinstance(e, Saturation)
+            e for e in effects if e.latent not in LINKING and not _stands_apart(e) and not isinstance(e, Saturation)
         )
         model = replace(self._still, effects=(*self._still.effects, *acting))
         parts = [predict(model, self._truth(self._placed(effects, float(t)))) for t in times]

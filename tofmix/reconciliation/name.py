@@ -36,6 +36,8 @@ RIVALS = ("range_offset", "surface_pose")
 """Simple explanations that always compete."""
 
 _MANY_FRAMES = 80
+_STEPS = 2  # of poses, within the tolerance
+_HALVINGS = 6  # a sixty-fourth of a tolerated step changes nothing
 SLACK = 1.15
 """A tolerance is a typical error, not the largest."""
 
@@ -287,21 +289,44 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
     """
     if tolerance <= 0:
         return state
-    shifts = np.zeros(len(likelihood.scene.names))
-    kept = state.effects
-    for _ in range(2):
-        moved = replace(state, effects=(*kept, *_poses(likelihood, shifts)))
-        shifts = _newton(likelihood, moved, part, shifts, tolerance)
-    best = replace(state, effects=(*kept, *_poses(likelihood, shifts)))
-    if any(isinstance(e, ExcessNoise) for e in (*likelihood.scene.effects, *kept)):
+    best, value = _within(likelihood, state, part, tolerance)
+    if any(isinstance(e, ExcessNoise) for e in (*likelihood.scene.effects, *state.effects)):
         return best
+    if state.bursts is not None:  # integrated out below, but not where poses were moved
+        value = likelihood.value(best, part)
+
+    def scaled(factor: float) -> State:
+        return replace(best, effects=(*best.effects, ExcessNoise(factor=factor)))
+
     limit = 0.1 * tolerance * SLACK
-    factors = np.array([1 - limit, 1.0, 1 + limit])
-    values = [likelihood.value(replace(best, effects=(*best.effects, ExcessNoise(factor=f))), part) for f in factors]
-    curve = values[0] - 2 * values[1] + values[2]
-    peak = 0.5 * (values[0] - values[2]) / curve if curve < 0 else float(np.sign(values[2] - values[0]))
-    factor = 1 + limit * float(np.clip(peak, -1, 1))
-    return replace(best, effects=(*best.effects, ExcessNoise(factor=factor)))
+    less, more = (likelihood.value(scaled(1 + way * limit), part) for way in (-1, 1))
+    curve = less - 2 * value + more
+    peak = 0.5 * (less - more) / curve if curve < 0 else float(np.sign(more - less))
+    return scaled(1 + limit * float(np.clip(peak, -1, 1)))
+
+
+def _within(likelihood: Likelihood, state: State, part: Part, tolerance: float) -> tuple[State, float]:
+    """The model with its poses moved to where they fit best within the tolerance, and its log-likelihood there.
+
+    Newton's steps, each halved until it is one upwards: of ranges on a lattice the log-likelihood is no parabola.
+    """
+
+    def at(shifts: FloatArray) -> _Slopes:
+        moved = replace(state, effects=(*state.effects, *_poses(likelihood, shifts)))
+        return _slopes(likelihood, moved, part, shifts)
+
+    here = at(np.zeros(len(likelihood.scene.names)))
+    for _ in range(_STEPS):
+        step = here.step(likelihood, tolerance)
+        for _ in range(_HALVINGS):
+            there = at(here.shifts + step)
+            if there.value >= here.value:
+                break
+            step = 0.5 * step
+        else:
+            break
+        here = there
+    return here.state, here.value
 
 
 def _poses(likelihood: Likelihood, shifts: FloatArray) -> tuple[Effect, ...]:
@@ -309,19 +334,36 @@ def _poses(likelihood: Likelihood, shifts: FloatArray) -> tuple[Effect, ...]:
     return tuple(SurfacePose(surface=n, shift_mm=float(d)) for n, d in zip(names, shifts, strict=True) if d)
 
 
-def _newton(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray, tolerance: float) -> FloatArray:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Slopes:
+    """Log-likelihood of a model whose surfaces (surface,) are moved by `shifts` mm, with its derivatives by them."""
+
+    state: State
+    shifts: FloatArray
+    value: float
+    slope: FloatArray
+    information: FloatArray
+
+    def step(self, likelihood: Likelihood, tolerance: float) -> FloatArray:
+        """Newton's step (surface,), mm, that ends within the tolerance."""
+        out = np.zeros(self.shifts.size)
+        sensor = likelihood.scene.model.sensor
+        noise = sensor.noise_at(sensor.integration_time_ms)
+        for number in np.flatnonzero(self.information > 0):
+            limit = SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
+            to = self.shifts[number] + self.slope[number] / self.information[number]
+            out[number] = float(np.clip(to, -limit, limit)) - self.shifts[number]
+        return out
+
+
+def _slopes(likelihood: Likelihood, state: State, part: Part, shifts: FloatArray) -> _Slopes:
     m = likelihood.mixture(state)
-    slope, information = np.zeros(shifts.size), np.zeros(shifts.size)
+    value, slope, information = 0.0, np.zeros(shifts.size), np.zeros(shifts.size)
     for view in views(likelihood, m, part):
-        sums = likelihood.sums(m, state, view.part_of_all).by_pixel
-        _add_slopes(likelihood, view, sums, slope, information)
-    out = shifts.copy()
-    noise = likelihood.scene.model.sensor.noise_at(likelihood.scene.model.sensor.integration_time_ms)
-    for number in np.flatnonzero(information > 0):
-        step = slope[number] / information[number]
-        limit = SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
-        out[number] = float(np.clip(shifts[number] + step, -limit, limit))
-    return out
+        sums = likelihood.sums(m, state, view.part_of_all)
+        value += sums.total
+        _add_slopes(likelihood, view, sums.by_pixel, slope, information)
+    return _Slopes(state=state, shifts=shifts, value=value, slope=slope, information=information)
 
 
 def _add_slopes(

@@ -6,6 +6,7 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
 from scipy.stats import norm
 
 from tofmix.reconciliation.compare import Compared
@@ -30,7 +31,7 @@ _POWER = 1.645  # standard errors beyond the limit: such a bias is seen in 95 of
 _WITHIN_CHANCE = 0.15  # of a gap
 _SANE = 1.5  # times chance, which the refined model's own simulation may be from it, where the recording is no further
 _SETTLED, _UNTOUCHED = 0.97, 0.7  # of the largest disagreement that was there, gone; of one that is still there, left
-_SIMULATED = 0.1  # of what stands out, that the model's own simulation shows too, where predictions are approximations
+_SHOWN = 2.0  # normal deviate from which the model's own simulation shows a curve too
 _OPEN = 0.03  # of an effect's gain, that may be left in the statistics in which it must show
 _FEW = 0.1  # third and fourth powers of single pixels hang on few samples
 _TAILED = ("skew", "tails")  # a law that is not exact in one of these is not in the other
@@ -46,6 +47,8 @@ class Findings:
         Effects that were found.
     before, after, floor : Compared
         Panels of the model as given, of the refined model, and of a simulation of that, on frames that no fit has seen.
+    nulls : tuple of Compared
+        Of several simulations, `floor` among them, where it shows what stands out in the recording too.
     near : Compared
         Panel of the refined model moved within its tolerance to where it fits these frames best.
     alpha : float
@@ -70,6 +73,7 @@ class Findings:
     near: Compared
     alpha: float
     samples: int
+    nulls: tuple[Compared, ...] = ()
     judged: float = 1.0
     law: str | None = None
     own: Effect | None = None
@@ -97,8 +101,8 @@ class Findings:
     def left(self, curve: Curve) -> float:
         """What a curve that stands out counts for, nats, less what the model's own simulation shows of it."""
         few = curve.statistic in ("skew_pattern", "tails_pattern")
-        own = _named(self.floor).get(curve.name)
-        seen = curve.excess_nats - (0.0 if own is None else max(own.excess_nats, 0.0))
+        own = [c.excess_nats for c in self._simulated(curve)]
+        seen = curve.excess_nats - max(float(np.mean(own)) if own else 0.0, 0.0)
         return max(seen, 0.0) * (_FEW if few else 1.0)
 
     @property
@@ -133,13 +137,36 @@ class Findings:
         return all(c.excess_nats > _UNTOUCHED * before.get(c.name, 0.0) for c in self.open[:3])
 
     def _beyond(self, curve: Curve) -> bool:
-        """Whether a curve is beyond what its own simulation shows, and what an inexact law leaves."""
-        own = _named(self.floor).get(curve.name)
-        if own is not None and curve.excess_nats <= _SIMULATED * max(own.excess_nats, 0.0):
+        """Whether a curve is beyond what the model's own simulations show, and what an inexact law leaves."""
+        if not self.stands_out_of_simulations(curve):
             return False
-        if not self.chosen:
+        return not self.chosen or curve.size > inexact(curve, self.before)
+
+    def stands_out_of_simulations(self, curve: Curve) -> bool:
+        """Whether a curve that stands out does so beyond the model's own simulations, where these show it too.
+
+        Predictions approximate, and hidden states are found with errors: both show in simulations as in a recording.
+        Their chi-squares are not central: 2 (n + 2 l) is their variance, of n bins and a mean of n + l, and it is more
+        where hidden states differ.
+        """
+        own = self._simulated(curve)
+        if not self.is_simulated(curve):
             return True
-        return curve.size > inexact(curve, self.before)
+        seen = np.array([c.chi2 for c in own])
+        mean = float(seen.mean())
+        variance = 2 * (curve.dof + 2 * max(mean - curve.dof, 0.0))
+        if len(own) > 1:
+            variance = max(variance, float(seen.var(ddof=1)))
+        limit = float(norm.isf(self.alpha / max(len(self.near.curves), 1)))
+        return curve.chi2 - mean > limit * math.sqrt(variance * (1 + 1 / len(own)))
+
+    def is_simulated(self, curve: Curve) -> bool:
+        """Whether simulations of the model show a curve too."""
+        return max((c.z for c in self._simulated(curve)), default=0.0) >= _SHOWN
+
+    def _simulated(self, curve: Curve) -> list[Curve]:
+        panels = (_named(panel) for panel in self.nulls or (self.floor,))
+        return [panel[curve.name] for panel in panels if curve.name in panel]
 
     @property
     def mostly(self) -> bool:

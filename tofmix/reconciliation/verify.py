@@ -17,13 +17,13 @@ from tofmix.reconciliation.joint import views
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.localise import disagreements
 from tofmix.reconciliation.memory import memory_left, memory_of
-from tofmix.reconciliation.mixture import Scene
+from tofmix.reconciliation.mixture import LINKING, Scene
+from tofmix.reconciliation.name import tolerated
 from tofmix.reconciliation.nameless import better_law
 from tofmix.reconciliation.pattern_shape import smooth, tilted
-from tofmix.reconciliation.refit import begin
+from tofmix.reconciliation.refit import begin, latent_states
 from tofmix.reconciliation.verdict import Findings, judge, share_closed
 from tofmix.reconciliation.way import Settings, fit_part, held_out
-from tofmix.reconciliation.widths import with_widths
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -38,7 +38,8 @@ IN_TIME = 0.005
 ECHO = 0.1
 """Correlation, at any lag, that a memory of one frame may leave."""
 
-_SEEDS_APART = 1000  # of recordings, beside the seeds of verification
+_SEEDS_APART, _SIMULATIONS_APART = 1000, 100_000  # seeds of recordings, and of simulations
+_NULLS = 3  # simulations, where one is not enough
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -80,6 +81,16 @@ class Verified:
         return share_closed(self.before, self.after, self.floor)
 
 
+def as_given(likelihood: Likelihood, settings: Settings) -> tuple[Added, Verified]:
+    """What verification says of the model as given, before any effect is searched for."""
+    held = held_out(likelihood, settings)
+    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+    near = tolerated(likelihood, start, held, settings.tolerance)
+    panel = compare(likelihood, near, held, seed=settings.seed)
+    added = Added(state=start, chosen=(), first=(), aliases=(), panel=panel)
+    return added, verify(likelihood, added, settings)
+
+
 def verify(
     likelihood: Likelihood, added: Added, settings: Settings, own: Effect | None = None, *, law_stood: bool = False
 ) -> Verified:
@@ -102,7 +113,7 @@ def verify(
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
     before = compare(likelihood, start, held, seed=settings.seed)
     after = compare(likelihood, added.state, held, seed=settings.seed) if added.chosen else before
-    floor = _floor(likelihood, added.state, settings)
+    floor = simulated(likelihood, added.state, settings)
     part = likelihood.evidence.part(fit=False, split=settings.split)
     found = Findings(
         chosen=added.chosen, before=before, after=after, floor=floor, near=added.panel, alpha=settings.alpha,
@@ -117,16 +128,29 @@ def verify(
     )  # fmt: skip
     # Gains of exact laws are no measure of what is left
     gain = sum(c.gain for c in added.chosen if not (c.exact or c.loses))
+    found = replace(found, nulls=_nulls(likelihood, added.state, settings, found))
     found = replace(found, in_time=changes_in_time(added.state, found, found.judged * gain))
     verdict = judge(found)
     out = Verified(verdict=verdict, state=added.state, before=before, after=after, floor=floor, findings=found)
     return revoked(likelihood, out, settings) if added.chosen and verdict in ("agree", "unexplained") else out
 
 
+def _nulls(likelihood: Likelihood, state: State, settings: Settings, found: Findings) -> tuple[Compared, ...]:
+    """Simulations of the refined model: several where the first shows too what stands out in the recording.
+
+    Or may do so: where samples are linked by hidden states, one simulation is not like the next.
+    """
+    loud = disagreements(found.near, found.alpha)
+    linked = any(e.latent in LINKING for e in state.linking)
+    several = bool(loud) and (linked or any(found.is_simulated(c) for c in loud))
+    more = range(1, _NULLS) if several else range(0)
+    return (found.floor, *(simulated(likelihood, state, settings, number) for number in more))
+
+
 def revoked(likelihood: Likelihood, found: Verified, settings: Settings) -> Verified:
     """What verification says where no effect stands: the model as given."""
     start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
-    return replace(found, state=start, after=found.before, floor=_floor(likelihood, start, settings))
+    return replace(found, state=start, after=found.before, floor=simulated(likelihood, start, settings))
 
 
 def _echoes(likelihood: Likelihood, state: State, settings: Settings) -> bool:
@@ -179,20 +203,27 @@ def refined_model(scene: Scene, state: State) -> Model:
     return replace(scene.model, effects=effects)
 
 
-def _floor(likelihood: Likelihood, state: State, settings: Settings) -> Compared:
+def simulated(likelihood: Likelihood, state: State, settings: Settings, number: int = 0) -> Compared:
+    """Panel of a simulation of a model, whose hidden states are found in it anew, as they are in a recording.
+
+    Parameters
+    ----------
+    likelihood, state, settings
+        The recording, what was found in it, and how.
+    number : int
+        Which simulation; each has a seed of its own.
+    """
     evidence = likelihood.evidence
     samples = np.empty_like(evidence.samples)
-    for number, (frames, scene) in enumerate(zip(evidence.recordings, likelihood.scene.members, strict=True)):
-        seed = settings.seed + 1 + _SEEDS_APART * number
+    first = settings.seed + 1 + _SIMULATIONS_APART * number
+    for k, (frames, scene) in enumerate(zip(evidence.recordings, likelihood.scene.members, strict=True)):
         model = _as_recorded(_as_found(refined_model(scene, state), state), evidence.time_s[frames])
-        samples[frames] = simulate_like(model, frames.stop - frames.start, seed=seed)
+        samples[frames] = simulate_like(model, frames.stop - frames.start, seed=first + _SEEDS_APART * k)
     again = Likelihood(replace(evidence, samples=samples), likelihood.scene)
-    if state.bursts is not None:
-        mixture = likelihood.mixture(state)
-        state = replace(state, disturbed=links.disturbed_frames(again, mixture, state, state.bursts))
+    # A simulation draws its own widths
     alike = replace(state, log_width=np.zeros_like(state.log_width), log_width_error=np.zeros_like(state.log_width))
-    state = with_widths(again, alike, fit_part(likelihood, settings)[0])  # a simulation draws its own
-    return compare(again, state, held_out(likelihood, settings), seed=settings.seed + 1)
+    found = latent_states(again, alike, fit_part(likelihood, settings)[0])
+    return compare(again, found, held_out(likelihood, settings), seed=first)
 
 
 def _as_recorded(model: Model, time_s: FloatArray) -> Model:

@@ -24,7 +24,7 @@ from tofmix.reconciliation.next_steps import next_steps
 from tofmix.reconciliation.own import better_own
 from tofmix.reconciliation.refit import latent_states, numbers
 from tofmix.reconciliation.standard_errors import standard_errors
-from tofmix.reconciliation.verify import Verified, verify
+from tofmix.reconciliation.verify import Verified, as_given, verify
 from tofmix.reconciliation.way import Settings, fit_part
 from tofmix.simulation.effects.base import Effect
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
@@ -255,6 +255,10 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
     But one that has beaten a fixed pattern alone only says that there is more; and a set of effects that explains
     clearly more is tried, which must then beat the law.
     """
+    if likelihood.scene.effects:  # else predictions do not approximate
+        given = as_given(likelihood, settings)
+        if given[1].verdict == "agree":
+            return given
     tried: list[tuple[Added, Verified]] = []
     for added in ways(likelihood, settings, tick):
         stood = any(v.law is not None for _, v in tried)

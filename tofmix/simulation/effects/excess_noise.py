@@ -21,7 +21,7 @@ class ExcessNoise(Effect):
     """
 
     kind: ClassVar[str] = "excess_noise"
-    level: ClassVar[Level] = Level.RANGE
+    level: ClassVar[Level] = Level.LIGHT
     signature: ClassVar[str] = "spread, by the same factor everywhere"
     typical: ClassVar[str] = "2 for four times the background electrons"
     basis: ClassVar[str] = "physics"
