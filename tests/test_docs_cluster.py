@@ -1,4 +1,4 @@
-"""docs/cluster.md does what it says: the tasks of its job array run in a shell loop, and are merged."""
+"""docs/how-to/cluster.md does what it says: the tasks of its job array run in a shell loop, and are merged."""
 
 import os
 import re
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from files import boards, write_recording
 
-PAGE = (Path(__file__).parents[1] / "docs" / "cluster.md").read_text()
+PAGE = (Path(__file__).parents[1] / "docs/how-to/cluster.md").read_text()
 
 
 def script(name: str) -> str:

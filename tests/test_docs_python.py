@@ -1,4 +1,4 @@
-"""docs/python.md and docs/formats.md do what they say: their blocks run, in order, as one program each."""
+"""The Python pages and docs/reference/formats.md do what they say: their blocks run, in order, as one program each."""
 
 import re
 import subprocess
@@ -13,7 +13,7 @@ from tofmix.layers import LAYER_FIELDS
 from tofmix.simulation.model_toml import parse_model
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = ("python.md", "formats.md")
+PAGES = ("tutorials/python.md", "how-to/python.md", "reference/formats.md")
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
 
@@ -54,7 +54,7 @@ def test_every_block_runs_without_a_warning(folder: Path, name: str) -> None:
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"docs/{name} (line numbers are the page's):\n{done.stderr}"
     assert done.stderr == ""
-    if name == "formats.md":
+    if name == "reference/formats.md":
         tofmix(folder, "estimate", "mine.h5", "--overwrite")
 
 
@@ -66,13 +66,13 @@ def test_every_fenced_block_is_run_or_parsed() -> None:
 
 
 def test_the_model_of_the_page_is_read() -> None:
-    page = (DOCS / "formats.md").read_text(encoding="utf-8")
+    page = (DOCS / "reference/formats.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
-    assert parse_model(text, source="docs/formats.md").surfaces[0].name == "white board"
+    assert parse_model(text, source="docs/reference/formats.md").surfaces[0].name == "white board"
 
 
 def test_the_tables_of_layers_and_statuses_are_those_of_the_code() -> None:
-    page = (DOCS / "formats.md").read_text(encoding="utf-8")
+    page = (DOCS / "reference/formats.md").read_text(encoding="utf-8")
     types = {"u1": "uint8", "u2": "uint16", "u4": "uint32", "f4": "float32"}
     for spec in LAYER_FIELDS:
         dims = "window, row, col, layer" if spec.per_layer else "window, row, col"

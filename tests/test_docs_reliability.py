@@ -1,10 +1,10 @@
-"""Each promise of docs/reliability.md names a test that is there."""
+"""Each promise of docs/explanation/reliability.md names a test that is there."""
 
 import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs/reliability.md").read_text()
+PAGE = (ROOT / "docs/explanation/reliability.md").read_text()
 
 
 def test_every_named_test_exists() -> None:

@@ -2,7 +2,8 @@
 
 Usage: python tests/benchmarks/binning.py [--pixels 100] [--seed 74]
 
-Prints a Markdown table; docs/performance.md holds a copy. Asserts nothing; tests/estimation/test_samples.py does.
+Prints a Markdown table; docs/results/performance.md holds a copy. Asserts nothing;
+tests/estimation/test_samples.py does.
 
 Noise of an SR-3000 at 1.2 ms, samples that are no whole mm. Each pixel is fitted twice from its true surfaces, to the
 end (tol 1e-9): from every sample, and from the binned values that windows of 1000 samples and more are fitted from.

@@ -2,7 +2,7 @@
 
 Usage: python tests/benchmarks/counters.py [--pixels 1000] [--output docs/images]
 
-Prints the Markdown tables of docs/counters.md; with --output it also draws the figures. Asserts nothing.
+Prints the Markdown tables of docs/results/counters.md; with --output it also draws the figures. Asserts nothing.
 """
 
 import argparse

@@ -2,7 +2,7 @@
 
 Usage: python tests/benchmarks/maps.py [--seeds 100 101 ...] [--corridors] [--mixing 0 0.1 0.5 1]
 
-Prints Markdown tables; docs/mapping.md holds a copy. Asserts nothing.
+Prints Markdown tables; docs/results/mapping.md holds a copy. Asserts nothing.
 
 The corridors are those of tests/corridors.py, one open and one truly blocked for each seed, seen by the built-in
 camera sr3000. All maps have the defaults of `tofmix map` but for the camera's pitch and the robot's band of heights.

@@ -1,7 +1,7 @@
 """How often a single surface is split whose noise is not Gaussian, though its standard deviation is the curve's.
 
-Run as ``python tests/benchmarks/not_gaussian.py``; it prints the tables of docs/limits.md. `--pixels` sets the pixels
-of a cell.
+Run as ``python tests/benchmarks/not_gaussian.py``; it prints the tables of docs/results/limits.md. `--pixels` sets the
+pixels of a cell.
 """
 
 import argparse

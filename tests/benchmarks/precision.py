@@ -2,7 +2,7 @@
 
 Usage: python tests/benchmarks/precision.py [--pixels 4000] [--mixture-pixels 150] [--workers 2]
 
-Prints Markdown tables; docs/limits.md holds a copy. Asserts nothing.
+Prints Markdown tables; docs/results/limits.md holds a copy. Asserts nothing.
 
 Errors are those of both surfaces, near and far in order, without a matching cut: however far off, they count. They
 are taken in pixels in which tofmix finds two surfaces, and those of maximum likelihood, which is told that there are

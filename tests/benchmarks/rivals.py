@@ -1,7 +1,7 @@
 """Two forward models that the paper argues against, to compare equation (1) with.
 
 The thin beam knows one surface; decaying shares know several, but not what share
-of the beam each has. Use them for comparisons such as docs/paper.md: nothing in
+of the beam each has. Use them for comparisons such as docs/results/paper.md: nothing in
 `layering` comes through here. Slow and plain, one pixel at a time.
 
 Both keep the rest of equation (1): p(c_r), c_0 and the noise curve's sigma(mu).

@@ -3,8 +3,8 @@
     python tests/benchmarks/unmixing.py [phasor|few|texture|laws|open|wrapped|events|speed ...] [--seeds 1 2] [--small]
 
 Raw-tap recordings (tests/blind, which knows nothing of the package) of ten kinds of scenes, 144 x 176 pixels, 50
-frames unless said otherwise, estimated with all defaults. Prints Markdown tables; docs/mixing.md holds a copy. Asserts
-nothing.
+frames unless said otherwise, estimated with all defaults. Prints Markdown tables; docs/results/mixing.md holds a copy.
+Asserts nothing.
 
 - phasor: all samples are phasor sums. few: 10 frames of that. texture: 10 % from pixel to pixel.
 - laws: the share q of phasor sums between 0 and 1, and what is measured of it.

@@ -6,7 +6,7 @@
     PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output TRUE --model true
 
 Each case is a line of `RESULTS/results.jsonl`; a case that has a line is not done again, so that the command may be
-stopped and started at will. What a case is, and what counts as right, is in docs/user-scenes.md.
+stopped and started at will. What a case is, and what counts as right, is in docs/results/user-scenes.md.
 """
 
 import argparse

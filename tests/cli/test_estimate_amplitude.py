@@ -37,7 +37,7 @@ def test_a_law_of_amplitude_is_told_and_stored(tofmix: Tofmix, tmp_path: Path) -
     with h5py.File(tmp_path / "a.layers.h5") as root:
         stored = {name: root["sensor"][name][...] for name in root["sensor"]}
         sigma, n_modes = root["sigma"][0, :, :, 0], root["n_modes"][0]
-    # The rule of docs/formats.md, from what is stored alone.
+    # The rule of docs/reference/formats.md, from what is stored alone.
     light = np.geomspace(60.0, 600.0, 40)
     log_factor = np.interp(np.log(light), np.log(stored["noise_amplitude"]), np.log(stored["noise_amplitude_factor"]))
     reference = np.interp(1500.0, stored["noise_range"], stored["noise_reference_amplitude"])

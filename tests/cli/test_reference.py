@@ -10,7 +10,7 @@ from tofmix.cli import reference
 from tofmix.cli.main import main
 from tofmix.errors import EXIT_CODE_MEANINGS
 
-PAGE = Path(__file__).parents[2] / "docs" / "cli.md"
+PAGE = Path(__file__).parents[2] / "docs/reference/cli.md"
 OPTIONS = [
     (name, option)
     for name, command in main.commands.items()
@@ -27,7 +27,7 @@ def printed(**environment: str) -> bytes:
 
 def test_the_page_in_docs_is_what_the_command_prints() -> None:
     if PAGE.read_bytes() != printed():
-        pytest.fail(f"docs/cli.md is not what the commands say; write it anew: {reference.COMMAND}")
+        pytest.fail(f"docs/reference/cli.md is not what the commands say; write it anew: {reference.COMMAND}")
 
 
 def test_the_page_depends_on_neither_the_terminal_nor_the_environment() -> None:

@@ -30,7 +30,7 @@ NOISES: dict[str, Draw] = {
     "drifting": lambda rng, shape: np.linspace(-1, 1, shape[0])[:, None] + 0.8 * rng.standard_normal(shape),
 }
 TAILED = ("skewed", "heavy-tailed")
-"""A few of their samples lie where no Gaussian sample would: see docs/limits.md for how often that makes a layer."""
+"""A few of their samples lie where no Gaussian sample would: docs/results/limits.md has the rates of false layers."""
 
 
 def _hold_together(layers: Layers, samples: NDArray[np.float64]) -> None:

@@ -280,7 +280,7 @@ def test_explain_says_what_the_noise_is() -> None:
 
 
 def test_example_of_the_page_on_models_is_one() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "model.md").read_text()
+    page = (Path(__file__).parents[2] / "docs/explanation/model.md").read_text()
     example = page.split("```toml", maxsplit=1)[1].split("```", maxsplit=1)[0]
     table = tomllib.loads(example)["sensor"]["noise"]
     assert {"shape_z", "shape_density", "width_spread", "background"} < set(table)

@@ -50,8 +50,8 @@ class Choices(TypedDict, total=False):
 class Estimate(Layers):
     """Layers of every pixel and window, with what they were made from.
 
-    The arrays are those of a layers file (docs/formats.md): (window, row, col), and (window, row, col, layer) where
-    each layer has a value of its own, near to far and NaN past `n_modes`.
+    The arrays are those of a layers file (docs/reference/formats.md): (window, row, col), and (window, row, col, layer)
+    where each layer has a value of its own, near to far and NaN past `n_modes`.
 
     Parameters
     ----------

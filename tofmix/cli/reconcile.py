@@ -78,7 +78,7 @@ def reconcile(
     Compares each sample with the model's own prediction, locates the disagreement,
     fits the known effects, scores them on frames and pixels that no fit has seen,
     and adds those that explain it. Says so where none does. Recordings given
-    with --also share the effects' parameters. The page docs/reconcile.md explains
+    with --also share the effects' parameters. The page docs/explanation/reconcile.md explains
     the output.
     """
     from tofmix.io.reconciliation import locked_folder, model_names

@@ -1,4 +1,4 @@
-"""The command line as a Markdown page: ``python -m tofmix.cli.reference > docs/cli.md``.
+"""The command line as a Markdown page: ``python -m tofmix.cli.reference > docs/reference/cli.md``.
 
 Made from click's own objects, so that the page says what ``--help`` says. It takes
 names, types, defaults and texts from them, never a formatted help: neither the
@@ -15,7 +15,7 @@ from tofmix.cli.main import main
 from tofmix.errors import EXIT_CODE_MEANINGS
 
 PROGRAM = "tofmix"
-COMMAND = "python -m tofmix.cli.reference > docs/cli.md"
+COMMAND = "python -m tofmix.cli.reference > docs/reference/cli.md"
 
 _HEAD = f"""\
 # Command line

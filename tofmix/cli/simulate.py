@@ -80,7 +80,7 @@ def simulate(
     A model describes a camera and the boards that it looks at. Each sample is one
     event: a surface with its share of the pixel's beam, no return, or a random
     value; with the camera's noise at that range. A model may list effects of real
-    cameras; they are on the page docs/effects.md. The recording carries the truth.
+    cameras; they are on the page docs/reference/effects.md. The recording carries the truth.
     """
     if as_json and (print_model or explain):
         raise click.UsageError("--json is for recordings that are written, not for --print-model or --explain")

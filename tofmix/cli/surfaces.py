@@ -43,7 +43,7 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
     Layers of neighbouring pixels that go on smoothly are one surface; planes are fitted
     to them. Their shares tell where each surface ends within a pixel: lines with their
     standard errors, and a range image with FACTOR x FACTOR parts a pixel. Each window is
-    taken by itself. The layers file must say where its pixels look. docs/surfaces.md
+    taken by itself. The layers file must say where its pixels look. docs/explanation/surfaces.md
     describes the file; tofmix export passes it on to other programs.
     """
     from tofmix.io.atomic.storage import locked

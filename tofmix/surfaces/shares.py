@@ -16,7 +16,7 @@ _LEAST_SAMPLES = 3.0
 """Samples without a return from which on a pixel sees open space: fewer may be lost by chance."""
 
 UNSEEN_SHARE = 0.03
-"""Half the share below which unmixing finds no second surface (docs/mixing.md): error of a pixel's being pure."""
+"""Error of a pure pixel's share: half the share below which unmixing finds no second surface."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""docs/effects.md is what the registry says, and the figures that it calls physics follow from formulas."""
+"""docs/reference/effects.md is what the registry says, and the figures that it calls physics follow from formulas."""
 
 import math
 from pathlib import Path
@@ -14,7 +14,7 @@ TURN = unambiguous_range_mm(20e6)
 
 
 def test_the_page_is_in_step() -> None:
-    assert (DOCS / "effects.md").read_text(encoding="utf-8") == reference(), f"run: {COMMAND}"
+    assert (DOCS / "reference/effects.md").read_text(encoding="utf-8") == reference(), f"run: {COMMAND}"
 
 
 @pytest.mark.parametrize("kind", EFFECTS)
@@ -25,7 +25,7 @@ def test_every_effect_has_its_picture_and_its_basis(kind: str) -> None:
 
 
 def test_every_effect_is_drawn_by_the_command() -> None:
-    text = (DOCS / "effect_figures.py").read_text(encoding="utf-8")
+    text = (DOCS / "figures/effect_figures.py").read_text(encoding="utf-8")
     assert all(f'"{kind}": Signature(' in text for kind in EFFECTS)
 
 

@@ -1,6 +1,6 @@
 """Recordings (`*.h5`): reading any that fits the contract, in blocks.
 
-Use `open_recording`. The contract is docs/formats.md; `tofmix.io.recording.recording_writer` writes ours.
+Use `open_recording`. The contract is docs/reference/formats.md; `tofmix.io.recording.recording_writer` writes ours.
 """
 
 import hashlib

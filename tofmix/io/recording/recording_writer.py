@@ -1,6 +1,7 @@
 """Writing recordings: frames are streamed into a new file, which gets its name when the last one is in.
 
-Use `RecordingWriter`; `tofmix.io.recording.recording_file` reads what it writes. The contract is docs/formats.md.
+Use `RecordingWriter`; `tofmix.io.recording.recording_file` reads what it writes. The contract is
+docs/reference/formats.md.
 """
 
 from contextlib import ExitStack

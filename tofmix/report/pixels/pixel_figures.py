@@ -1,6 +1,6 @@
 """Figures of single pixels, after the paper's Figs. 7 and 8: samples, density, fitted components.
 
-`draw_density` and `style_axes` also draw the figures of docs/paper.md.
+`draw_density` and `style_axes` also draw the figures of docs/results/paper.md.
 """
 
 import math

@@ -21,7 +21,7 @@ from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 
 SNAPSHOTS = (0.05, 0.15, 0.3, 0.6, 1.0)
-"""Shares of the samples at which Fig. 7 shows the density, as in docs/paper.md."""
+"""Shares of the samples at which Fig. 7 shows the density, as in docs/results/paper.md."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -2,7 +2,7 @@
 
 An effect is declared once: its parameters with units and bounds, the level at
 which it acts, what it does to samples, and what it does to a pixel's predictive
-distribution. `simulate` runs it, ``--explain`` and docs/effects.md describe it,
+distribution. `simulate` runs it, ``--explain`` and docs/reference/effects.md describe it,
 and a fit searches its parameters, all from that declaration.
 """
 

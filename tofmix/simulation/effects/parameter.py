@@ -1,6 +1,6 @@
 """A parameter of an effect, declared once: unit, bounds, default and a sentence.
 
-The parser, the refusals, the tables of docs/effects.md, ``--explain`` and a fit
+The parser, the refusals, the tables of docs/reference/effects.md, ``--explain`` and a fit
 read this one declaration.
 """
 

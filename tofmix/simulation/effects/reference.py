@@ -1,8 +1,8 @@
-"""The effects as a Markdown page: ``python -m tofmix.simulation.effects.reference > docs/effects.md``.
+"""The effects as a Markdown page: ``python -m tofmix.simulation.effects.reference > docs/reference/effects.md``.
 
 Made from the registry alone, so that the page says what the code does: docstrings,
 declared parameters, magnitudes and their basis. The figures beside it are drawn by
-``python docs/effect_figures.py``.
+``python docs/figures/effect_figures.py``.
 """
 
 import inspect
@@ -13,7 +13,7 @@ from tofmix.simulation.effects.base import LEVEL_NAMES, Effect, Level
 from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.effects.registry import EFFECTS
 
-COMMAND = "python -m tofmix.simulation.effects.reference > docs/effects.md"
+COMMAND = "python -m tofmix.simulation.effects.reference > docs/reference/effects.md"
 
 _HEAD = f"""\
 # Effects of real cameras
@@ -29,8 +29,8 @@ amplitude_mm = 12.0
 phase_rad = 0.3
 ```
 
-`tofmix simulate MODEL --explain` says in words what a model will do. [model.md](model.md) explains the two forward
-models of a mixed pixel, equation (1) and the phasor sum.
+`tofmix simulate MODEL --explain` says in words what a model will do. [model.md](../explanation/model.md) explains the
+two forward models of a mixed pixel, equation (1) and the phasor sum.
 
 ## How effects act together
 
@@ -61,8 +61,8 @@ The basis of each figure: *physics*, it follows from a formula and a test holds 
 literature, but was recalled, and no copy was at hand to check it; *assumed*, neither.
 """
 _FIGURES = """\
-Pictures are drawn by `python docs/effect_figures.py`. Grey is the scene without the effect, colour with it; lines are
-what the model predicts. The magnitudes in them are chosen to be seen.
+Pictures are drawn by `python docs/figures/effect_figures.py`. Grey is the scene without the effect, colour with it;
+lines are what the model predicts. The magnitudes in them are chosen to be seen.
 """
 
 
@@ -99,7 +99,7 @@ def _effect(effect: type[Effect]) -> Iterator[str]:
         yield "- **With `--averaged`**: refused."
     if sources:
         yield f"- **Source**: {' '.join(sources.split())}"
-    yield f"\n![{effect.kind}: with and without](images/effects/{effect.kind}.png)\n"
+    yield f"\n![{effect.kind}: with and without](../images/effects/{effect.kind}.png)\n"
 
 
 def _row(parameter: Parameter) -> str:

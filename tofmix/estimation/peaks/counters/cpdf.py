@@ -1,6 +1,6 @@
 """The paper's first attempt (section IV a): maxima of a difference of the cumulative distribution.
 
-Kept for comparison; docs/counters.md shows why `Kde` is the default. Nothing in it
+Kept for comparison; docs/explanation/counters.md shows why `Kde` is the default. Nothing in it
 knows the noise curve: what it tells apart is set by its bins.
 """
 

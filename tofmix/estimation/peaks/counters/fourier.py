@@ -1,6 +1,6 @@
 """The paper's second attempt (section IV b): maxima of a truncated Fourier series of the density.
 
-Kept for comparison; docs/counters.md shows why `Kde` is the default. Nothing in it
+Kept for comparison; docs/explanation/counters.md shows why `Kde` is the default. Nothing in it
 knows the noise curve, and each surface has side lobes that look like weak surfaces.
 """
 
