@@ -40,6 +40,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tofmix(folder, "estimate", "recording.h5")
     tofmix(folder, "simulate", "three-boards", "--frames", "20", "-o", "boards.h5")
     tofmix(folder, "estimate", "boards.h5")
+    tofmix(folder, "surfaces", "boards.layers.h5")
     return folder
 
 
