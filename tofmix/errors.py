@@ -36,6 +36,19 @@ EXIT_CODE_MEANINGS: dict[ExitCode, str] = {
     ExitCode.CLOSED_PIPE: "the reader of a pipe has gone",
     ExitCode.TERMINATED: "terminated (SIGTERM)",
 }
+EXIT_CODE_REMEDIES: dict[ExitCode, str] = {
+    ExitCode.DONE: "",
+    ExitCode.BUG: "Report it with the command, the line on stderr, and `tofmix info FILE --json`.",
+    ExitCode.USAGE: "`tofmix COMMAND --help` lists the options.",
+    ExitCode.BAD_INPUT: "The line on stderr names file, dataset, reason and remedy. No file was changed.",
+    ExitCode.STORAGE: "Free the disk, or choose another folder. `tofmix estimate --resume` goes on from there.",
+    ExitCode.SOME_FAILED: "stderr has a line for each that failed. Run the command again with `--resume`.",
+    ExitCode.DIFFERENT: "The table on stdout says where. `--allow` accepts a share of differing pixels.",
+    ExitCode.INTERRUPTED: "The process dies of SIGINT, so that a shell loop around it stops. `--resume` goes on.",
+    ExitCode.CLOSED_PIPE: "Nothing is wrong: `tofmix report ... | head -1` ends so.",
+    ExitCode.TERMINATED: "The process dies of SIGTERM. Unfinished outputs are removed. `--resume` goes on.",
+}
+"""The remedy, or a remark, for each exit code: docs/reference/exit-codes.md shows them."""
 
 
 class TofmixError(Exception):

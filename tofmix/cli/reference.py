@@ -1,20 +1,17 @@
 """The command line as a Markdown page: ``python -m tofmix.cli.reference > docs/reference/cli.md``.
 
-Made from click's own objects, so that the page says what ``--help`` says. It takes
-names, types, defaults and texts from them, never a formatted help: neither the
-terminal, nor the environment, nor the layout of a click version changes a byte.
+With the argument ``exit-codes`` it is the page of exit codes, with a remedy for each.
 """
 
-import inspect
-import re
+import sys
 from collections.abc import Iterator
 
 import click
 
+from tofmix.cli.described import PROGRAM, DescribedCommand, described_commands, described_program
 from tofmix.cli.main import main
-from tofmix.errors import EXIT_CODE_MEANINGS
+from tofmix.errors import EXIT_CODE_MEANINGS, EXIT_CODE_REMEDIES
 
-PROGRAM = "tofmix"
 COMMAND = "python -m tofmix.cli.reference > docs/reference/cli.md"
 
 _HEAD = f"""\
@@ -26,94 +23,71 @@ Every command shows its own part of it with `-h` or `--help`. An option that tak
 environment variable: `TOFMIX_ESTIMATE_MAX_LAYERS=4` stands for `{PROGRAM} estimate --max-layers 4`. The option on the
 command line wins.
 """
+EXIT_CODES_COMMAND = "python -m tofmix.cli.reference exit-codes > docs/reference/exit-codes.md"
+_EXIT_CODES_HEAD = f"""\
+# Exit codes
+
+Made by `{EXIT_CODES_COMMAND}`; change `tofmix/errors.py`, not this page.
+
+An error is one line on stderr. It names the file, the dataset or option, and the reason:
+
+    tofmix: boards.layers.h5 exists; pass --overwrite to replace it
+
+| code | meaning | remedy or remark |
+|---|---|---|
+"""
 _TABLE_HEAD = "| option | value | default | |\n|---|---|---|---|"
-_DEFAULT_IN_HELP = re.compile(r"\s*\[default: (.*)\]$")
-_EXIT_CODES_HEADING = "Exit codes:"
 
 
 def reference() -> str:
     """Return the page, ending in one newline."""
-    parts = [_HEAD, *_program(main)]
-    for name, command in main.commands.items():
-        parts += _command(f"{PROGRAM} {name}", command)
+    parts = [_HEAD, *_program()]
+    for command in described_commands(main):
+        parts += _command(command)
     parts += _exit_codes()
     return "\n".join(parts)
 
 
-def _program(group: click.Group) -> Iterator[str]:
-    yield f"## {PROGRAM}\n"
-    yield _fenced(f"{PROGRAM} [OPTIONS] COMMAND [ARGS]...")
-    yield _paragraphs(group.help or "")
+def exit_codes() -> str:
+    """Return the page of exit codes, ending in one newline."""
+    rows = ((int(c), _cell(EXIT_CODE_MEANINGS[c]), _cell(EXIT_CODE_REMEDIES[c])) for c in EXIT_CODE_MEANINGS)
+    return _EXIT_CODES_HEAD + "".join(f"| {code} | {text} | {remedy} |\n" for code, text, remedy in rows)
+
+
+def _program() -> Iterator[str]:
+    program = described_program(main)
+    yield f"## {program.path}\n"
+    yield _fenced(program.usage)
+    yield _paragraphs(program)
     yield "| command | |\n|---|---|"
-    for name, command in group.commands.items():
-        yield f"| [`{PROGRAM} {name}`](#{PROGRAM}-{name}) | {_cell(command.short_help or '')} |"
+    for command in described_commands(main):
+        anchor = command.path.replace(" ", "-")
+        yield f"| [`{command.path}`](#{anchor}) | {_cell(command.summary)} |"
     yield ""
-    yield from _options(group)
-    yield from _epilog(group)
+    yield from _options(program)
+    yield from _examples(program)
 
 
-def _command(path: str, command: click.Command) -> Iterator[str]:
-    arguments = [parameter.human_readable_name for parameter in command.params if isinstance(parameter, click.Argument)]
-    yield f"## {path}\n"
-    yield _fenced(" ".join([path, "[OPTIONS]", *arguments]))
-    yield _paragraphs(command.help or "")
+def _command(command: DescribedCommand) -> Iterator[str]:
+    yield f"## {command.path}\n"
+    yield _fenced(command.usage)
+    yield _paragraphs(command)
     yield from _options(command)
-    yield from _epilog(command)
+    yield from _examples(command)
 
 
-def _options(command: click.Command) -> Iterator[str]:
+def _options(command: DescribedCommand) -> Iterator[str]:
     yield _TABLE_HEAD
-    for option in command.params:
-        if isinstance(option, click.Option):
-            text, default = _text_and_default(option)
-            names = ", ".join(f"`{name}`" for name in option.opts)
-            yield f"| {names} | {_cell(_value(option))} | {_cell(default)} | {_cell(text)} |"
+    for option in command.options:
+        names = ", ".join(f"`{name}`" for name in option.names)
+        yield f"| {names} | {_cell(option.value)} | {_cell(option.default)} | {_cell(option.text)} |"
     yield ""
 
 
-def _text_and_default(option: click.Option) -> tuple[str, str]:
-    """Help text and default; the default is said by click or, where it is no constant, at the end of the text."""
-    text = option.help or ""
-    if option.show_default:
-        return text, str(option.default)
-    if said := _DEFAULT_IN_HELP.search(text):
-        return text[: said.start()], said[1]
-    return text, ""
-
-
-def _value(option: click.Option) -> str:
-    """Say what the option takes, in words."""
-    kind = option.type
-    if option.is_flag:
-        return ""
-    if option.metavar is not None:
-        return option.metavar
-    if isinstance(kind, click.Choice):
-        return "|".join(str(choice) for choice in kind.choices)
-    if isinstance(kind, click.IntRange | click.FloatRange):
-        return f"{_number_name(kind)}{_bounds(kind)}"
-    if isinstance(kind, type(click.INT) | type(click.FLOAT)):
-        return _number_name(kind)
-    return "path" if isinstance(kind, click.Path) else "text"
-
-
-def _number_name(kind: object) -> str:
-    return "integer" if isinstance(kind, type(click.INT)) else "number"
-
-
-def _bounds(kind: click.IntRange | click.FloatRange) -> str:
-    low = "" if kind.min is None else f", {'above' if kind.min_open else 'at least'} {kind.min:g}"
-    high = "" if kind.max is None else f", {'below' if kind.max_open else 'at most'} {kind.max:g}"
-    return low + high
-
-
-def _epilog(command: click.Command) -> Iterator[str]:
-    """Yield the epilog's blocks as they are written: a heading and the lines below it."""
-    for block in (command.epilog or "").split("\n\n"):
-        heading, _, lines = block.removeprefix("\b\n").partition("\n")
-        if lines and heading != _EXIT_CODES_HEADING:
-            yield f"{heading}\n"
-            yield _fenced(inspect.cleandoc(lines))
+def _examples(command: DescribedCommand) -> Iterator[str]:
+    for heading, lines in command.examples:
+        yield f"{heading}\n"
+        yield _fenced(lines)
 
 
 def _exit_codes() -> Iterator[str]:
@@ -124,10 +98,8 @@ def _exit_codes() -> Iterator[str]:
     yield ""
 
 
-def _paragraphs(text: str) -> str:
-    """Return a help text with one line a paragraph."""
-    paragraphs = inspect.cleandoc(text).split("\n\n")
-    return "".join(f"{' '.join(paragraph.split())}\n\n" for paragraph in paragraphs).removesuffix("\n")
+def _paragraphs(command: DescribedCommand) -> str:
+    return "".join(f"{paragraph}\n\n" for paragraph in command.paragraphs).removesuffix("\n")
 
 
 def _fenced(text: str) -> str:
@@ -140,4 +112,4 @@ def _cell(text: str) -> str:
 
 
 if __name__ == "__main__":
-    click.echo(reference(), nl=False)
+    click.echo(exit_codes() if sys.argv[1:] == ["exit-codes"] else reference(), nl=False)

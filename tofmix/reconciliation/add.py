@@ -114,8 +114,14 @@ def _or_better(way: Way, added: Added) -> Added:
         return part
     better = added.sets.better(larger=stands_out)
     other = None if better is None else _from_set(way, added, better)
-    same = other is not None and {name_of(c) for c in other.chosen} == {name_of(c) for c in added.chosen}
-    return added if other is None or same or not _leads(way, other, added) else other
+    if other is None or {name_of(c) for c in other.chosen} == {name_of(c) for c in added.chosen}:
+        return added
+    larger = _n_parameters(other) > _n_parameters(added)  # what the search has added to the set counts too
+    return other if (stands_out or not larger) and _leads(way, other, added) else added
+
+
+def _n_parameters(added: Added) -> int:
+    return sum(c.parameters for c in added.chosen)
 
 
 def _leads(way: Way, one: Added, other: Added) -> bool:
@@ -128,8 +134,7 @@ def _leads(way: Way, one: Added, other: Added) -> bool:
     for each in (other, one):
         # A law of more numbers follows the errors of poses: all may move within the tolerance
         near = settled_within(likelihood, each.state, each.chosen, part, settings.tolerance)
-        price = PRICE_NATS * sum(c.parameters for c in each.chosen)
-        values.append(likelihood.value(near, test) - price)
+        values.append(likelihood.value(near, test) - PRICE_NATS * _n_parameters(each))
     return one.sets.found.evidence - other.sets.found.evidence + values[1] - values[0] > 0
 
 
