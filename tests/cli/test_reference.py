@@ -30,6 +30,12 @@ def test_the_page_in_docs_is_what_the_command_prints() -> None:
         pytest.fail(f"docs/reference/cli.md is not what the commands say; write it anew: {reference.COMMAND}")
 
 
+def test_page_of_exit_codes_is_what_the_command_prints() -> None:
+    page = PAGE.with_name("exit-codes.md").read_text(encoding="utf-8")
+    assert page == reference.exit_codes(), f"run: {reference.EXIT_CODES_COMMAND}"
+    assert all(f"| {int(code)} | " in page for code in EXIT_CODE_MEANINGS)
+
+
 def test_the_page_depends_on_neither_the_terminal_nor_the_environment() -> None:
     narrow = printed(COLUMNS="40", TERM="dumb", TOFMIX_ESTIMATE_MAX_LAYERS="9", FORCE_COLOR="1", LC_ALL="C")
     assert narrow == printed()
