@@ -22,11 +22,11 @@ tofmix compare monday.layers.h5 tuesday.layers.h5 --allow 0.05 --json
 @click.argument("b", type=PATH)
 @click.option(
     "--tolerance", type=click.FloatRange(0), default=3.0, show_default=True,
-    help="Difference of two ranges, in combined standard errors, up to which they are the same.",
+    help="Largest difference of equal ranges, in combined standard errors.",
 )  # fmt: skip
 @click.option(
     "--allow", type=click.FloatRange(0, 1), default=0.0, show_default=True,
-    help="Share of the pixels that may differ while the exit code is still 0.",
+    help="Largest share of differing pixels for exit code 0.",
 )  # fmt: skip
 @click.option("--html", type=PATH, help="Write a self-contained page with pictures.")
 @click.option("--window", type=click.IntRange(0), help="The window that the page shows.  [default: the most different]")

@@ -44,7 +44,7 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
     type=click.Choice(["tied", "prior", "free"]),
     default="prior",
     show_default=True,
-    help="A surface's sigma: the noise curve's, drawn towards it, or free as in the paper.",
+    help="A surface's sigma: the noise curve's, pulled towards it, or free as in the paper.",
 )
 @click.option(
     "--noise", metavar="file|auto|PROFILE",
@@ -53,11 +53,11 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 )  # fmt: skip
 @click.option(
     "--noise-shape", type=click.Choice(["gaussian", "auto"]), default="auto", show_default=True,
-    help="Shape of the error where noise is measured: a Gaussian's, or the one that the samples show.",
+    help="Shape of the error where noise is measured: Gaussian, or learnt from the samples.",
 )  # fmt: skip
 @click.option(
     "--noise-widths", type=click.Choice(["common", "own", "auto"]), default="auto", show_default=True,
-    help="Whether each pixel has a width of its own where noise is measured; auto asks the samples.",
+    help="Whether each pixel has its own width where noise is measured; auto decides by the samples.",
 )  # fmt: skip
 @click.option(
     "--outliers", default="file", show_default=True, metavar="file|auto|P",
@@ -68,7 +68,7 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 )
 @click.option(
     "--refine", type=click.Choice(["likelihood", "none"]), default="likelihood", show_default=True,
-    help="Count surfaces by likelihood, from the peaks on; or take the peaks for the surfaces, as in the paper.",
+    help="Count surfaces by likelihood, starting from the peaks; or count the peaks, as in the paper.",
 )  # fmt: skip
 @click.option(
     "--false-alarm", type=click.FloatRange(1e-6, 0.1), default=0.001, show_default=True,
@@ -76,7 +76,7 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 )  # fmt: skip
 @click.option(
     "--counter", type=click.Choice(tuple(COUNTER_OPTIONS)), default="kde", show_default=True,
-    help="What finds the peaks: the kernel density, or what the paper tried before it, for comparison.",
+    help="Method that finds the peaks: the kernel density, or the paper's two others, for comparison.",
 )  # fmt: skip
 @click.option(
     "--gamma", type=click.FloatRange(0, 1, max_open=True), default=0.02, show_default=True,
@@ -105,7 +105,9 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
     "--unambiguous-range", type=click.FloatRange(0, min_open=True), metavar="MM",
     help="Take range as a circle of this length: a surface at the fold is one surface.",
 )  # fmt: skip
-@click.option("--wrap", is_flag=True, help="The same, with c / 2f of the recording's modulation frequency f.")
+@click.option(
+    "--wrap", is_flag=True, help="The same, with the length c / 2f, f being the recording's modulation frequency."
+)
 @click.option(
     "--mixing", type=click.Choice(["auto", "events", "phasor"]), default="auto", show_default=True,
     help="Samples of pixels that see several surfaces: of one surface each (events), or phasor sums, which are unmixed "
@@ -113,7 +115,7 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 )  # fmt: skip
 @click.option(
     "--paper", is_flag=True,
-    help="The algorithm of the paper as it is printed, for comparison; --gamma is its threshold.",
+    help="Use the paper's own algorithm, for comparison; --gamma is its threshold.",
 )  # fmt: skip
 @click.option("--max-iter", type=click.IntRange(1, 65535), default=50, show_default=True, help="Most EM iterations.")
 @click.option(
@@ -122,13 +124,13 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 )  # fmt: skip
 @click.option(
     "--min-samples", type=click.IntRange(2), default=3, show_default=True,
-    help="Fewest valid samples that a pixel is fitted with.",
+    help="Fewest valid samples of a pixel that is fitted.",
 )  # fmt: skip
 @click.option(
     "--force",
     is_flag=True,
     allow_from_autoenv=False,
-    help="Estimate a recording that is marked as averaged as well; --mixing phasor does so by itself.",
+    help="Take the frames of a recording that is marked as averaged for samples; not needed with --mixing phasor.",
 )
 @click.option("--workers", type=click.IntRange(1), help="Threads; results do not depend on it.  [default: all cores]")
 @click.option(
@@ -137,11 +139,11 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 )  # fmt: skip
 @click.option(
     "--resume", is_flag=True, allow_from_autoenv=False,
-    help="Go on from where an interrupted run of the same options stopped; a finished output is left as it is.",
+    help="Continue an interrupted run of the same options; a finished output stays.",
 )  # fmt: skip
 @click.option(
     "--shard", type=SHARD, metavar="I/N",
-    help="Compute part I of N alone, for job arrays; `tofmix merge` puts the parts together.",
+    help="Compute part I of N alone, for job arrays; `tofmix merge` joins the parts.",
 )  # fmt: skip
 @click.option(
     "--scheduler", metavar="ADDRESS|FILE",
@@ -176,12 +178,11 @@ def estimate(
 ) -> None:
     """Recover the surfaces in each pixel of RECORDINGS, HDF5 files.
 
-    For each pixel, the peaks of the kernel density of its samples are where surfaces
-    are looked for; expectation-maximisation finds their ranges, shares and sigmas.
-    Surfaces that the samples do not need are taken out, and others are added where
-    the likelihood asks for them. The result is a layers file with the dimensions
-    window, row, col and layer, near to far. Several recordings go to --output-dir;
-    - reads their names from stdin, one a line.
+    The peaks of the kernel density of a pixel's samples give the first surfaces.
+    Expectation-maximisation fits their ranges, shares and sigmas, and the
+    likelihood decides which surfaces stay. The result is a layers file with the
+    dimensions window, row, col and layer, near to far. Several recordings need
+    --output-dir; - reads their names from stdin, one a line.
     """
     from tofmix.cli.estimate_files import Request, estimate_files
     from tofmix.estimation.settings import EstimateOptions

@@ -50,9 +50,11 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
     " text above has them]",
 )  # fmt: skip
 @click.option("--window", type=click.IntRange(0), help="One window.  [default: all, but the only one as an image]")
-@click.option("--min-weight", type=click.FloatRange(0, 1), help="Points: leave out layers of a lesser share.")
-@click.option("--min-probability", type=click.FloatRange(0, 1), help="Points: leave out layers that less surely exist.")
-@click.option("--undecided", is_flag=True, help="Write pixels as well in which mixed surfaces cannot be told.")
+@click.option("--min-weight", type=click.FloatRange(0, 1), help="Points: leave out layers with a smaller share.")
+@click.option(
+    "--min-probability", type=click.FloatRange(0, 1), help="Points: leave out layers with a smaller probability."
+)
+@click.option("--undecided", is_flag=True, help="Write undecided pixels too.")
 @click.option(
     "--fov", metavar="HxV", help="Points: field of view in degrees, of equal angles.  [default: the layers file's]"
 )

@@ -62,23 +62,25 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 )  # fmt: skip
 @click.option(
     "--fov", metavar="HxV",
-    help="Full field of view, degrees, such as 70x55; depths along z become ranges by an ideal pinhole of it.",
+    help="Full field of view, degrees, such as 70x55, of an ideal pinhole camera.",
 )  # fmt: skip
 @click.option(
     "--units", type=click.Choice(["mm", "cm", "m"]), help="Unit of the depths.  [default: the source's, else mm]"
 )
-@click.option("--scale", type=click.FloatRange(0, min_open=True), help="mm of one unit, where it is none of --units.")
+@click.option("--scale", type=click.FloatRange(0, min_open=True), help="Millimetres of one count, instead of --units.")
 @click.option(
     "--invalid", type=float, multiple=True,
-    help="Value that is no sample, in the source's units; may be repeated. 0, NaN and infinities never are.",
+    help="Value of invalid samples, in the source's units; repeatable. 0, NaN and infinities are always invalid.",
 )  # fmt: skip
 @click.option(
     "--axes", metavar="NAMES",
     help="Order of an array's axes: frame,row,col in any order, with target where a pixel returns several."
     "  [default: frame,row,col; .mat by size]",
 )  # fmt: skip
-@click.option("--shape", metavar="ROWSxCOLS", help="Image of a frame whose pixels lie in one line or axis, row by row.")
-@click.option("--frame-rate", type=click.FloatRange(0, min_open=True), help="Frames a second, where no time is stored.")
+@click.option("--shape", metavar="ROWSxCOLS", help="Rows and columns of the image, where a frame is one line or axis.")
+@click.option(
+    "--frame-rate", type=click.FloatRange(0, min_open=True), help="Frames per second, where the source stores no time."
+)
 @json_option
 @overwrite_option
 def import_(

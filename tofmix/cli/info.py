@@ -26,17 +26,17 @@ tofmix info depth.npy
 tofmix info gap
 """
 )
-@click.command(short_help="Say what a file is: sizes, units, options, warnings.")
+@click.command(short_help="Describe a file: sizes, units, options, warnings.")
 @click.argument("file", type=PATH)
 @json_option
 def info(file: Path, as_json: bool) -> None:
     """Say what FILE is: a recording, a layers or surfaces file, or a TOML file of a model or a sensor.
 
-    Prints its sizes, units, options, camera and what to be wary of. FILE may also be
-    the name of a built-in model or sensor, a folder that tofmix reconcile wrote, or
-    anything that tofmix import reads: a bag, images, an array, CSV, other HDF5. Of
-    samples at most a few blocks are read, to check their unit, so that it takes no
-    time; what was found in a layers file is told by tofmix report.
+    Prints sizes, units, options, camera and warnings. FILE may also be the name of
+    a built-in model or sensor, a folder that tofmix reconcile wrote, or any source
+    of tofmix import: a bag, images, an array, CSV, other HDF5. It reads a few
+    blocks of samples at most, to check their unit. tofmix report shows the content
+    of a layers file.
     """
     from tofmix.report.summary.descriptions import format_description
 

@@ -52,13 +52,13 @@ tofmix map boards.layers.h5 --voxels boards.ply
 tofmix map boards.layers.h5 -o averaged.yaml --from averaged --recording boards.h5
 """
 )
-@click.command("map", short_help="Write an occupancy map of what the layers show.")
+@click.command("map", short_help="Write an occupancy map of the layers.")
 @click.argument("layers", type=PATH)
 @click.option("-o", "--output", type=PATH, help="2-D map to write, .yaml; its image .pgm comes beside it.")
 @click.option("--voxels", type=PATH, help="3-D map to write: occupied voxels as .ply, or the whole grid as .npz.")
 @click.option(
     "--from", type=click.Choice([LAYERS, AVERAGED, THIN_BEAM]), default=LAYERS, show_default=True,
-    help="What each beam says: its layers; or for comparison its samples' mean, or one surface fitted to them.",
+    help="Source of each beam's hits: its layers; for comparison the samples' mean, or one surface fitted to them.",
 )  # fmt: skip
 @click.option("--recording", type=PATH, help="The samples, for --from averaged and thin-beam.")
 @click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window that is mapped.")
@@ -79,11 +79,11 @@ tofmix map boards.layers.h5 -o averaged.yaml --from averaged --recording boards.
 )  # fmt: skip
 @click.option(
     "--min-share", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.05, show_default=True,
-    help="Share of the light through a cell that an obstacle there stops at least.",
+    help="Least share of the light that an obstacle in a cell stops.",
 )  # fmt: skip
 @click.option(
     "--min-probability", type=click.FloatRange(0, 1), default=0.9999, show_default=True,
-    help="Layers less sure than this tell nothing.",
+    help="Layers with a smaller probability are ignored.",
 )  # fmt: skip
 @click.option("--workers", type=click.IntRange(1), help="Threads; results do not depend on it.  [default: all cores]")
 @json_option
@@ -107,10 +107,11 @@ def map_(
 ) -> None:
     """Write an occupancy map of what LAYERS, a file that tofmix estimate wrote, shows.
 
-    Every layer is a hit with its share of the light; space is free in front of it,
-    and behind it to the share that passes. The 2-D map is for ROS's map_server. Its
-    cells are occupied if anything within the band of heights is. The camera stands
-    at height 0; x is ahead of it and y to its left where its yaw is 0.
+    Every layer is a hit with its share of the light. Space in front of it is free;
+    space behind it is free to the share of the light that passes. The 2-D map is
+    for ROS's map_server. One of its cells is occupied if anything within the band
+    of heights is. The camera stands at height 0; with yaw 0, x is ahead of it and y
+    to its left.
     """
     from tofmix.io.atomic.atomic_group import write_atomic_group
     from tofmix.io.atomic.storage import locked

@@ -13,15 +13,15 @@ from tofmix.cli.options import PATH, examples, json_option, overwrite_option
 tofmix merge long.layers.*.part -o long.layers.h5
 """
 )
-@click.command(short_help="Put the parts of estimate --shard together.")
+@click.command(short_help="Join the parts of estimate --shard.")
 @click.argument("parts", type=PATH, nargs=-1, required=True)
 @click.option("-o", "--output", type=PATH, required=True, help="Layers file to write.")
 @json_option
 @overwrite_option
 def merge(parts: tuple[Path, ...], output: Path, *, as_json: bool, overwrite: bool) -> None:
-    """Put PARTS together, all that `tofmix estimate --shard I/N` wrote of one recording.
+    """Join PARTS, the files that `tofmix estimate --shard I/N` wrote of one recording.
 
-    The layers file has the same bytes as that of an estimate in one piece. Parts
+    The layers file has the same bytes as one that was computed in one piece. Parts
     that are missing, doubled or of another run are refused. The parts stay.
     """
     from tofmix.cli.estimate_files import describe, findings_of, say_findings

@@ -32,7 +32,7 @@ tofmix reconcile near.toml near.h5 -o gap --also far.toml far.h5
 tofmix simulate gap/model.toml -o refined.h5
 """
 )
-@click.command(short_help="Name what a simulation lacks against a measurement.")
+@click.command(short_help="Name the effect that a simulation lacks.")
 @click.argument("model")
 @click.argument("measured", type=PATH)
 @click.option("-o", "--output", type=PATH, required=True, help="Folder for model.toml, gap.json and report.html.")
@@ -47,15 +47,15 @@ tofmix simulate gap/model.toml -o refined.h5
 )
 @click.option(
     "--alpha", type=click.FloatRange(0, 0.5, min_open=True), default=0.01, show_default=True,
-    help="Level of the tests, corrected for all that is looked at.",
+    help="Level of the tests, corrected for their number.",
 )  # fmt: skip
 @click.option(
     "--tolerance", type=click.FloatRange(0, 1), default=0.1, show_default=True,
-    help="Errors of the model that are taken as right: of poses, in sigma; of sigma, a tenth of it.",
+    help="Error of the model that is accepted: of poses, in sigma; of sigma, a tenth of this share.",
 )  # fmt: skip
 @click.option(
     "--split", type=click.Choice(["frames,pixels", "frames", "pixels"]), default="frames,pixels", show_default=True,
-    help="What is held out of the fits.",
+    help="Data that no fit sees.",
 )  # fmt: skip
 @json_option
 @overwrite_option
@@ -75,11 +75,11 @@ def reconcile(
 ) -> None:
     """Find where a simulation of MODEL and the recording MEASURED disagree, name the missing effect, and add it.
 
-    Compares each sample with the model's own prediction, locates the disagreement,
-    fits the known effects, scores them on frames and pixels that no fit has seen,
-    and adds those that explain it. Says so where none does. Recordings given
-    with --also share the effects' parameters. The page docs/explanation/reconcile.md explains
-    the output.
+    Compares each sample with the model's prediction, finds the place of the
+    disagreement, fits the known effects, scores them on frames and pixels that no
+    fit has seen, and adds the effects that explain it. The verdict says so where no
+    effect does. Recordings given with --also share the effects' parameters. The
+    page docs/reference/verdicts.md explains the verdicts.
     """
     from tofmix.io.reconciliation import locked_folder, model_names
     from tofmix.reconciliation.way import Settings

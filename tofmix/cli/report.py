@@ -42,8 +42,8 @@ def report(
     """Show what an estimate found: LAYERS is a file that tofmix estimate wrote.
 
     Prints pixels by number of surfaces, the layers' ranges, shares and sigmas, and
-    pixels by status. A page (--html) shows the same in pictures, and lets you choose
-    a pixel to look into; without --recording it has no samples.
+    pixels by status. A page (--html) shows the same in pictures, and one pixel that
+    you choose; its samples need --recording.
     """
     from tofmix.errors import UsageError
     from tofmix.io.atomic.storage import locked, write_text

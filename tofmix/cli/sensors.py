@@ -31,9 +31,9 @@ tofmix sensors --json
 def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
     """List the built-in cameras, or print what is known of the camera NAME and where each number is from.
 
-    Their names go with tofmix import --sensor, and as profile in a model. What is not
-    known of a camera is left out; --noise NAME and profile alone in a model need one
-    with a noise curve.
+    tofmix import --sensor and the profile of a model take these names. Unknown
+    numbers of a camera are left out. --noise NAME, and a model with a profile
+    alone, need a camera with a noise curve.
     """
     from tofmix.sensors import PROFILES, load_sheet
 

@@ -44,18 +44,18 @@ tofmix simulate my_scene.toml -o my_scene.h5 --repeat 3
     "--averaged",
     is_flag=True,
     allow_from_autoenv=False,
-    help="Frames as the camera's on-board averaging returns them: the comet tail.",
+    help="Write frames as the camera's on-board averaging returns them.",
 )
 @click.option(
     "--print-model", is_flag=True, allow_from_autoenv=False, help="Print the model as TOML, to start your own from."
 )
 @click.option(
     "--explain", is_flag=True, allow_from_autoenv=False,
-    help="Say in words what would be simulated, effect by effect, and write nothing.",
+    help="Describe the simulation in words, effect by effect, and write nothing.",
 )  # fmt: skip
 @click.option(
     "--repeat", type=click.IntRange(1, 999), metavar="N",
-    help="Write N recordings, OUTPUT_001.h5 and so on; each has the seed after that of the one before.",
+    help="Write N recordings, OUTPUT_001.h5 and so on, with ascending seeds.",
 )  # fmt: skip
 @click.option(
     "--list", is_flag=True, is_eager=True, expose_value=False, callback=_list_models, allow_from_autoenv=False,
@@ -77,10 +77,10 @@ def simulate(
 ) -> None:
     """Write a synthetic recording of MODEL, a TOML file or a built-in model.
 
-    A model describes a camera and the boards that it looks at. Each sample is one
-    event: a surface with its share of the pixel's beam, no return, or a random
-    value; with the camera's noise at that range. A model may list effects of real
-    cameras; they are on the page docs/reference/effects.md. The recording carries the truth.
+    A model describes a camera and the boards in its view. Each sample is one event,
+    with the camera's noise at its range: a surface, chosen with its share of the
+    pixel's beam, no return, or a random value. A model may list effects of real
+    cameras (docs/reference/effects.md). The recording carries the truth.
     """
     if as_json and (print_model or explain):
         raise click.UsageError("--json is for recordings that are written, not for --print-model or --explain")

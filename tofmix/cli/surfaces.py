@@ -40,11 +40,11 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
 def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, overwrite: bool) -> None:
     """Find the surfaces in LAYERS, a file that tofmix estimate wrote.
 
-    Layers of neighbouring pixels that go on smoothly are one surface; planes are fitted
-    to them. Their shares tell where each surface ends within a pixel: lines with their
-    standard errors, and a range image with FACTOR x FACTOR parts a pixel. Each window is
-    taken by itself. The layers file must say where its pixels look. docs/explanation/surfaces.md
-    describes the file; tofmix export passes it on to other programs.
+    Layers of neighbouring pixels that continue each other are one surface; planes
+    are fitted to surfaces. The shares tell where each surface ends within a pixel:
+    lines with their standard errors, and a range image with FACTOR x FACTOR parts a
+    pixel. Each window is independent. The layers file must say where its pixels
+    look. docs/how-to/surfaces.md shows how other programs read the file.
     """
     from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers

@@ -19,9 +19,9 @@ NUMBA_CACHE_DIR=/opt/tofmix-kernels tofmix warmup
 def warmup(*, as_json: bool) -> None:
     """Compile the kernels of all commands and options, and keep them.
 
-    Later runs then compile nothing. The folder is printed: it lies in the package, or
-    where that cannot be written in the user's cache. NUMBA_CACHE_DIR chooses another
-    one, and must then be set for later runs too.
+    Later runs compile nothing. The command prints the folder: in the package, or in
+    the user's cache where the package is read-only. NUMBA_CACHE_DIR chooses another
+    folder, for later runs too.
     """
     from tofmix.cli.estimate_files import announced
     from tofmix.io.model_file import load_model

@@ -251,7 +251,7 @@ def paper_pixels(samples: SortedSamples, sensor: Sensor, *, gamma: float, max_la
     max_layers : int
         Most modes that EM starts with; the lowest are left out.
     min_samples : int
-        Fewest valid samples that a pixel is fitted with.
+        Fewest valid samples of a pixel that is fitted.
 
     Returns
     -------

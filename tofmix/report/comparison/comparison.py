@@ -20,7 +20,7 @@ from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.wording import counted
 
 DEFAULT_TOLERANCE = 3.0
-"""Difference of two ranges, in combined standard errors, up to which they are the same."""
+"""Largest difference of equal ranges, in combined standard errors."""
 
 SHOWN_PIXELS = 20
 """Pixels that are listed, the most different first."""
