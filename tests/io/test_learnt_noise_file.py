@@ -9,7 +9,7 @@ import pytest
 from learnt_pixels import camera_with, flat, pixel_noise
 
 from tofmix.errors import BadInputError
-from tofmix.io.hdf5 import read_sensor, write_sensor
+from tofmix.io.sensor_group import read_sensor, write_sensor
 from tofmix.learnt_noise import LearntNoise
 from tofmix.sensor import Sensor
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tofmix.errors import BadInputError
-from tofmix.io import hdf5
+from tofmix.io import hdf5, sensor_group
 from tofmix.sensor import AmplitudeLaw
 from tofmix.simulation.averaging import exposures
 from tofmix.simulation.casting.cast import cast_scene
@@ -122,7 +122,7 @@ def test_a_recording_has_the_law_at_its_integration_time() -> None:
     for averaged, tau in ((False, 2.0), (True, 8.5)):
         sensor = recording_sensor(model(), averaged=averaged)
         with h5py.File(
-            io.BytesIO(hdf5.image_of(partial(hdf5.write_sensor, sensor=sensor, image=(8, 12)))), "r"
+            io.BytesIO(hdf5.image_of(partial(sensor_group.write_sensor, sensor=sensor, image=(8, 12)))), "r"
         ) as root:
             group = root["sensor"]
             np.testing.assert_allclose(group["noise_amplitude"], np.array([50.0, 200.0, 2000.0]) * tau / 8)

@@ -124,13 +124,13 @@ def import_(
         view_of,
     )
     from tofmix.io.atomic.storage import locked
-    from tofmix.io.hdf5 import check_background
     from tofmix.io.importers import open_source
     from tofmix.io.importers.axes import check_axes
     from tofmix.io.importers.base import Request
     from tofmix.io.importers.conversion import Conversion
     from tofmix.io.importers.units import UNITS_MM
     from tofmix.io.importers.writing import write_recording
+    from tofmix.io.sensor_group import check_background
 
     for name, value in (("--scale", scale), ("--frame-rate", frame_rate)):
         if value is not None and not math.isfinite(value):

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io import hdf5
+from tofmix.io import hdf5, sensor_group
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.guard import guard
 from tofmix.io.layers.provenance import read_surfaces_provenance, write_surfaces_provenance
@@ -162,7 +162,7 @@ class SurfacesWriter:
                 if spec.dims[0] == "window":
                     self._add_image(spec)
             self._root["range_fine"].attrs["factor"] = np.int32(self._factor)
-            hdf5.write_sensor(self._root, origin.sensor, image=(self._dims["row"], self._dims["col"]))
+            sensor_group.write_sensor(self._root, origin.sensor, image=(self._dims["row"], self._dims["col"]))
             hdf5.add_nexus_view(self._root, name="surfaces", signal="range_fine", axes=_FINE)
             self._stack = stack.pop_all()
         return self
@@ -272,7 +272,7 @@ class SurfacesFile:
         self.factor = _factor(self._datasets["range_fine"], path)
         self._check_lengths(specs)
         self.provenance = read_surfaces_provenance(root, path)
-        hdf5.check_background(self.provenance.sensor, self.shape[1:], path)
+        sensor_group.check_background(self.provenance.sensor, self.shape[1:], path)
 
     def _check_lengths(self, specs: list[SurfaceField]) -> None:
         windows, rows, cols = self.shape

@@ -13,7 +13,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.io import hdf5
+from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
 from tofmix.io.importers.arrays import check_shapes, check_time, choose, joined
 from tofmix.io.importers.axes import FRAMES_FIRST, WITH_TARGETS, axes_of
@@ -62,7 +62,7 @@ def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
         invalid=_fill(dataset, path),
         has_amplitude=amplitude is not None,
         has_time=time_s is not None,
-        sensor=hdf5.read_sensor(root, path) if isinstance(root.get("sensor"), h5py.Group) else None,
+        sensor=sensor_group.read_sensor(root, path) if isinstance(root.get("sensor"), h5py.Group) else None,
     )
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tofmix.errors import BadInputError
 from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.grid import Grid
-from tofmix.io import hdf5
+from tofmix.io import hdf5, sensor_group
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.guard import guard
 from tofmix.io.layers.provenance import header_image, read_provenance, write_provenance
@@ -99,7 +99,7 @@ class LayersWriter:
             self._add_windows()
             if self._provenance.is_unmixed:
                 self._add_law()
-            hdf5.write_sensor(self._root, self._provenance.sensor, image=(self._dims["row"], self._dims["col"]))
+            sensor_group.write_sensor(self._root, self._provenance.sensor, image=(self._dims["row"], self._dims["col"]))
             hdf5.add_nexus_view(self._root, name="layers", signal="range", axes=_DIMS)
             self._stack = stack.pop_all()
         return self
@@ -206,7 +206,7 @@ class LayersFile:
         self.provenance = read_provenance(root, path)
         self.phasor_share = _law(root, "phasor_share", shape[0], path)
         self.phasor_pixels = _law(root, "phasor_pixels", shape[0], path)
-        hdf5.check_background(self.provenance.sensor, self.shape[1:], path)
+        sensor_group.check_background(self.provenance.sensor, self.shape[1:], path)
 
     def read_window(self, window: int) -> Layers:
         """Read the layers of one window, of the leading shape (row, col).

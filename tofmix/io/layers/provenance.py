@@ -10,7 +10,7 @@ import numpy as np
 
 from tofmix.errors import BadInputError
 from tofmix.grid import Grid
-from tofmix.io import hdf5
+from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
 from tofmix.layers import Provenance
 from tofmix.recording import MOST_TARGETS
@@ -25,7 +25,7 @@ def header_image(provenance: Provenance, grid: Grid) -> bytes:
 
     def write(root: h5py.File) -> None:
         write_provenance(root, provenance)
-        hdf5.write_sensor(root, provenance.sensor, image=grid.image)
+        sensor_group.write_sensor(root, provenance.sensor, image=grid.image)
         plan = grid.windows
         root.attrs["windows"] = [plan.length, plan.stride, plan.count, plan.frames_left_out]
         root.attrs["image"], root.attrs["step"] = grid.image, grid.step
@@ -85,7 +85,7 @@ def read_provenance(root: h5py.File, path: Path) -> Provenance:
     """
     return Provenance(
         **_texts(root, path),
-        sensor=hdf5.read_sensor(root, path),
+        sensor=sensor_group.read_sensor(root, path),
         frames_left_out=int(root.attrs.get("frames_left_out", 0)),
         targets=_targets(root, path),
     )
@@ -99,7 +99,7 @@ def read_surfaces_provenance(root: h5py.File, path: Path) -> SurfacesProvenance:
     BadInputError
         If it is damaged.
     """
-    return SurfacesProvenance(**_texts(root, path), sensor=hdf5.read_sensor(root, path))
+    return SurfacesProvenance(**_texts(root, path), sensor=sensor_group.read_sensor(root, path))
 
 
 def _texts(root: h5py.File, path: Path) -> dict[str, Any]:

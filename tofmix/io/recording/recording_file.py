@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.errors import BadInputError, os_error_text
-from tofmix.io import hdf5
+from tofmix.io import hdf5, sensor_group
 from tofmix.io.guard import guard
 from tofmix.io.guard.watchdog import watched
 from tofmix.io.next_command import import_command
@@ -48,14 +48,14 @@ class RecordingFile:
         self._root, self.path = root, path
         self._identity = guard.identity(root)
         self.settled = False
-        self.sensor = hdf5.read_sensor(root, path)
+        self.sensor = sensor_group.read_sensor(root, path)
         self._range = _samples(root, "range", path)
         self.units = hdf5.text_attribute(self._range, "units")
         self.remarks: tuple[str, ...] = ()
         self.frames = int(self._range.shape[0])
         self.targets = int(self._range.shape[1]) if self._range.ndim > len(DIMS) else 0
         rows, cols = self._range.shape[-2:]
-        hdf5.check_background(self.sensor, (rows, cols), path)
+        sensor_group.check_background(self.sensor, (rows, cols), path)
         self.shape: tuple[int, int, int] = (self.frames * max(1, self.targets), rows, cols)
         self._amplitude = _samples(root, "amplitude", path) if "amplitude" in root else None
         try:

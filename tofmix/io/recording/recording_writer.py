@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.io import hdf5
+from tofmix.io import hdf5, sensor_group
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.recording.recording_file import DIMS, FORMAT, TARGET
 from tofmix.io.recording.truth_effects import add_effect_truth, add_range_true_frames, write_range_true_frames
@@ -118,7 +118,7 @@ class RecordingWriter:
             root.attrs.update(self._attributes)
             self._root = root
             self._add_frames(root)
-            hdf5.write_sensor(root, self._sensor, image=self._shape[1:])
+            sensor_group.write_sensor(root, self._sensor, image=self._shape[1:])
             if self._truth is not None:
                 _write_truth(root, self._truth, self._model_text)
                 self._add_more_truth(root["truth"], self._truth)

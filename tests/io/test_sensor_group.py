@@ -11,7 +11,7 @@ from files import boards, write_recording
 
 from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
-from tofmix.io import hdf5
+from tofmix.io import hdf5, sensor_group
 from tofmix.io.recording.recording_file import open_recording
 from tofmix.pinhole import Pinhole
 from tofmix.sensor import Sensor
@@ -28,9 +28,9 @@ def read(path: Path) -> Sensor:
 def test_a_pinhole_comes_back(distortion: tuple[float, ...]) -> None:
     pinhole = Pinhole(fx=5.25, fy=6.125, cx=2.5, cy=1.5, distortion=distortion)
     camera = Sensor(name="camera", projection=pinhole)
-    image = hdf5.image_of(lambda root: hdf5.write_sensor(root, camera, image=(4, 6)))
+    image = hdf5.image_of(lambda root: sensor_group.write_sensor(root, camera, image=(4, 6)))
     with h5py.File(io.BytesIO(image), "r") as root:
-        assert hdf5.read_sensor(root, Path("x.h5")).optics == pinhole
+        assert sensor_group.read_sensor(root, Path("x.h5")).optics == pinhole
         assert root["sensor"].attrs["projection"] == "pinhole"
         assert ("distortion" in root["sensor"].attrs) == bool(distortion)
         assert np.isnan(root["sensor"].attrs["fov_horizontal_deg"])

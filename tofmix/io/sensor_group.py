@@ -1,0 +1,295 @@
+"""The group `sensor` of recordings, layers and surfaces files: the camera, its noise, and what was learnt of it."""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.errors import BadInputError
+from tofmix.io.guard import guard
+from tofmix.io.hdf5 import add_group, text_attribute
+from tofmix.learnt_noise import LearntNoise
+from tofmix.noise_shape import NoiseShape
+from tofmix.projection import (
+    DEFAULT_PROJECTION,
+    PROJECTIONS,
+    Projection,
+    list_keys,
+    make_projection,
+    number_keys,
+    projection_values,
+)
+from tofmix.recording import MOST_PIXELS_A_SIDE
+from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
+
+_MOST_POINTS = 100_000  # of a list in the group `sensor`
+_MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
+
+_SENSOR_NUMBERS = (
+    "modulation_frequency_hz",
+    "integration_time_ms",
+    "range_min_mm",
+    "range_max_mm",
+    "fov_horizontal_deg",
+    "fov_vertical_deg",
+    "outlier_probability",
+)
+
+_SENSOR_EXTRAS = ("no_return_mm", "sample_min_mm", "sample_max_mm")
+"""Numbers that are left out where they are not known."""
+
+_LAW = {
+    "noise_reference_amplitude": "reference",
+    "noise_amplitude": "amplitude",
+    "noise_amplitude_factor": "factor",
+}
+"""Datasets of an `AmplitudeLaw` and its fields, in their order."""
+
+_SHAPE = {"noise_shape_z": "z", "noise_shape_density": "density"}
+"""Datasets of a `NoiseShape` and its fields, in their order."""
+
+_LEARNT = {
+    "noise_drift": "drift_mm",
+    "noise_gain_samples": "gain_samples",
+    "noise_gain_background": "gain_background",
+    "noise_gain_of_one_more": "gain_more",
+    "noise_gain_of_first": "gain_first",
+}
+"""Datasets of what a recording taught of its pixels, and the fields of `LearntNoise`."""
+
+_PRIOR, _MEMORY = "noise_background_prior", "noise_memory"
+
+_WIDTH_SPREAD, _BACKGROUND = "noise_width_spread", "noise_background"
+_IMAGE_RANK = 2  # (row, col)
+
+
+def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> None:
+    """Write the group `sensor` of an image (rows, cols); a number that is not known is NaN."""
+    group = add_group(root, "sensor")
+    group.attrs["name"] = sensor.name
+    for key in _SENSOR_NUMBERS:
+        value = getattr(sensor, key)
+        group.attrs[key] = np.nan if value is None else float(value)
+    for key in _SENSOR_EXTRAS:
+        extra = getattr(sensor, key)
+        if extra is not None:
+            group.attrs[key] = float(extra)
+    if sensor.projection is not None:
+        group.attrs["projection"] = sensor.projection.name
+        for key, value in projection_values(sensor.projection).items():
+            group.attrs[key] = value
+    if sensor.noise is not None:
+        _write_noise(group, sensor.noise, image)
+    if sensor.learnt is not None:
+        _write_learnt(group, sensor.learnt)
+
+
+def _write_noise(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
+    """Write a noise curve, with its law of amplitude and what it has beyond sigma."""
+    curve = {"noise_range": (noise.range_mm, "mm"), "noise_sigma": (noise.sigma_mm, "mm")}
+    if noise.law is not None:
+        curve |= {name: (getattr(noise.law, key), "1") for name, key in _LAW.items()}
+    for name, (values, units) in curve.items():
+        dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+        dataset.attrs["units"] = units
+    # sigma over range: readers that know dimension scales draw the curve as it is.
+    group["noise_range"].make_scale("noise_range")
+    group["noise_sigma"].dims[0].attach_scale(group["noise_range"])
+    if noise.law is not None:
+        group["noise_reference_amplitude"].dims[0].attach_scale(group["noise_range"])
+        group["noise_amplitude"].make_scale("noise_amplitude")
+        group["noise_amplitude_factor"].dims[0].attach_scale(group["noise_amplitude"])
+    _write_noise_parts(group, noise, image)
+
+
+def _write_learnt(group: h5py.Group, learnt: LearntNoise) -> None:
+    """Write what a recording taught of its pixels."""
+    group.attrs[_MEMORY] = float(learnt.memory)
+    arrays = {name: np.asarray(getattr(learnt, key)) for name, key in _LEARNT.items()}
+    if learnt.background is not None:
+        arrays[_PRIOR] = np.array(learnt.background)
+    for name, values in arrays.items():
+        dataset = group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True)
+        dataset.attrs["units"] = "mm" if name == "noise_drift" else "nat" if name.startswith("noise_gain_of") else "1"
+
+
+def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
+    if not any(name in group for name in _LEARNT):
+        return None
+    arrays: dict[str, NDArray[np.float64]] = {}
+    for name in (*_LEARNT, _PRIOR):
+        if name in group:
+            with guard.reading(path, f"sensor/{name}"):
+                arrays[name] = np.asarray(group[name], dtype=np.float64)
+        elif name != _PRIOR:
+            raise BadInputError(f"{path}: sensor/{name}: missing; what was learnt of the noise goes together")
+    prior = arrays.pop(_PRIOR, None)
+    if prior is not None and prior.shape != (2,):
+        raise BadInputError(f"{path}: sensor/{_PRIOR}: shape {prior.shape}; two numbers are expected")
+    values: dict[str, Any] = {_LEARNT[name]: array for name, array in arrays.items()}
+    try:
+        return LearntNoise(
+            background=None if prior is None else (float(prior[0]), float(prior[1])),
+            memory=float(group.attrs.get(_MEMORY, 0.0)),
+            **values,
+        )
+    except (TypeError, ValueError) as error:
+        raise BadInputError(f"{path}: sensor: {error}") from error
+
+
+def _write_noise_parts(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
+    """Write what a noise curve has beyond sigma: its shape, its widths, its background."""
+    if noise.shape is not None:
+        for name, key in _SHAPE.items():
+            values = getattr(noise.shape, key)
+            group.create_dataset(name, data=values, chunks=values.shape, fletcher32=True).attrs["units"] = "1"
+        group["noise_shape_z"].make_scale("noise_shape_z")
+        group["noise_shape_density"].dims[0].attach_scale(group["noise_shape_z"])
+    if noise.width_spread:
+        group.attrs[_WIDTH_SPREAD] = float(noise.width_spread)
+    if noise.background is not None:
+        of_each = np.broadcast_to(noise.background, image)
+        options = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
+        share = group.create_dataset(_BACKGROUND, data=of_each, chunks=image, **options)
+        share.attrs["units"] = "1"
+        for axis, name in enumerate(("row", "col")):
+            if name in group.file:
+                share.dims[axis].attach_scale(group.file[name])
+
+
+def read_sensor(root: h5py.File, path: Path) -> Sensor:
+    """Read the group `sensor`; a file without one gives a sensor of which nothing is known.
+
+    Raises
+    ------
+    BadInputError
+        If an attribute is not a number or out of bounds, or the noise curve is unfit.
+    """
+    group = root.get("sensor")
+    if group is None:
+        return Sensor(name="unknown")
+    if not isinstance(group, h5py.Group):
+        raise BadInputError(f"{path}: sensor: expected a group, got a dataset")
+    numbers = {key: _number(group, key, path) for key in (*_SENSOR_NUMBERS, *_SENSOR_EXTRAS)}
+    # NaN: not known; inf: no such limit, as for a stereo camera's [686, inf).
+    known = {key: value for key, value in numbers.items() if value is not None and np.isfinite(value)}
+    known.setdefault("outlier_probability", DEFAULT_OUTLIER_PROBABILITY)
+    try:
+        noise, projection = _read_noise(group, path), _read_projection(group, path)
+        learnt = _read_learnt(group, path)
+        return Sensor(
+            name=text_attribute(group, "name") or "unknown", noise=noise, projection=projection, learnt=learnt, **known
+        )
+    except ValueError as error:
+        raise BadInputError(f"{path}: sensor: {error}") from error
+
+
+def _read_projection(group: h5py.Group, path: Path) -> Projection | None:
+    """Where the pixels look; None for equal angles over the field of view."""
+    if "projection" not in group.attrs:
+        return None
+    name = text_attribute(group, "projection") or ""
+    if name == DEFAULT_PROJECTION:
+        return None
+    if name not in PROJECTIONS:
+        raise ValueError(f"projection: {name!r} is not known; known: {', '.join(PROJECTIONS)}")
+    values: dict[str, float | list[float]] = {}
+    for key in number_keys(name):
+        number = _number(group, key, path)
+        if number is not None:
+            values[key] = number
+    for key in list_keys(name):
+        if key in group.attrs:
+            values[key] = _short_list(group, key, path)
+    return make_projection(name, values)
+
+
+def _short_list(group: h5py.Group, key: str, path: Path) -> list[float]:
+    value = np.asarray(group.attrs[key])
+    if value.size > _MOST_COEFFICIENTS or (value.size > 0 and value.dtype.kind not in "iuf"):
+        raise BadInputError(f"{path}: sensor: {key}: expected a few numbers, got {value.dtype} of shape {value.shape}")
+    return [float(number) for number in value.ravel()]
+
+
+def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:
+    present = [name for name in ("noise_range", "noise_sigma") if name in group]
+    if not present:
+        return None
+    if len(present) == 1:
+        raise BadInputError(f"{path}: sensor: {present[0]} without its twin; noise_range and noise_sigma go together")
+    range_mm, sigma_mm = (_numbers(group, name, path) for name in present)
+    return NoiseCurve(
+        range_mm,
+        sigma_mm,
+        _read_law(group, path),
+        shape=_read_shape(group, path),
+        width_spread=_number(group, _WIDTH_SPREAD, path) or 0.0,
+        background=_read_background(group, path),
+    )
+
+
+def _read_law(group: h5py.Group, path: Path) -> AmplitudeLaw | None:
+    present = [name for name in _LAW if name in group]
+    if not present:
+        return None
+    if len(present) < len(_LAW):
+        raise BadInputError(f"{path}: sensor: {present[0]} alone; {', '.join(_LAW)} go together")
+    return AmplitudeLaw(*(_numbers(group, name, path) for name in _LAW))
+
+
+def _read_shape(group: h5py.Group, path: Path) -> NoiseShape | None:
+    present = [name for name in _SHAPE if name in group]
+    if not present:
+        return None
+    if len(present) < len(_SHAPE):
+        raise BadInputError(f"{path}: sensor: {present[0]} without its twin; {' and '.join(_SHAPE)} go together")
+    return NoiseShape(*(_numbers(group, name, path) for name in _SHAPE))
+
+
+def _read_background(group: h5py.Group, path: Path) -> NDArray[np.float64] | None:
+    return _numbers(group, _BACKGROUND, path, most=MOST_PIXELS_A_SIDE**2) if _BACKGROUND in group else None
+
+
+def check_background(sensor: Sensor, image: tuple[int, int], path: Path) -> None:
+    """Refuse a map of background shares that is of another image.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        The camera that was read from the file.
+    image : (int, int)
+        Rows and columns of the file's image.
+    path : Path
+        The file.
+
+    Raises
+    ------
+    BadInputError
+        If it is.
+    """
+    background = None if sensor.noise is None else sensor.noise.background
+    if background is not None and background.ndim == _IMAGE_RANK and background.shape != tuple(image):
+        raise BadInputError(
+            f"{path}: sensor/{_BACKGROUND}: shape {background.shape} differs from the image {tuple(image)}"
+        )
+
+
+def _numbers(group: h5py.Group, name: str, path: Path, *, most: int = _MOST_POINTS) -> NDArray[np.float64]:
+    dataset = guard.checked_dataset(group, name, path)
+    if dataset.dtype.kind not in "iuf":
+        raise BadInputError(f"{path}: sensor/{name}: expected numbers, got {dataset.dtype}")
+    if dataset.size > most:
+        raise BadInputError(f"{path}: sensor/{name}: shape {dataset.shape}; it has no more than {most} values")
+    with guard.reading(path, f"sensor/{name}"):
+        return np.asarray(dataset[...], dtype=np.float64)
+
+
+def _number(group: h5py.Group, key: str, path: Path) -> float | None:
+    if key not in group.attrs:
+        return None
+    value = np.asarray(group.attrs[key])
+    if value.size != 1 or value.dtype.kind not in "iuf":
+        raise BadInputError(f"{path}: sensor: {key}: expected one number, got {group.attrs[key]!r}")
+    return float(value.reshape(-1)[0])
