@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from sizes import sized
 
+pytestmark = pytest.mark.slow  # of the benchmarks alone
+
 CLASSIC = Path(__file__).parents[2] / "shared" / "real" / "classic_1d"
 needs_classic = pytest.mark.skipif(not CLASSIC.is_dir(), reason="the classic data are not beside the checkout")
 

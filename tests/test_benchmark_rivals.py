@@ -13,6 +13,8 @@ from scipy.stats import norm
 
 from tofmix.sensor import NoiseCurve, Sensor
 
+pytestmark = pytest.mark.slow  # of the benchmarks alone
+
 FLAT = NoiseCurve(np.array([0.0]), np.array([20.0]))
 
 
