@@ -6,7 +6,7 @@ Made from the docstrings and signatures of `tofmix.__all__`. The tables of param
 import inspect
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import tofmix
 
@@ -42,13 +42,13 @@ def _class(name: str, kind: type) -> str:
     return "\n".join([f"### {name}\n\n{_docstring(kind)}\n", *properties, *methods])
 
 
-def _entry(name: str, function: object, level: int = 3) -> str:
+def _entry(name: str, function: Callable[..., object], level: int = 3) -> str:
     return f"{'#' * level} {name}\n\n```text\n{_call(name, function)}\n```\n\n{_docstring(function)}\n"
 
 
-def _call(name: str, function: object) -> str:
+def _call(name: str, function: Callable[..., object]) -> str:
     """The call with its defaults; types are in the table below it, in words."""
-    signature = inspect.signature(function)  # type: ignore[arg-type]  callables alone come here
+    signature = inspect.signature(function)
     bare = [p.replace(annotation=p.empty) for key, p in signature.parameters.items() if key != "self"]
     return f"{name}{signature.replace(parameters=bare, return_annotation=signature.empty)}"
 
