@@ -34,7 +34,9 @@ def same(one: Mixture, other: Mixture) -> None:
             np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name), err_msg=field.name)
 
 
-@pytest.mark.parametrize("effects", [(), (POSE,), (MOTION,), (POSE, MOTION)])
+@pytest.mark.parametrize(
+    "effects", [(), (POSE, MOTION), *(pytest.param(e, marks=pytest.mark.slow) for e in ((POSE,), (MOTION,)))]
+)
 def test_mixture_is_the_same_whatever_was_predicted_before(small: Model, effects: tuple[Effect, ...]) -> None:
     expected = Scene(small, TIME_S).mixture(effects)
     used = Scene(small, TIME_S)

@@ -40,7 +40,10 @@ def test_scatter_is_that_of_the_samples(rng: np.random.Generator, factor: float)
 
 
 @pytest.mark.parametrize("drift", [2.0, 8.0])
-@pytest.mark.parametrize(("frames", "window"), [(60, 60), (60, 20), (330, 330), (330, 150), (1000, 1000)])
+@pytest.mark.parametrize(
+    ("frames", "window"),
+    [(60, 60), (330, 150), *(pytest.param(*n, marks=pytest.mark.slow) for n in ((60, 20), (330, 330), (1000, 1000)))],
+)
 def test_drift_is_that_within_a_window(rng: np.random.Generator, drift: float, frames: int, window: int) -> None:
     """A drift of so many sigmas within each window, whatever the recording's length."""
     found = _check(_recording(rng, drift=drift * frames / window, frames=frames), window)

@@ -69,7 +69,12 @@ def test_the_layers_file_names_the_counter_and_its_own_parameters_alone(name: st
 
 @pytest.mark.parametrize(
     ("counter", "option", "value"),
-    [("cpdf", "bins", "2"), ("cpdf", "ratio", "5"), ("fourier", "order", "2"), ("fourier", "level", "0.9")],
+    [
+        ("cpdf", "bins", "2"),
+        ("fourier", "order", "2"),
+        pytest.param("cpdf", "ratio", "5", marks=pytest.mark.slow),
+        pytest.param("fourier", "level", "0.9", marks=pytest.mark.slow),
+    ],
 )
 def test_every_option_does_something(counter: str, option: str, value: str, recording: Path) -> None:
     peaks = []
