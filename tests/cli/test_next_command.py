@@ -9,6 +9,9 @@ from commandline import Tofmix
 from files import boards, write_recording
 
 from tofmix.errors import ExitCode
+from tofmix.io.importers import IMPORTERS
+from tofmix.io.importers.folder import IMAGE_KINDS
+from tofmix.io.next_command import foreign_fault
 
 
 @pytest.mark.parametrize(
@@ -30,6 +33,29 @@ def test_a_foreign_file_names_its_import(
     quoted = f"'{name}'" if " " in name else name
     assert done.code == ExitCode.BAD_INPUT
     assert done.err == f"tofmix: {name} is {kind}, not HDF5: tofmix import {quoted} -o {target}\n"
+
+
+def test_an_image_names_the_import_of_its_folder(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "d_1.png").touch()
+    monkeypatch.chdir(tmp_path)
+    done = tofmix("estimate", "run/d_1.png")
+    assert done.code == ExitCode.BAD_INPUT
+    assert done.err == "tofmix: run/d_1.png is an image, not HDF5: tofmix import run -o run.h5\n"
+    monkeypatch.chdir(tmp_path / "run")
+    for given, said in (("d_1.png", "d_1.png is an image"), (".", ". is a folder of images")):
+        done = tofmix("estimate", given)
+        assert done.code == ExitCode.BAD_INPUT
+        assert done.err == f"tofmix: {said}, not HDF5: tofmix import . -o run.h5\n"
+
+
+def test_every_kind_of_source_is_known_to_the_errors_of_other_commands() -> None:
+    known_elsewhere = {".mat", ".h5", ".hdf5", ".hdf", ".he5", ".nxs", ".nc", ".txt"}  # may be HDF5, or anything
+    sources = {suffix for importer in IMPORTERS for suffix in importer.suffixes} | IMAGE_KINDS.keys()
+    unknown = [suffix for suffix in sources if foreign_fault(Path(f"a{suffix}")) is None]
+    assert set(unknown) <= known_elsewhere
 
 
 def test_an_array_that_is_missing_is_said_to_be_missing(tofmix: Tofmix, tmp_path: Path) -> None:

@@ -120,7 +120,7 @@ def _outputs(
 
     ending = "layers.h5" if request.shard is None else "layers.{}-of-{}.part".format(*request.shard)
     if not several:
-        return [(recordings[0], output or recordings[0].with_name(f"{recordings[0].stem}.{ending}"))]
+        return [(recordings[0], output or recordings[0].parent / f"{recordings[0].stem}.{ending}")]
     if output is not None:
         raise UsageError("-o is for a single recording; several go to --output-dir")
     if output_dir is None:

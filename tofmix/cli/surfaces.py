@@ -53,7 +53,7 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
     from tofmix.surfaces.found import SurfacesProvenance
     from tofmix.version import __version__
 
-    output = output or layers.with_name(f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}")
+    output = output or layers.parent / f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}"
     with locked(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:
         _check_optics(file)
         provenance = SurfacesProvenance(

@@ -6,19 +6,22 @@ from pathlib import Path
 _ARRAYS = (".npy", ".npz", ".mat")
 _TABLES = (".csv", ".tsv")
 _IMAGES = (".png", ".tif", ".tiff")
+_IN_FOLDERS = (".png",)
+"""Images that hold one frame: the folder of them is a source, the file is none."""
 _BAGS = (".bag", ".mcap", ".db3")
 
 
 def import_command(path: Path, *options: str) -> str:
     """``tofmix import`` of a file to a new one beside it, with some options."""
-    target = path.with_name(f"{path.stem}_mm.h5" if path.suffix == ".h5" else f"{path.stem or path.name}.h5")
+    named = path if path.name else path.absolute()  # the folder in which the user stands is "."
+    target = path.parent / (f"{named.stem}_mm.h5" if named.suffix == ".h5" else f"{named.stem or 'images'}.h5")
     return shlex.join(["tofmix", "import", str(path), *options, "-o", str(target)])
 
 
 def next_command(name: str, path: Path, *options: str) -> str:
     """Another command on a file; `export` writes to a new one beside it."""
     if name == "export" and not options:
-        options = ("-o", str(path.with_name(f"{path.name.removesuffix('.h5')}.ply")))
+        options = ("-o", str(path.parent / f"{path.name.removesuffix('.h5')}.ply"))
     return shlex.join(["tofmix", name, str(path), *options])
 
 
@@ -37,10 +40,11 @@ def folder_fault(path: Path) -> str:
     return f"{path}: a folder, not a file"
 
 
-def foreign_kind(path: Path) -> str | None:
-    """What the ending of a file says it is, where `tofmix import` makes a recording of it."""
+def foreign_fault(path: Path) -> str | None:
+    """What is said of a file whose ending says that `tofmix import` makes a recording of it; else nothing."""
     suffix = path.suffix.lower()
     for suffixes, kind in ((_ARRAYS, "an array"), (_TABLES, "a table"), (_IMAGES, "an image"), (_BAGS, "a bag")):
         if suffix in suffixes:
-            return kind
+            source = path.parent if suffix in _IN_FOLDERS else path
+            return f"{path} is {kind}, not HDF5: {import_command(source)}"
     return None

@@ -129,7 +129,7 @@ def test_a_cut_stack_is_refused_and_never_shorter(
 
 def test_folders_that_hold_nothing_or_too_much(tmp_path: Path) -> None:
     (tmp_path / "f").mkdir()
-    with pytest.raises(BadInputError, match=r"no \.png or \.tif"):
+    with pytest.raises(BadInputError, match=r"no \.png, \.tif, \.tiff in this folder"):
         read_source(tmp_path / "f")
     (tmp_path / "f" / "a.png").write_bytes(naive_png.encode(images()[0]))
     tifffile.imwrite(tmp_path / "f" / "b.tif", images()[0])

@@ -28,7 +28,7 @@ from tofmix.io.guard.hdf5_memory import make_room
 from tofmix.io.guard.library_reason import library_reason
 from tofmix.io.guard.unpacking import BoundedDataset
 from tofmix.io.guard.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
-from tofmix.io.next_command import folder_fault, foreign_kind, import_command
+from tofmix.io.next_command import folder_fault, foreign_fault
 
 _GRACE_S = 2.0  # s beyond the limit until the process is killed
 _PROGRAM = (sys.executable, "-P", str(Path(__file__).with_name("structure_process.py")))
@@ -163,9 +163,9 @@ def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False)
         if path.is_dir():
             raise BadInputError(folder_fault(path))
         check_input(path)
-        kind = foreign_kind(path)
-        if kind is not None and not h5py.is_hdf5(path):  # a MATLAB file may be HDF5
-            raise BadInputError(f"{path} is {kind}, not HDF5: {import_command(path)}")
+        fault = foreign_fault(path)
+        if fault is not None and not h5py.is_hdf5(path):  # a MATLAB file may be HDF5
+            raise BadInputError(fault)
         # Resolved here, for /dev/stdin and its like are other files in another process.
         seen = _checker.check({"path": os.path.realpath(path)}, path)
         file = _open(path)

@@ -1,7 +1,7 @@
-"""A folder of 16-bit PNG or TIFF images, one a frame, in the order of the numbers in their names."""
+"""A folder of images, one a frame, in the order of the numbers in their names: one line a kind in `IMAGE_KINDS`."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ from tofmix.io.extras import need
 from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, check_numbers, foreign
 from tofmix.io.importers.tiff import read_single
 
-_TIFF, _PNG = (".tif", ".tiff"), (".png",)
 _GREY_16 = ("I;16", "I;16B", "I")
 """Modes in which Pillow, by its version, reads 16-bit grey."""
 
@@ -29,15 +28,15 @@ def open_folder(path: Path, _: Request) -> Iterator[FrameSource]:
         If it holds no image or two kinds, or an image is damaged or differs from the first one.
     """
     with foreign(path):
-        files = sorted((p for p in path.iterdir() if p.suffix.lower() in (*_TIFF, *_PNG)), key=_natural)
-    kinds = {p.suffix.lower() in _PNG for p in files}
+        files = sorted((p for p in path.iterdir() if p.suffix.lower() in IMAGE_KINDS), key=_natural)
+    kinds = sorted({_kind(file)[0] for file in files})
     if not files:
-        raise BadInputError(f"{path}: no .png or .tif in this folder")
+        raise BadInputError(f"{path}: no {', '.join(IMAGE_KINDS)} in this folder")
     if len(kinds) > 1:
-        raise BadInputError(f"{path}: both .png and .tif in this folder; keep one kind")
+        raise BadInputError(f"{path}: {' and '.join(kinds)} images in this folder; keep one kind")
     first = _read(files[0])
     yield FrameSource(
-        kind=f"folder of {'PNG' if True in kinds else 'TIFF'} images",
+        kind=f"folder of {kinds[0]} images",
         shape=(len(files), *first.shape),
         dtype=first.dtype,
         depth_axis="z",
@@ -56,8 +55,13 @@ def _frames(files: list[Path], first: NDArray[Any]) -> Iterator[Frame]:
         yield Frame(depth=check_frame(_read(file), first.shape, first.dtype, file))
 
 
+def _kind(file: Path) -> tuple[str, Callable[[Path], NDArray[Any]]]:
+    return IMAGE_KINDS[file.suffix.lower()]
+
+
 def _read(file: Path) -> NDArray[Any]:
-    image = _read_png(file) if file.suffix.lower() in _PNG else read_single(file)
+    _, read = _kind(file)
+    image = read(file)
     check_numbers(image.dtype, file)
     return image
 
@@ -70,3 +74,11 @@ def _read_png(file: Path) -> NDArray[np.uint16]:
     if values is None:
         raise BadInputError(f"{file}: expected 16-bit grey, got {mode}")
     return values.astype(np.uint16)
+
+
+IMAGE_KINDS: dict[str, tuple[str, Callable[[Path], NDArray[Any]]]] = {
+    ".png": ("PNG", _read_png),
+    ".tif": ("TIFF", read_single),
+    ".tiff": ("TIFF", read_single),
+}
+"""Kind of each suffix, and the reader of one image, (row, col)."""
