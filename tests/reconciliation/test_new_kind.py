@@ -52,18 +52,40 @@ class Hiss(Effect):
         echoes.scale_sigma(self.factor * np.maximum(echoes.range_mm / 1000, 0.1) ** self.exponent)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dusk(Effect):
+    """Noise that changes steadily while it is recorded."""
+
+    kind: ClassVar[str] = "dusk"
+    level: ClassVar[Level] = Level.LIGHT
+    signature: ClassVar[str] = "spread against time"
+    target: ClassVar[Target] = Target.SPREAD
+    shows_in: ClassVar[tuple[str, ...]] = ("spread",)
+    changes_in_time: ClassVar[bool] = True
+
+    growth_per_s: float = number("Of the noise.", unit="1/s", low=-0.1, high=10, zero=0, typical=(0.02, 0.5))
+
+    def act(self, echoes: Echoes, context: Context) -> None:
+        echoes.scale_sigma(1.0 + self.growth_per_s * context.time_s)
+
+
 @pytest.fixture
 def kinds(monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
-    """All kinds, with two that have nothing but their line in the registry."""
+    """Some kinds, with three that have nothing but their line in the registry."""
     monkeypatch.setitem(EFFECTS, "slant", Slant)
     monkeypatch.setitem(EFFECTS, "hiss", Hiss)
-    return ("slant", "hiss", "range_offset", "excess_noise", "surface_pose")
+    monkeypatch.setitem(EFFECTS, "dusk", Dusk)
+    return ("slant", "hiss", "dusk", "range_offset", "excess_noise", "surface_pose")
 
 
 @pytest.mark.parametrize(
     ("hidden", "values"),
-    [(Slant(slope_mm=-30.0), {"slope_mm": -30.0}), (Hiss(factor=1.2, exponent=0.4), {"factor": 1.2, "exponent": 0.4})],
-    ids=["slant", "hiss"],
+    [
+        (Slant(slope_mm=-30.0), {"slope_mm": -30.0}),
+        (Hiss(factor=1.2, exponent=0.4), {"factor": 1.2, "exponent": 0.4}),
+        (Dusk(growth_per_s=0.2), {"growth_per_s": 0.2}),
+    ],
+    ids=["slant", "hiss", "dusk"],
 )
 def test_registered_kind_is_found_with_its_numbers(
     small: Model, kinds: tuple[str, ...], hidden: Effect, values: dict[str, float]

@@ -69,7 +69,7 @@ def alone(small: Model, kind: str) -> Reconciliation:
 @pytest.mark.parametrize("kind", EFFECTS)
 def test_effect_hidden_alone_is_named_and_closes_the_gap(small: Model, kind: str) -> None:
     result = alone(small, kind)
-    assert [n.effect.kind for n in result.named] == [kind]
+    assert [n.effect.kind for n in result.named] == [kind], f"{headline(result)}; candidates {result.candidates}"
     verified = result.verified
     assert (verified.verdict, verified.law, verified.own) == ("explained", None, None)
     assert verified.closed is not None

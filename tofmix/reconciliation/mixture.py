@@ -20,9 +20,7 @@ from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects.base import Effect, Latent, Level
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
-from tofmix.simulation.effects.motion import Motion
 from tofmix.simulation.effects.saturation import Saturation
-from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 from tofmix.simulation.model import Model
 from tofmix.simulation.prediction import predict
 from tofmix.simulation.surface import Surface
@@ -31,7 +29,7 @@ from tofmix.simulation.truth import Truth
 LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
 """Hidden states that link samples: no part of the mixture. A lattice is a part of it."""
 
-_TIMES = (4, 8, 16, 32)  # at how many a moving scene is worked out
+_TIMES = (4, 8, 16, 32)  # at how many a scene that changes is worked out: the most, unless surfaces alone move
 _STEP_MM = 15.0  # that a surface moves from one to the next, if there are enough of them
 _SOON_S = 1e-3  # over which a surface's velocity is taken
 _KEPT_BYTES, _KEPT = 1 << 26, 2 * _TIMES[-1]  # of casts: at most so much memory, at least so many
@@ -196,11 +194,16 @@ class Scene:
         return truth
 
     def _times(self, effects: tuple[Effect, ...]) -> FloatArray:
-        if not any(isinstance(e, Motion) for e in effects):
+        """Times (time,) at which the scene is worked out, s; one where it does not change but for a bias of frames."""
+        changing = [e for e in effects if e.changes_in_time and e.frame_bias(self.time_s) is None]
+        if not changing:
             return np.zeros(1)
-        way_mm = max(abs(e.velocity_mm_s) for e in effects if isinstance(e, Motion)) * float(self.time_s[-1])
-        count = next((n for n in _TIMES if n * _STEP_MM >= way_mm), _TIMES[-1])
-        edges = np.linspace(0.0, float(self.time_s[-1]), count + 1)
+        end_s = float(self.time_s[-1])
+        count = _TIMES[-1]
+        if all(e.level is Level.GEOMETRY for e in changing):
+            first, last = (np.array([_plane_distance(s) for s in self._placed(effects, t)]) for t in (0.0, end_s))
+            count = next((n for n in _TIMES if n * _STEP_MM >= np.abs(last - first).max()), count)
+        edges = np.linspace(0.0, end_s, count + 1)
         return np.asarray((edges[1:] + edges[:-1]) / 2)
 
     def _placed(self, effects: tuple[Effect, ...], time_s: float) -> tuple[Surface, ...]:
@@ -214,7 +217,7 @@ class Scene:
     def _velocities(self, effects: tuple[Effect, ...], time_s: float) -> FloatArray:
         """Change of the rays to each surface (surface + 1,), per mm of their length and second; 0 for no surface."""
         out = np.zeros(len(self.names) + 1)
-        if any(isinstance(e, Motion) for e in effects):
+        if any(e.level is Level.GEOMETRY and e.changes_in_time for e in effects):
             now, soon = (
                 np.array([_plane_distance(s) for s in self._placed(effects, t)]) for t in (time_s, time_s + _SOON_S)
             )
@@ -224,13 +227,13 @@ class Scene:
     def mixture(self, effects: tuple[Effect, ...] = ()) -> Mixture:
         """What the model and these effects predict, but for hidden states that link samples."""
         effects = (*self._apart, *self.own(effects))
-        times = self._times(effects)
+        times = self._times((*self._still.effects, *effects))
         wells = [e for e in effects if isinstance(e, Saturation)]
         acting = tuple(
             e for e in effects if e.latent not in LINKING and not _stands_apart(e) and not isinstance(e, Saturation)
         )
         model = replace(self._still, effects=(*self._still.effects, *acting))
-        parts = [predict(model, self._truth(self._placed(effects, float(t)))) for t in times]
+        parts = [predict(model, self._truth(self._placed(effects, float(t))), time_s=float(t)) for t in times]
         for part in parts:
             for well in wells:
                 _saturate(part, well)
@@ -251,8 +254,9 @@ class Scene:
             (self.time_s * len(times) / max(float(self.time_s[-1]), 1e-9)).astype(np.int64), 0, len(times) - 1
         )
         bias = np.zeros(len(self.time_s))
-        for drift in (e for e in effects if isinstance(e, TemperatureDrift)):
-            bias += drift.amplitude_mm * -np.expm1(-self.time_s / drift.time_constant_s)
+        for effect in effects:
+            of_effect = effect.frame_bias(self.time_s)
+            bias += 0.0 if of_effect is None else of_effect
         first, true_range = parts[0], stack("true_range_mm", 1.0)
         sensor = self.model.sensor
         share = 0.0 if sensor.noise.background is None else sensor.noise.background
@@ -274,8 +278,8 @@ def _mapped_bias(effect: Effect) -> bool:
 
 
 def _stands_apart(effect: Effect) -> bool:
-    """Whether `predict` does not know of an effect: where surfaces stand, and what changes from frame to frame."""
-    return effect.level is Level.GEOMETRY or isinstance(effect, TemperatureDrift)
+    """Whether an effect is left out of `predict`: it places surfaces, or is a bias of each frame."""
+    return effect.level is Level.GEOMETRY or effect.frame_bias(np.zeros(1)) is not None
 
 
 def _size(truth: Truth) -> int:

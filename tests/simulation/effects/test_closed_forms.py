@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.model import Model
 from tofmix.simulation.model_toml import parse_model
 from tofmix.simulation.render import render_blocks
@@ -115,6 +116,11 @@ NOTHING = [
 ]
 
 
+def test_every_kind_is_tried_at_zero_magnitude() -> None:
+    tried = {text.split("'")[1] for text in NOTHING}
+    assert tried == set(EFFECTS), "add the kind to NOTHING, with its neutral values"
+
+
 @pytest.mark.parametrize("text", NOTHING, ids=lambda text: text.split("'")[1])
 def test_at_zero_magnitude_the_recording_is_the_one_without(text: str) -> None:
     """Sample by sample, which is more than the same distribution."""
@@ -122,7 +128,7 @@ def test_at_zero_magnitude_the_recording_is_the_one_without(text: str) -> None:
 
 
 def test_at_zero_magnitude_all_together_change_nothing() -> None:
-    each_once = "".join(NOTHING[:11] + NOTHING[12:])
+    each_once = "".join({text.split("'")[1]: text for text in NOTHING}.values())
     np.testing.assert_array_equal(record(each_once, frames=20).stored, record(frames=20).stored)
 
 

@@ -8,7 +8,7 @@ from effect_bench import Bench, Recorded, effect
 from scipy import stats
 
 from tofmix.simulation.distribution import Prediction
-from tofmix.simulation.effects import Effect, PixelMap
+from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.prediction import predict
 
 FRAMES = 400
@@ -59,6 +59,11 @@ def agrees(recorded: Recorded, prediction: Prediction) -> None:
     share = np.where(np.isnan(prediction.stuck_mm), prediction.invalid, 0.0)
     chance = [stats.binomtest(int(k), FRAMES, min(float(q), 1.0)).pvalue for k, q in zip(lost, share, strict=True)]
     assert min(chance) > ALPHA / len(chance)
+
+
+def test_every_kind_is_among_the_cases() -> None:
+    elsewhere = {"motion", "temporal_correlation"}  # no independent draws of one distribution: test_closed_forms.py
+    assert {case["kind"] for case in CASES if case} | elsewhere == set(EFFECTS), "add the kind to CASES"
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: " ".join(map(str, case.values())) if case else "none")

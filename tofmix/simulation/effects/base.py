@@ -203,6 +203,9 @@ class Effect:
     exact_law : bool
         Whether a camera has its law exactly. Each sample that such an effect explains gains as much as many that are a
         little off.
+    changes_in_time : bool
+        Whether the distribution of a pixel's samples depends on the time. `reconcile` then predicts it at several times
+        of the recording.
     static_partner : str
         Kind of what is static in an effect that changes in time; empty for none.
     acts_on_phase : bool
@@ -221,6 +224,7 @@ class Effect:
     shows_in: ClassVar[tuple[str, ...]] = ()
     latent: ClassVar[Latent] = Latent.NONE
     exact_law: ClassVar[bool] = False
+    changes_in_time: ClassVar[bool] = False
     static_partner: ClassVar[str] = ""
     acts_on_phase: ClassVar[bool] = False
     averages: ClassVar[bool] = True
@@ -273,6 +277,10 @@ class Effect:
             if isinstance(value, int | float) and not low <= value <= high:
                 return False
         return True
+
+    def frame_bias(self, time_s: FloatArray) -> FloatArray | None:  # noqa: ARG002  for those that are one
+        """Bias (frame,) of all lit samples of the frames at some times, mm, if the effect is nothing else; or None."""
+        return None
 
     def place(self, surface: "Surface", time_s: float) -> "Surface":  # noqa: ARG002  for those that move one
         """Where a surface stands at a time. Geometry effects only."""

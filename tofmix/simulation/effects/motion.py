@@ -27,6 +27,7 @@ class Motion(Effect):
     basis: ClassVar[str] = "assumed"
     target: ClassVar[Target] = Target.TREND
     shows_in: ClassVar[tuple[str, ...]] = ("trend", "common_mode")
+    changes_in_time: ClassVar[bool] = True
     static_partner: ClassVar[str] = "surface_pose"
 
     surface: str = surface("The surface that moves.")

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from tofmix.arrays import FloatArray
 from tofmix.simulation.echoes import Echoes
 from tofmix.simulation.effects.base import Context, Effect, Level, Target
 from tofmix.simulation.effects.parameter import number
@@ -29,6 +30,7 @@ class TemperatureDrift(Effect):
     basis: ClassVar[str] = "reported"
     target: ClassVar[Target] = Target.TREND
     shows_in: ClassVar[tuple[str, ...]] = ("trend", "common_mode")
+    changes_in_time: ClassVar[bool] = True
     static_partner: ClassVar[str] = "range_offset"
 
     amplitude_mm: float = number(
@@ -47,6 +49,10 @@ class TemperatureDrift(Effect):
         """One sentence."""
         return f"ranges drift by {self.amplitude_mm:+g} mm in all, 63 % of it within {self.time_constant_s:g} s"
 
+    def frame_bias(self, time_s: FloatArray) -> FloatArray:
+        """Bias at some times, mm."""
+        return np.asarray(self.amplitude_mm * -np.expm1(-time_s / self.time_constant_s))
+
     def act(self, echoes: Echoes, context: Context) -> None:
         """Add the bias of this time."""
-        echoes.add_bias(self.amplitude_mm * -np.expm1(-context.time_s / self.time_constant_s))
+        echoes.add_bias(self.frame_bias(np.array(context.time_s)))
