@@ -123,6 +123,7 @@ def test_recording_without_a_curve_is_estimated_with_the_measured_one(tmp_path: 
 
 
 @pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")  # neither is the recording's
+@pytest.mark.slow
 def test_noise_can_be_a_curve_or_a_built_in_camera(recording: Path) -> None:
     curve = NoiseCurve(np.array([1000.0]), np.array([33.0]))
     assert tm.estimate(recording, noise=curve, sigma="tied").sigma[0, 0, 0, 0] == pytest.approx(33.0)
@@ -131,6 +132,7 @@ def test_noise_can_be_a_curve_or_a_built_in_camera(recording: Path) -> None:
         tm.estimate(recording, noise="sr9000")
 
 
+@pytest.mark.slow
 def test_simulate_gives_the_samples_that_the_command_writes(tmp_path: Path) -> None:
     _command("simulate", "near-far", "-o", tmp_path / "s.h5", "--frames", 5, "--seed", 3)
     command = tm.open(tmp_path / "s.h5")

@@ -70,6 +70,7 @@ def test_shards_merged_have_the_bytes_of_one_run(
     assert (tmp_path / "merged.h5").read_bytes() == expected
 
 
+@pytest.mark.slow
 def test_finished_run_is_told_by_the_same_samples(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     assert tofmix("estimate", recording, *WINDOWS).code == 0
     before = (tmp_path / "a.layers.h5").stat()
@@ -80,6 +81,7 @@ def test_finished_run_is_told_by_the_same_samples(tofmix: Tofmix, recording: Pat
 
 
 @pytest.mark.filterwarnings("ignore::tofmix.errors.DoubtWarning")
+@pytest.mark.slow
 def test_python_gives_the_same_layers(recording: Path, expected: bytes, tmp_path: Path) -> None:
     found = tm.estimate(recording, window=10, stride=5)
     assert expected

@@ -49,6 +49,7 @@ def test_one_that_fails_does_not_keep_the_others(tofmix: Tofmix, recordings: lis
     assert again.err.count("blocks that were there already: 1 of 1") == 2
 
 
+@pytest.mark.slow
 def test_names_come_from_stdin(
     tofmix: Tofmix, recordings: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -81,6 +82,7 @@ def test_what_cannot_be_is_refused_before_anything_is_done(
     assert tofmix("estimate", *recordings, "--output-dir", recordings[0]).code == ExitCode.STORAGE
 
 
+@pytest.mark.slow
 def test_one_recording_may_have_a_folder(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
     outcome = tofmix("estimate", recordings[0], "--output-dir", tmp_path / "out", "--json")
     assert json.loads(outcome.out)["output"] == str(tmp_path / "out" / "a.layers.h5")

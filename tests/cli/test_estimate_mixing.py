@@ -39,6 +39,7 @@ def sums(tmp_path_factory: pytest.TempPathFactory) -> Path:
 WINDOWS = ("--window", 20, "--noise", "file")
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_workers_shards_or_a_resumed_run(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
     whole = tmp_path / "whole.h5"
     done = tofmix("estimate", sums, *WINDOWS, "-o", whole, "--workers", 1)
@@ -101,6 +102,7 @@ def test_export_leaves_undecided_pixels_out_unless_they_are_asked_for(
     assert with_them - without == extra
 
 
+@pytest.mark.slow
 def test_api_gives_the_values_that_the_command_writes(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
     import tofmix as tm
 

@@ -39,6 +39,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_work_to_go_on_from(
     tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -120,6 +121,7 @@ def test_another_recording_of_that_name_is_not_gone_on_with(tofmix: Tofmix, reco
     assert "its recording (a.h5), which has other content" in outcome.err
 
 
+@pytest.mark.slow
 def test_a_damaged_journal_is_not_gone_on_with(tofmix: Tofmix, recording: Path, expected: bytes) -> None:
     journal = journal_path(recording.with_name("a.layers.h5"))
     journal.write_bytes(b"something else altogether" * 100)
@@ -153,6 +155,7 @@ def test_a_kill_between_the_naming_and_the_end_is_no_harm(
     assert names(tmp_path) == ["a.h5", "a.layers.h5"]
 
 
+@pytest.mark.slow
 def test_a_run_that_is_still_going_is_not_disturbed(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     with open_journal(journal_path(tmp_path / "a.layers.h5"), b"x"):
         for extra in ([], ["--resume"], ["--overwrite"]):

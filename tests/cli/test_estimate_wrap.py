@@ -52,6 +52,7 @@ def test_a_wall_at_the_fold_is_one_surface(tofmix: Tofmix, tmp_path: Path, dtype
     assert (line["n_modes"][0, :, :6] == 1).mean() < 0.9 or not (line["range"][0, :, :6, 0] > 6000).all()
 
 
+@pytest.mark.slow
 def test_bytes_do_not_depend_on_workers(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = _folded(tmp_path / "a.h5")
     for name, workers in (("x", 1), ("y", 3)):
@@ -59,6 +60,7 @@ def test_bytes_do_not_depend_on_workers(tofmix: Tofmix, tmp_path: Path) -> None:
     assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes()
 
 
+@pytest.mark.slow
 def test_noise_and_outliers_are_measured_on_the_circle(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = _folded(tmp_path / "a.h5")
     automatic = "--noise", "auto", "--outliers", "auto"

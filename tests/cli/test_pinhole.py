@@ -134,9 +134,10 @@ def test_the_right_model_agrees_and_one_of_equal_angles_is_said_to_look_elsewher
     ("attributes", "text"),
     [
         ({"fov_horizontal_deg": 400.0, "fov_vertical_deg": 30.0}, "fov_horizontal_deg: 400 is not above 0"),
-        (
+        pytest.param(
             {"projection": "pinhole", "fx": 3.0, "fy": 3.0, "cx": 2.5, "cy": 1.5, "distortion": [-0.5, 0, 0, 0, 0]},
             "distortion: it folds",
+            marks=pytest.mark.slow,
         ),
     ],
 )

@@ -76,6 +76,7 @@ def verdict(*files: Path, kinds: tuple[str, ...]) -> str:
     return reconcile(model, evidence, Settings(kinds=kinds), also=also).verified.verdict
 
 
+@pytest.mark.slow
 def test_no_more_effects_are_added_than_asked_for(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
     options = "--effects", "fixed_pattern", "--max-effects", "0", "--json"
     done = tofmix("reconcile", *files, "-o", tmp_path / "gap", *options)

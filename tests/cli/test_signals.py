@@ -44,7 +44,9 @@ def folder(tofmix: Tofmix, tmp_path: Path) -> Path:
             marks=[pytest.mark.compiled("a whole scene in another process"), pytest.mark.slow],
         ),
         (signal.SIGTERM, ("import", "a.npy", "-o", "out.h5", "--sensor", "sr3000")),
-        (signal.SIGINT, ("export", "a.layers.h5", "-o", "out.ply", "--window", "0")),
+        pytest.param(
+            signal.SIGINT, ("export", "a.layers.h5", "-o", "out.ply", "--window", "0"), marks=pytest.mark.slow
+        ),
         pytest.param(signal.SIGTERM, ("map", "a.layers.h5", "-o", "out.yaml", "--cell", "500"), marks=pytest.mark.slow),
     ],
 )

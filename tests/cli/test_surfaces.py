@@ -76,6 +76,7 @@ def test_the_edge_between_two_boards_is_found_where_it_is(tofmix: Tofmix, layers
     assert np.nanmin(fine[:, 9 * 4 :]) > 2500
 
 
+@pytest.mark.slow
 def test_a_wall_has_no_edges(tofmix: Tofmix, tmp_path: Path) -> None:
     samples = np.random.default_rng(1).normal(2000.0, 10.0, (40, 6, 8))
     write_recording(tmp_path / "wall.h5", samples, attributes=FOV)
@@ -152,6 +153,7 @@ def test_what_the_search_cannot_take_is_bad_input_and_leaves_nothing(
     assert not (tmp_path / "a.surfaces.h5").exists()
 
 
+@pytest.mark.slow
 def test_the_default_name_is_that_of_the_layers(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     for name, expected in (("b.layers.h5", "b.surfaces.h5"), ("c.d.h5", "c.d.surfaces.h5"), ("e", "e.surfaces.h5")):
         os.link(layers, tmp_path / name)

@@ -1,6 +1,7 @@
 """Several targets a zone, from import to report: all valid targets of a pixel are its samples."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +31,19 @@ def samples() -> NDArray[np.uint16]:
     return np.round(values).astype(np.uint16)
 
 
+_MADE: list[Path] = []
+"""The folder that the first test made; the others have copies."""
+
+
 @pytest.fixture
-def made(tofmix: Tofmix, tmp_path: Path) -> Path:
+def made(tofmix: Tofmix, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the recording t.h5 and its layers."""
-    folder = tmp_path / "targets"
-    folder.mkdir()
+    if not _MADE:
+        _MADE.append(_make(tofmix, tmp_path_factory.mktemp("made")))
+    return Path(shutil.copytree(_MADE[0], tmp_path / "targets"))
+
+
+def _make(tofmix: Tofmix, folder: Path) -> Path:
     np.save(folder / "t.npy", samples())
     imported = tofmix(
         "import", folder / "t.npy", "-o", folder / "t.h5", "--axes", "frame,target,row,col", "--sensor", "vl53l5cx",

@@ -52,6 +52,7 @@ def test_after_it_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tmp_pa
 
 
 @pytest.mark.compiled("there is nothing to compile")
+@pytest.mark.slow
 def test_after_it_measuring_noise_and_simulating_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     assert tofmix("warmup").code == 0
     recording = write_recording(tmp_path / "a.h5", boards(60, 8, 12))

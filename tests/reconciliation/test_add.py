@@ -27,9 +27,10 @@ def named_kinds(result: Reconciliation) -> list[str]:
 
 @pytest.mark.parametrize(
     ("shift_mm", "rows", "cols", "frames"),
-    [pytest.param(14.0, 20, 24, 120, marks=pytest.mark.slow), (-14.0, 14, 18, 80)],
+    [(14.0, 20, 24, 120), (-14.0, 14, 18, 80)],
     ids=["behind", "before"],
 )
+@pytest.mark.slow
 def test_second_bounce_gives_way_to_a_pose_beside_more_noise(
     shift_mm: float, rows: int, cols: int, frames: int
 ) -> None:
@@ -67,9 +68,8 @@ FAR = (
 )
 
 
-@pytest.mark.parametrize(
-    "hidden", [pytest.param(e, marks=() if e is FAR[2] else pytest.mark.slow, id=str(e)) for e in FAR]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", FAR, ids=str)
 def test_surface_that_is_measured_far_away_is_found_there(small: Model, hidden: Effect) -> None:
     """Where the likelihood has no slope: a pattern of pixels, or random values, would take it all."""
     kinds = ("surface_pose", "multipath", "fixed_pattern", "outliers", *(("motion",) if hidden is FAR[0] else ()))
@@ -80,6 +80,7 @@ def test_surface_that_is_measured_far_away_is_found_there(small: Model, hidden: 
     assert all(abs(distance) < 4 for distance in off.values()), off
 
 
+@pytest.mark.slow
 def test_wave_is_found_where_most_samples_are_lost(small: Model) -> None:
     """What lost samples gain is a thousand times what a wave does, of which it says nothing."""
     hidden = MAKE["dropout"](probability=0.7), MAKE["wiggling"](amplitude_mm=3.5, phase_rad=0.8)

@@ -96,6 +96,7 @@ def test_registered_kind_is_found_with_its_numbers(
         assert getattr(result.named[0].effect, name) == pytest.approx(value, abs=4 * result.named[0].stderr[name])
 
 
+@pytest.mark.slow
 def test_registered_kind_that_moves_samples_is_among_the_sets(small: Model, kinds: tuple[str, ...]) -> None:
     assert summed_up("slant")
     hidden = Slant(slope_mm=-30.0), MAKE["range_offset"](offset_mm=12.0)

@@ -29,6 +29,7 @@ def test_every_verdict_ends_with_a_step(small: Model) -> None:
     assert any("--noise auto" in step for step in unexplained.next_steps)
 
 
+@pytest.mark.slow
 def test_a_surface_elsewhere_comes_first_with_the_table_that_moves_it_there(small: Model) -> None:
     """No effect that moves a surface is asked for, so that the step is all that the user gets."""
     moved = replace(small, surfaces=(posed(small.surfaces[0], 40.0, 2.0, 0.0), *small.surfaces[1:]))

@@ -52,8 +52,8 @@ def test_recording_agrees_with_a_model_that_has_its_noise(small: Model, name: st
     [
         ({}, PARTS["shape"], {"skew"}),
         pytest.param(PARTS["shape"], {}, {"skew"}, marks=pytest.mark.slow),
-        ({}, PARTS["widths"], {"spread_pattern"}),
-        (PARTS["widths"], {"width_spread": 0.4}, {"widths"}),
+        pytest.param({}, PARTS["widths"], {"spread_pattern"}, marks=pytest.mark.slow),
+        pytest.param(PARTS["widths"], {"width_spread": 0.4}, {"widths"}, marks=pytest.mark.slow),
         (PARTS["widths"], {}, {"widths"}),
         pytest.param(PARTS["all"], PARTS["all"] | {"shape": None}, {"skew"}, marks=pytest.mark.slow),
     ],
@@ -78,8 +78,10 @@ def test_background_that_the_model_lacks_is_named_as_outliers(small: Model) -> N
 @pytest.mark.parametrize(
     ("hidden", "name"),
     [
-        (MAKE["range_offset"](offset_mm=8.0), "offset_mm"),
-        (MAKE["interference"](probability=0.3, sigma_mm=30.0, burst_frames=3.0), "sigma_mm"),
+        pytest.param(MAKE["range_offset"](offset_mm=8.0), "offset_mm", marks=pytest.mark.slow),
+        pytest.param(
+            MAKE["interference"](probability=0.3, sigma_mm=30.0, burst_frames=3.0), "sigma_mm", marks=pytest.mark.slow
+        ),
         (MAKE["outliers"](probability=0.03), "probability"),
     ],
     ids=lambda value: getattr(value, "kind", value),

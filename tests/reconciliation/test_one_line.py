@@ -48,7 +48,7 @@ def test_an_offset_is_found_and_a_right_model_left_alone(rows: int, cols: int) -
         json.dumps(result.as_dict(), allow_nan=False)
 
 
-@pytest.mark.parametrize(("rows", "cols"), SHAPES)
+@pytest.mark.parametrize(("rows", "cols"), [SHAPES[0], pytest.param(*SHAPES[1], marks=pytest.mark.slow)])
 def test_the_panel_has_no_statistic_of_lines_that_are_not_there(rows: int, cols: int) -> None:
     model = scene(rows=rows, cols=cols)
     evidence = _record(model, MAKE["range_offset"](offset_mm=30.0), frames=900)  # 200 held-out samples a pixel

@@ -41,6 +41,7 @@ def test_given_effect_with_wrong_numbers_is_unexplained_and_told_its_better_ones
     assert "the model's own effect fits better with other numbers" in headline(result)
 
 
+@pytest.mark.slow
 def test_given_effect_with_right_numbers_leaves_a_pose_its_name(small: Model) -> None:
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=20.0)
     kinds = ("wiggling", "range_offset", "surface_pose", "fixed_pattern")

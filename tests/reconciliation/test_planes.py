@@ -19,6 +19,7 @@ def beams(n: int = 400) -> np.ndarray:
 
 
 @given(yaw=st.floats(-60, 60), pitch=st.floats(-50, 50), x=st.floats(-500, 500), z=st.floats(800, 6000))
+@pytest.mark.slow
 def test_slopes_are_the_differences_of_ranges_to_moved_planes(yaw: float, pitch: float, x: float, z: float) -> None:
     surface = Surface(name="s", center_mm=(x, 0.0, z), size_mm=(100, 100), yaw_deg=yaw, pitch_deg=pitch)
     d = beams()

@@ -96,7 +96,10 @@ def test_offset_and_pose_are_not_told_apart_on_one_board_and_are_on_two(model: M
     "hidden",
     [
         (MAKE["wiggling"](amplitude_mm=9.0, phase_rad=0.5), MAKE["excess_noise"](factor=1.3)),
-        (MAKE["range_offset"](offset_mm=-8.0), MAKE["motion"](surface="near", velocity_mm_s=3.0)),
+        pytest.param(
+            (MAKE["range_offset"](offset_mm=-8.0), MAKE["motion"](surface="near", velocity_mm_s=3.0)),
+            marks=pytest.mark.slow,
+        ),
         (MAKE["surface_pose"](surface="middle", shift_mm=20.0, yaw_deg=2.0), MAKE["range_offset"](offset_mm=8.0)),
     ],
     ids=lambda hidden: "+".join(e.kind for e in hidden),

@@ -59,6 +59,7 @@ def test_ripple_in_time_leaves_a_drift_a_part_of_the_explanation(small: Model, k
     assert result.where[0].axis in ("time", "frame")
 
 
+@pytest.mark.slow
 def test_pattern_that_grows_is_a_pattern_in_part(small: Model, rng: np.random.Generator) -> None:
     """What is left of each pixel changes slowly: one frame is like the next, and no bias stays."""
     evidence = recorded(small)

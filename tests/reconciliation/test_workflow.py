@@ -127,6 +127,7 @@ def test_model_off_by_less_than_the_tolerance_agrees(model: Model, record: Recor
     assert result.verified.verdict == "agree"
 
 
+@pytest.mark.slow
 def test_frames_shaken_at_random_are_unexplained_and_placed_on_the_frame_axis(small: Model) -> None:
     evidence = recorded(small)
     jitter = np.random.default_rng(8).normal(size=len(evidence.samples)) * 6.0

@@ -299,11 +299,13 @@ EVEN = [replace(board, reflectivity=0.4 * (board.z_mm / BOARDS[0].z_mm) ** 2) fo
 @pytest.mark.parametrize(
     ("share", "sigma_mm"),
     [
-        *(pytest.param(share, 40.0, marks=SLOW) for share in (0.0, 0.1)),
+        (0.0, 40.0),
+        (0.1, 40.0),
         (0.4, 40.0),
-        pytest.param(0.2, 80.0, marks=SLOW),
+        (0.2, 80.0),
     ],
 )
+@pytest.mark.slow
 def test_interference_is_a_strangers_light_in_bursts(share: float, sigma_mm: float) -> None:
     """Few rows and many frames, for all pixels share the bursts. Column 1 sees both boards."""
     cam = camera(rows=10)
@@ -327,10 +329,8 @@ def memory_of_squares(samples: Floats) -> Floats:
     return np.array([np.mean(frame[k:] * frame[:-k]) / np.mean(square**2) for k in range(1, 13)])
 
 
-@pytest.mark.parametrize(
-    ("coefficient", "forgets"),
-    [*(pytest.param(c, n, marks=SLOW) for c, n in ((0.0, 1), (0.3, 4))), (0.6, 9), pytest.param(0.8, 20, marks=SLOW)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("coefficient", "forgets"), [(0.0, 1), (0.3, 4), (0.6, 9), (0.8, 20)])
 def test_temporal_correlation_is_the_charges_memory(coefficient: float, forgets: int) -> None:
     """Samples far apart have the same distribution as without it, and steps between frames that of the taps.
 

@@ -125,6 +125,7 @@ def test_every_pixel_of_two_oblique_boards_has_the_polygons_share(make_model: Ma
 
 
 @pytest.mark.compiled("25,344 pixels")
+@pytest.mark.slow
 def test_shares_of_the_whole_image_at_the_edges_of_the_papers_boards(three_boards: tuple[Model, Truth]) -> None:
     """Every pixel of the built-in scene that an edge crosses, and all around them."""
     model, truth = three_boards

@@ -111,6 +111,7 @@ def test_share_of_a_surface_beside_open_space_is_its_area() -> None:
     np.testing.assert_allclose(layers.weight[both, 0], share[both], atol=0.06)
 
 
+@pytest.mark.slow
 def test_ranges_that_fold_are_unmixed_and_stay_on_the_circle() -> None:
     one = small(6, frequency_hz=45.0e6, wraps=True)  # the wall is a turn of 3331 mm away
     length = one.device.unambiguous_mm

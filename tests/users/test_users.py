@@ -48,6 +48,7 @@ def test_a_stranger_changes_the_samples_and_a_seed_repeats_them() -> None:
     assert not np.array_equal(first, recorded(replace(strange, stranger=None)), equal_nan=True)
 
 
+@pytest.mark.slow
 def test_offset_and_pose_of_one_wall_are_aliases_and_of_a_wall_and_a_box_are_not() -> None:
     offset = MAKE["range_offset"](offset_mm=9.0)
     wall, both = known(case("wall", offset)), known(case("wall and box", offset))

@@ -64,7 +64,8 @@ def test_sigma_by_range_and_amplitude_is_measured(rng: np.random.Generator, expo
     assert np.abs(errors(alone, seen, 12.0 * (light / 300.0) ** -exponent, light)).mean() > 0.2
 
 
-@pytest.mark.parametrize("multi", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("multi", [0.0, 0.4])
 def test_amplitude_that_says_nothing_changes_nothing(rng: np.random.Generator, multi: float) -> None:
     recording, _, _ = reflective(rng, 0.0, multi=multi)
     measured = measure_noise(recording)

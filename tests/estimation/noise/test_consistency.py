@@ -65,6 +65,7 @@ def test_pixels_without_a_return_are_not_judged(rng: np.random.Generator) -> Non
     assert _check(ArrayRecording(samples, CAMERA)).scatter_over_curve == pytest.approx(1.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_rounding_is_no_scatter_and_hides_none(rng: np.random.Generator) -> None:
     assert _check(_recording(rng, step=30.0)).scatter_over_curve == pytest.approx(1.0, rel=0.05)
     assert _check(_recording(rng, step=100.0)).scatter_over_curve is None

@@ -58,7 +58,7 @@ def worst(measured: MeasuredNoise, sensor: Sensor, seen_mm: NDArray[np.float64])
 
 
 @pytest.mark.parametrize("multi", [pytest.param(0.0, marks=pytest.mark.slow), 0.4])
-@pytest.mark.parametrize("scene", ["floor", "boards"])
+@pytest.mark.parametrize("scene", ["floor", pytest.param("boards", marks=pytest.mark.slow)])
 def test_the_curve_is_right_to_5_per_cent(rng: np.random.Generator, sensor: Sensor, multi: float, scene: str) -> None:
     seen = rng.uniform(600.0, 5000.0, 6000)
     if scene == "boards":
@@ -79,6 +79,7 @@ def test_200_pixels_are_enough(rng: np.random.Generator, sensor: Sensor) -> None
     assert np.abs(errors).max() < 0.05
 
 
+@pytest.mark.slow
 def test_drift_pattern_outliers_stuck_and_invalid_samples_do_no_harm(rng: np.random.Generator, sensor: Sensor) -> None:
     seen = rng.uniform(600.0, 5000.0, 6000)
     samples = pixels_at(rng, sensor, seen, multi=0.3)
@@ -92,6 +93,7 @@ def test_drift_pattern_outliers_stuck_and_invalid_samples_do_no_harm(rng: np.ran
     assert measured.outlier_probability == pytest.approx(0.01, rel=0.15)
 
 
+@pytest.mark.slow
 def test_noise_that_remembers_is_measured(rng: np.random.Generator, sensor: Sensor) -> None:
     assert sensor.noise is not None
     seen = rng.uniform(1000.0, 3000.0, 3000)
@@ -102,6 +104,7 @@ def test_noise_that_remembers_is_measured(rng: np.random.Generator, sensor: Sens
     assert worst(measured, sensor, seen) < 0.05
 
 
+@pytest.mark.slow
 def test_samples_without_a_return_tell_sigma_at_range_max(rng: np.random.Generator, sensor: Sensor) -> None:
     seen = np.concatenate([rng.uniform(1000.0, 1100.0, 1600), np.full(400, 6000.0)])
     samples = pixels_at(rng, sensor, seen, multi=0.0)
@@ -140,6 +143,7 @@ def test_outliers_are_counted(rng: np.random.Generator, sensor: Sensor, p: float
     assert measured.outlier_probability == pytest.approx(p, abs=4 * np.sqrt(p * 4e5 + 1) / 4e5 + 0.05 * p)
 
 
+@pytest.mark.slow
 def test_weak_surfaces_are_no_outliers(rng: np.random.Generator, sensor: Sensor) -> None:
     samples = draw(rng, sensor, ranges_mm=[2000.0, 4000.0], shares=[0.9, 0.1], n=100, pixels=2000)
     clean = draw(rng, sensor, ranges_mm=[2000.0], shares=[1.0], n=100, pixels=2000)

@@ -132,7 +132,9 @@ def test_names_are_escaped(make_layers: Callable[..., Layers], make_source: Call
     assert page.all("b") == page.all("u") == []
 
 
-@pytest.mark.parametrize(("shape", "max_layers"), [((1, 1), 1), ((1, 20), 4), ((20, 1), 2)])
+@pytest.mark.parametrize(
+    ("shape", "max_layers"), [((1, 1), 1), ((1, 20), 4), pytest.param((20, 1), 2, marks=pytest.mark.slow)]
+)
 def test_images_of_any_shape(
     shape: tuple[int, int],
     max_layers: int,

@@ -157,7 +157,9 @@ def test_the_growth_figure_has_every_mode() -> None:
     assert len(np.asarray(dots.get_xdata())) == sum(len(modes) for modes in growth.modes_mm)
 
 
-@pytest.mark.parametrize(("kind", "start"), [("png", b"\x89PNG"), ("svg", b"<?xml")])
+@pytest.mark.parametrize(
+    ("kind", "start"), [pytest.param("png", b"\x89PNG", marks=pytest.mark.slow), ("svg", b"<?xml")]
+)
 def test_the_same_figure_has_the_same_bytes(kind: Any, start: bytes) -> None:  # noqa: ANN401  a literal
     one, other = (pixel_figure(views(), noise=None, growth=None, kind=kind) for _ in range(2))
     assert one == other

@@ -103,7 +103,9 @@ def test_crosstalk_carries_the_neighbours_events(bench: Bench) -> None:
     assert pairs > 0
 
 
-@pytest.mark.parametrize("probability", [0.0, 0.35, 1.0])
+@pytest.mark.parametrize(
+    "probability", [pytest.param(0.0, marks=pytest.mark.slow), 0.35, pytest.param(1.0, marks=pytest.mark.slow)]
+)
 def test_flying_samples_are_the_phasor_sum(bench: Bench, probability: float) -> None:
     """Pixels that see several surfaces, or a surface and nothing: a share of all samples is the sum of all."""
     plain = bench.boards(frames=2000, outlier_probability=0.0)

@@ -1,5 +1,7 @@
 """What each effect says of a pixel's distribution, against samples: probability integral transforms are uniform."""
 
+from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -66,7 +68,18 @@ def test_every_kind_is_among_the_cases() -> None:
     assert {case["kind"] for case in CASES if case} | elsewhere == set(EFFECTS), "add the kind to CASES"
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: " ".join(map(str, case.values())) if case else "none")
+def cases() -> Iterator[Any]:
+    """All cases; the quick tests have one magnitude of each kind, the second, and the maps."""
+    before: Counter[str] = Counter()
+    for case in CASES:
+        kind = case.get("kind", "none")
+        quick = before[kind] == 1 or "map" in case or not case
+        before[kind] += 1
+        name = " ".join(map(str, case.values())) or "none"
+        yield pytest.param(case, marks=() if quick else pytest.mark.slow, id=name)
+
+
+@pytest.mark.parametrize("case", list(cases()))
 def test_samples_follow_the_prediction(bench: Bench, case: dict[str, Any]) -> None:
     recorded = bench.boards(*effects(*([case] if case else [])), frames=FRAMES)
     prediction = predict(recorded.model, recorded.truth, time_s=TIME_S)

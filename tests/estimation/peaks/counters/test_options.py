@@ -71,7 +71,7 @@ def test_the_layers_file_names_the_counter_and_its_own_parameters_alone(name: st
     ("counter", "option", "value"),
     [
         ("cpdf", "bins", "2"),
-        ("fourier", "order", "2"),
+        pytest.param("fourier", "order", "2", marks=pytest.mark.slow),
         pytest.param("cpdf", "ratio", "5", marks=pytest.mark.slow),
         pytest.param("fourier", "level", "0.9", marks=pytest.mark.slow),
     ],
