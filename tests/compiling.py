@@ -37,14 +37,21 @@ def learnt_noise() -> None:
 
 
 def further_options() -> None:
-    """Compile what other options of the estimator, maps and scenes take, beside the default layers."""
+    """Compile what other options of the estimator take, beside the default layers."""
     from tofmix.pipeline.kernels import compile_options
 
     compile_options()
 
 
-PARTS: tuple[Callable[[], None], ...] = (layers, noise_and_reconciliation, further_options, learnt_noise)
-"""The first three take as long together as the last."""
+def images() -> None:
+    """Compile what maps, surfaces and scenes take."""
+    from tofmix.pipeline.kernels import compile_images
+
+    compile_images()
+
+
+PARTS: tuple[Callable[[], None], ...] = (layers, noise_and_reconciliation, further_options, images, learnt_noise)
+"""The first three take nearly as long together as the last two."""
 
 
 def begin(worker: int) -> None:

@@ -63,6 +63,32 @@ def test_after_it_measuring_noise_and_simulating_compile_no_kernel(tofmix: Tofmi
 
 @pytest.mark.slow
 @pytest.mark.compiled("there is nothing to compile")
+def test_after_it_edges_maps_and_moving_scenes_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
+    assert tofmix("warmup").code == 0
+    model, recording, layers = (tmp_path / name for name in ("model.toml", "a.h5", "a.layers.h5"))
+    scene = (
+        '[sensor]\nprofile = "sr4000"\nrows = 16\ncols = 16\n{lens}[recording]\nframes = 30\n'
+        '[[surface]]\nname = "board"\ncenter_mm = [0.0, 0.0, 1500.0]\nsize_mm = [400.0, 300.0]\n'
+        '[[surface]]\nname = "wall"\ncenter_mm = [0.0, 0.0, 3000.0]\nsize_mm = [9000.0, 9000.0]\n'
+        '[[effect]]\nkind = "motion"\nsurface = "board"\nvelocity_mm_s = 1.0\n'
+    )
+    for lens in ("", 'projection = "pinhole"\nfx = 20.0\nfy = 20.0\ncx = 7.5\ncy = 7.5\n'):
+        model.write_text(scene.format(lens=lens))
+        with nothing_compiled():
+            for command in (
+                ("simulate", model, "-o", recording, "--overwrite"),
+                ("estimate", recording, "-o", layers, "--overwrite"),
+                ("surfaces", layers, "--overwrite"),
+                ("map", layers, "-o", tmp_path / "map.yaml", "--cell", 100, "--overwrite"),
+                ("inspect", layers, "--recording", recording, "--pixel", "8,8", "--over-frames", "--overwrite",
+                 "-o", tmp_path / "pixel.svg"),
+            ):  # fmt: skip
+                done = tofmix(*command)
+                assert done.code == 0, done.err
+
+
+@pytest.mark.slow
+@pytest.mark.compiled("there is nothing to compile")
 def test_after_it_reconciling_compiles_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     model, measured = tmp_path / "model.toml", tmp_path / "measured.h5"
     model.write_text(

@@ -10,46 +10,85 @@ from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.learnt import warm_up as learnt
 from tofmix.estimation.noise.measurement import measure_noise
 from tofmix.estimation.peaks.counters import COUNTERS
+from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.io.model_file import load_model
 from tofmix.mapping.beams import beams_from_layers
 from tofmix.mapping.grid import plan_grid as grid_of_map
 from tofmix.mapping.occupancy import count_light
 from tofmix.mapping.pose import Pose
+from tofmix.pinhole import Pinhole
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
-from tofmix.simulation.casting.cast import cast_scene
+from tofmix.simulation.casting.cast import MovingCaster
+from tofmix.simulation.effects import EFFECTS
 from tofmix.surfaces.reconstruct import reconstruct
 
 _RANGE_MM = 1000.0  # of the made-up samples
+_EDGE_SIDE = 12  # pixels of the made-up images with edges, along each side
+_PINHOLE = Pinhole(fx=20.0, fy=20.0, cx=5.5, cy=5.5)
+"""A lens that sees the made-up scenes."""
 
 
 def compile_all() -> None:
     """Compile the kernels of all commands and options, or load them from their cache."""
     compile_options()
+    compile_images()
     compile_noise()
     learnt.warm_up()
 
 
 def compile_options() -> None:
-    """Compile the kernels that estimate layers, with all options, and those of maps and scenes, or load them."""
+    """Compile the kernels that estimate layers, with all options, or load them from their cache."""
     for sigma, refine, counter in product(SigmaMode, Refine, COUNTERS.values()):
         warm_up(EstimateOptions(sigma=sigma, refine=refine, counter=counter()))
     warm_up(EstimateOptions(unambiguous_range_mm=2.0 * _RANGE_MM))
     warm_up(EstimateOptions(paper=True))
     range_mm, sensor, amplitude = _made_up()
     law = AmplitudeLaw(np.array([100.0]), np.array([50.0, 200.0]), np.array([2.0, 0.5]))
-    by_amplitude = replace(sensor, noise=NoiseCurve(np.array([_RANGE_MM]), np.array([10.0]), law))
-    layers = layer_pixels(range_mm, by_amplitude, amplitude=amplitude)
-    beams = beams_from_layers(layers, by_amplitude)
-    count_light(beams, Pose(), grid_of_map(beams, Pose(), cell_mm=200.0))
-    reconstruct(layers.reshaped(range_mm.shape[1:]), by_amplitude, factor=2)
-    cast_scene(load_model("three-boards"))
+    layer_pixels(range_mm, _with_sigma(sensor, law), amplitude=amplitude)
+
+
+def compile_images() -> None:
+    """Compile the kernels of maps, surfaces, scenes and live densities, or load them from their cache."""
+    range_mm, sensor, _ = _made_up()
+    camera = _with_sigma(sensor)
+    layers = layer_pixels(range_mm, camera)
+    for optics in (None, _PINHOLE):
+        beams = beams_from_layers(layers, replace(camera, projection=optics))
+        count_light(beams, Pose(), grid_of_map(beams, Pose(), cell_mm=200.0))
+    live = IncrementalDensity(camera, 1)
+    live.add(range_mm[:1, 0, :1])
+    live.modes()
+    _compile_edges(sensor)
+    _compile_casts()
+
+
+def _compile_edges(sensor: Sensor) -> None:
+    """Find the edge between two surfaces that share the pixels of a diagonal."""
+    rows, cols = np.indices((_EDGE_SIDE, _EDGE_SIDE))
+    far = np.random.default_rng(1).random((50, _EDGE_SIDE, _EDGE_SIDE)) < 0.5 + 0.5 * np.sign(rows - cols)
+    near_mm, far_mm = np.random.default_rng(2).normal([[[[_RANGE_MM]]], [[[1.5 * _RANGE_MM]]]], 10.0, (2, *far.shape))
+    layers = layer_pixels(np.where(far, far_mm, near_mm), _with_sigma(sensor))
+    reconstruct(layers.reshaped(rows.shape), sensor, factor=2)
+
+
+def _compile_casts() -> None:
+    """Cast a scene with a surface that moves, on both kinds of grids."""
+    model = load_model("three-boards")
+    motion = EFFECTS["motion"](surface=model.surfaces[0].name, velocity_mm_s=1.0)  # type: ignore[call-arg]
+    for projection in (None, _PINHOLE):
+        sensor = replace(model.sensor, rows=_EDGE_SIDE, cols=_EDGE_SIDE, projection=projection)
+        MovingCaster(replace(model, sensor=sensor, effects=(motion,))).cast(0.0)
 
 
 def compile_noise() -> None:
     """Compile the kernels that measure noise, or load them from their cache."""
     measure_noise(ArrayRecording(*_made_up()))
+
+
+def _with_sigma(sensor: Sensor, law: AmplitudeLaw | None = None) -> Sensor:
+    return replace(sensor, noise=NoiseCurve(np.array([_RANGE_MM]), np.array([10.0]), law))
 
 
 def _made_up() -> tuple[NDArray[np.float64], Sensor, NDArray[np.float64]]:
