@@ -78,8 +78,8 @@ CERTAIN_SUPPORT, CERTAIN_GAIN = 5.0, 40.0
 NEAR_NO_RETURN = 5.0
 """Sigmas within which c_0 and a surface may stand for the same samples."""
 
-_STEEPEST, _SPLIT, _PLAIN = 0, 1, 2  # starts of one surface more
-_STEP = 0.5  # sigmas between the places where a new surface is tried
+_STEEPEST, _BEST, _SPLIT, _PLAIN = 0, 1, 2, 3  # starts of one surface more
+_STEP = 0.5  # standard errors of one sample's range (sigmas of a Gaussian) between the places that are tried
 _QUICK_STEPS = 3  # Newton steps for the share of a new surface in a gain bound; twice as many before a fit
 _LEAST_SHARE = 1.0e-9  # where less share is left, the other shares are not scaled up
 _LEAST_INFORMATION = 1.0e-6  # least information by sample; less is rounding
@@ -316,10 +316,12 @@ def _gain_of_share(ratio: FloatArray, n: float) -> float:
 @borrowing
 def steepest_place(
     data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray, least: float
-) -> tuple[float, float, float]:
-    """Largest slope D(theta) of the log likelihood by a new surface's share, nat, its place, the largest gain bound.
+) -> tuple[float, float, float, float]:
+    """Where a new surface may stand: the largest slope D(theta) of the log likelihood by its share, nat, and its place;
+    the largest gain bound; and the place where the best share gains most.
 
-    A gain bound estimates the gain of a surface there: that of its best share, or, where it takes the place of an old
+    Where a shape has a steep edge, D is largest where the edge meets one lonely sample; several samples that are less
+    near gain more. A share gains no more than D, so that few places are looked at twice. A gain bound estimates the gain of a surface there: that of its best share, or, where it takes the place of an old
     one, half the squared score, less what the old one's mean, share and width explain, by its information. Bounds are
     computed while the largest is below `least`. `mix` has been called.
 
@@ -334,6 +336,7 @@ def steepest_place(
         share[j] = 1.0 / scratch[TOTAL, j]
     width = math.exp(fit[OWN, LOG_WIDTH])
     most, place, bound, nearest = -float(n), y[0], 0.0, -1
+    best, richest, step = 0.0, y[0], _STEP / math.sqrt(max(law.information, 1.0))
     l00, l10, l20, l11, l21, l22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     near, past = 0, 0
     theta = y[0] - sigma_at(y[0], beam.curve_range, beam.curve_sigma)
@@ -347,7 +350,7 @@ def steepest_place(
         past = max(past, near)
         while past < n and y[past] <= theta + law.high * sigma:
             past += 1
-        here, theta = theta, theta + _STEP * sigma
+        here, theta = theta, theta + step * sigma
         if near == past and near < n:
             theta = max(theta, y[near] - sigma)  # nothing near: go to the next sample
             continue
@@ -361,11 +364,12 @@ def steepest_place(
         slope = overlap - n
         if slope > most:
             most, place = slope, here
-        if slope <= 0.0 or bound >= least:
-            continue
-        if slope >= least:
-            bound = max(bound, _gain_of_share(fresh, float(n)))
-        if bound < least and k > 0:
+        if slope > max(best, least):
+            gain = _gain_of_share(fresh, float(n))
+            if gain > best:
+                best, richest = gain, here
+            bound = max(bound, gain)
+        if slope > 0.0 and bound < least and k > 0:
             own = _nearest(here, k, fit)
             if own != nearest:
                 nearest = own
@@ -379,7 +383,7 @@ def steepest_place(
             q2 = (p2 - l20 * q0 - l21 * q1) / l22 if l22 > 0.0 else 0.0
             information -= q0 * q0 + q1 * q1 + q2 * q2
             bound = max(bound, 0.5 * slope * slope / max(information, _LEAST_INFORMATION * n))
-    return most, place, bound
+    return most, place, bound, richest
 
 
 @borrowing
@@ -517,20 +521,25 @@ def try_one_more(data: Samples, k: int, work: Workspace, law: Law, beam: Beam, w
         return 0.0
     mix(data, k, fit, law, beam, scratch)
     before = objective(data, k, fit, law, scratch)
-    slope, place, bound = steepest_place(data, k, fit, law, beam, scratch, LEAST_BOUND * wanted)
+    slope, place, bound, richest = steepest_place(data, k, fit, law, beam, scratch, LEAST_BOUND * wanted)
     may_gain = slope >= wanted and bound >= LEAST_BOUND * wanted
     plain = _may_hide_a_surface(k, fit, law, len(data.value))
     if not may_gain and not plain:
         return 0.0
     share = _share_at(data, place, fit, law, beam, scratch)
+    largest = _share_at(data, richest, fit, law, beam, scratch) if richest != place else share
     spread = _most_spread(data, k, fit, law, scratch)
     gain = 0.0
-    for start in (_STEEPEST, _SPLIT, _PLAIN):
+    for start in (_STEEPEST, _BEST, _SPLIT, _PLAIN):
         if (start == _PLAIN and not plain) or (start != _PLAIN and not may_gain):
+            continue
+        if start == _BEST and richest == place:
             continue
         copy_fit(fit, trial)
         if start == _STEEPEST:
             _add(k, place, share, trial, beam)
+        elif start == _BEST:
+            _add(k, richest, largest, trial, beam)
         else:
             apart = SPLIT_SIGMAS * fit[SIGMA, spread] * math.exp(fit[OWN, LOG_WIDTH])
             if start == _PLAIN:
