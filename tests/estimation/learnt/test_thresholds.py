@@ -88,6 +88,12 @@ def _background(noise: PixelNoise, pixels: int, rng: np.random.Generator) -> Flo
     return np.asarray(rng.beta(*noise.background, pixels), dtype=np.float64)
 
 
+def test_a_strong_prior_of_background_makes_no_first_surface_dear() -> None:
+    found = _calibrated(pixel_noise(background=(5.0, 40.0)), (30, 30), 600)
+    # Three or four of 30 samples within a sigma or two are what chance brings together: 10 nat.
+    assert found.first[0, FALSE_ALARMS.index(0.01)] < 8.0
+
+
 @pytest.mark.slow
 @pytest.mark.compiled("tens of thousands of pixels")
 @pytest.mark.parametrize("name", HELD)
