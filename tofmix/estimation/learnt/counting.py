@@ -1,10 +1,11 @@
 """How many surfaces one pixel's samples show, under the learnt noise: each must gain its threshold in likelihood.
 
 A count starts without any surface: background, and c_0 where samples reach r_max. The first surface is tried where most
-samples lie together; each further one where the likelihood rises most, and by splitting the most spread surface in
-two. Where pixels have widths of their own, each trial starts from the pixel's width and from the common one too: a
-pair of surfaces is otherwise taken for one wide surface. Then surfaces that are not missed are taken out. Gains are
-differences of the objective (`fitting.objective`), priors included; `thresholds` says which of them noise reaches.
+samples lie together; each further one where the likelihood rises most, where the best share gains most, and by
+splitting the most spread surface in two. Where pixels have widths of their own, each trial starts from the pixel's
+width and from the common one too: a pair of surfaces is otherwise taken for one wide surface. Then surfaces that are
+not missed are taken out. Gains are differences of the objective (`fitting.objective`), priors included; `thresholds`
+says which of them noise reaches.
 """
 
 import math
@@ -314,16 +315,42 @@ def _gain_of_share(ratio: FloatArray, n: float) -> float:
 
 
 @borrowing
+def _explained(
+    fresh: FloatArray,
+    near: int,
+    factors: tuple[float, float, float, float, float, float],
+    law: Law,
+    scratch: FloatArray,
+) -> float:
+    """Part of a new surface's information that the scores of an old one's mean, share and width explain.
+
+    `fresh` is the new surface's density by p at the samples from `near` on; `factors` are those of `_scores_of`.
+    """
+    l00, l10, l20, l11, l21, l22 = factors
+    past = near + len(fresh)
+    p0 = product_of(fresh, scratch[SCORES, near:past])
+    p1 = product_of(fresh, scratch[SCORES + 1, near:past])
+    p2 = product_of(fresh, scratch[SCORES + 2, near:past]) if law.width_spread > 0.0 else 0.0
+    q0 = p0 / l00 if l00 > 0.0 else 0.0
+    q1 = (p1 - l10 * q0) / l11 if l11 > 0.0 else 0.0
+    q2 = (p2 - l20 * q0 - l21 * q1) / l22 if l22 > 0.0 else 0.0
+    return float(q0 * q0 + q1 * q1 + q2 * q2)
+
+
+@borrowing
 def steepest_place(
     data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray, least: float
 ) -> tuple[float, float, float, float]:
-    """Where a new surface may stand: the largest slope D(theta) of the log likelihood by its share, nat, and its place;
-    the largest gain bound; and the place where the best share gains most.
+    """Where a new surface may stand, by places half a standard error apart; `mix` has been called.
 
-    Where a shape has a steep edge, D is largest where the edge meets one lonely sample; several samples that are less
-    near gain more. A share gains no more than D, so that few places are looked at twice. A gain bound estimates the gain of a surface there: that of its best share, or, where it takes the place of an old
+    Returns the largest slope D(theta) of the log likelihood by a new surface's share, nat, and its place; the largest
+    gain bound; and the place where the best share gains most. The two places differ where a shape has a steep edge: D
+    is largest where the edge meets one lonely sample, and several samples that are less near gain more. No share gains
+    more than D, so that few places are looked at twice.
+
+    A gain bound estimates the gain of a surface there: that of its best share, or, where it takes the place of an old
     one, half the squared score, less what the old one's mean, share and width explain, by its information. Bounds are
-    computed while the largest is below `least`. `mix` has been called.
+    computed while the largest is below `least`.
 
     References
     ----------
@@ -337,7 +364,7 @@ def steepest_place(
     width = math.exp(fit[OWN, LOG_WIDTH])
     most, place, bound, nearest = -float(n), y[0], 0.0, -1
     best, richest, step = 0.0, y[0], _STEP / math.sqrt(max(law.information, 1.0))
-    l00, l10, l20, l11, l21, l22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    factors = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     near, past = 0, 0
     theta = y[0] - sigma_at(y[0], beam.curve_range, beam.curve_sigma)
     end = y[n - 1] + sigma_at(y[n - 1], beam.curve_range, beam.curve_sigma)
@@ -373,15 +400,9 @@ def steepest_place(
             own = _nearest(here, k, fit)
             if own != nearest:
                 nearest = own
-                l00, l10, l20, l11, l21, l22 = _scores_of(data, own, fit, law, scratch)
-            p0 = product_of(fresh, scratch[SCORES, near:past])
-            p1 = product_of(fresh, scratch[SCORES + 1, near:past])
-            p2 = product_of(fresh, scratch[SCORES + 2, near:past]) if law.width_spread > 0.0 else 0.0
+                factors = _scores_of(data, own, fit, law, scratch)
             information = product_of(fresh, fresh) - 2.0 * overlap + n
-            q0 = p0 / l00 if l00 > 0.0 else 0.0
-            q1 = (p1 - l10 * q0) / l11 if l11 > 0.0 else 0.0
-            q2 = (p2 - l20 * q0 - l21 * q1) / l22 if l22 > 0.0 else 0.0
-            information -= q0 * q0 + q1 * q1 + q2 * q2
+            information -= _explained(fresh, near, factors, law, scratch)
             bound = max(bound, 0.5 * slope * slope / max(information, _LEAST_INFORMATION * n))
     return most, place, bound, richest
 
