@@ -430,7 +430,7 @@ def _learn(learner: _Learner, noise: PixelNoise, part: str) -> PixelNoise | None
         return None
     learnt = {"drift": _with_drift, "widths": _with_widths, "shape": _with_shape}[part]
     trial = learnt(learner, noise, single)
-    if trial is not None:  # without the part, pixels that need it most were taken for two surfaces
+    if trial is not None and part != "drift":  # without the part, pixels that need it most seemed two surfaces
         trial = learnt(learner, trial, _single(learner, _with_curve(learner, trial), clusters))
     return None if trial is None else _with_curve(learner, trial)
 
