@@ -49,16 +49,17 @@ class Known(NamedTuple):
         return NoiseShape.standardised(z, self.pdf(z))
 
 
-def _known(law: Any) -> Known:  # noqa: ANN401  a frozen distribution of SciPy
+def known(law: Any) -> Known:  # noqa: ANN401  a frozen distribution of SciPy
+    """A distribution of SciPy, standardised."""
     low, middle, high = law.ppf(CENTRAL)
     return Known(law, float(middle), 0.5 * float(high - low))
 
 
 KNOWN = {
-    "gaussian": _known(stats.norm()),
-    "skewed": _known(stats.gamma(4.0)),
-    "student": _known(stats.t(5.0)),
-    "laplace": _known(stats.laplace()),
+    "gaussian": known(stats.norm()),
+    "skewed": known(stats.gamma(4.0)),
+    "student": known(stats.t(5.0)),
+    "laplace": known(stats.laplace()),
 }
 """Errors of skewness 1, of long tails, and with a sharp peak, beside the Gaussian."""
 
