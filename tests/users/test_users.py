@@ -1,6 +1,8 @@
 """The bench of users' scenes: what it draws, what its oracle knows, how it scores; and three cases of it."""
 
+import importlib
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import Effect
 from users.cases import MAGNITUDES, SCENES, Case, draw, recorded
+from users.greedy import greedy_bic
 from users.oracle import Known, known
 from users.score import alternatives, score
 
@@ -128,3 +131,27 @@ def test_another_recording_of_a_case_has_the_pixels_own_biases_of_the_first() ->
     drawn = case("wall", hidden)
     first, other = (np.nanmean(recorded(drawn, seed), axis=0).ravel() for seed in (None, 99))
     assert np.corrcoef(first, other)[0, 1] > 0.9
+
+
+@pytest.mark.slow
+def test_greedy_bic_names_a_clear_offset_with_its_error_and_nothing_where_nothing_is_hidden() -> None:
+    settings = Settings(kinds=("range_offset", "excess_noise", "outliers"))
+    for hidden in ((), (MAKE["range_offset"](offset_mm=9.0),)):
+        one = case("wall and box", *hidden)
+        evidence = make_evidence(one.given, recorded(one), time_s=np.arange(120) / 25.0)
+        found = greedy_bic(one.given, evidence, settings)
+        assert [e["kind"] for e in found["effects"]] == [e.kind for e in hidden]
+        assert score(one, found, known(one) if hidden else None).result == "right"
+
+
+def test_bench_prints_the_peer_beside_of_the_cases_that_both_have_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
+    summary = importlib.import_module("user_scenes").summary
+    line = {"scene": "wall", "sort": "effects", "kinds": ["outliers"], "identifiable": True, "told_apart": []}
+    done = [
+        line | {"number": k, "name": str(k), "result": result, "verdict": "", "why": "", "seconds": 2.0}
+        for k, result in enumerate(("right", "open", "right"))
+    ]
+    peer = [{"number": k, "result": result, "seconds": 4.0} for k, result in enumerate(("wrong", "right"))]
+    assert "BIC" not in "\n".join(summary(done))
+    assert "| all | 2 | 1 | 0 | 1 | 2.0 | 1 | 1 | 0 | 4.0 |" in list(summary(done, peer))
