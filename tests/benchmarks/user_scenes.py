@@ -3,17 +3,19 @@
     PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output RESULTS
     PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output RESULTS --cases 240 --seed 7 --jobs 2
     PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output RESULTS --summary
+    PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output RESULTS --peer
     PYTHONPATH=tests python tests/benchmarks/user_scenes.py --output TRUE --model true
 
 Each case is a line of `RESULTS/results.jsonl`; a case that has a line is not done again, so that the command may be
-stopped and started at will. What a case is, and what counts as right, is in docs/results/user-scenes.md.
+stopped and started at will. With `--peer`, greedy selection by BIC does the same cases afterwards, and its lines are in
+`RESULTS/peer.jsonl`. What a case is, and what counts as right, is in docs/results/user-scenes.md.
 """
 
 import argparse
 import json
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -26,6 +28,7 @@ import numpy as np
 from blind.camera import Recording
 from blind.two_samples import two_samples
 from users.cases import FRAMES, RATE_HZ, Case, draw, record, recorded
+from users.greedy import greedy_bic
 from users.oracle import known
 from users.score import score
 
@@ -36,6 +39,7 @@ from tofmix.reconciliation.workflow import Reconciliation, reconcile
 
 SEED = 20261124
 RESULTS = ("right", "wrong", "open")
+DONE, PEER = "results.jsonl", "peer.jsonl"
 FRESH = 1_000_003
 """Added to a case's seed for the recordings that no fit has seen."""
 
@@ -74,6 +78,20 @@ def judged(number: int, seed: int) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def by_bic(number: int, seed: int) -> dict[str, Any]:
+    """The same case by greedy selection with BIC."""
+    case = draw(seed, number)
+    evidence = make_evidence(case.given, recorded(case), time_s=np.arange(FRAMES) / RATE_HZ)
+    start = time.perf_counter()
+    gap = greedy_bic(case.given, evidence, Settings(kinds=KINDS))
+    seconds = time.perf_counter() - start
+    outcome = score(case, gap, known(case) if case.hidden else None)
+    return {
+        "number": number, "name": case.name, "result": outcome.result, "why": outcome.why,
+        "named": sorted(e["kind"] for e in gap["effects"]), "seconds": round(seconds, 1),
+    }  # fmt: skip
+
+
 def told_apart(case: Case, found: Reconciliation, seed: int) -> list[str]:
     """Two-sample tests, at 1 %, that tell a simulation of the refined model from another recording of the truth."""
     effects = (*case.given.effects, *(n.effect for n in found.named))
@@ -87,28 +105,51 @@ JUDGES = {"given": judged, "true": agreeing}
 
 
 def run(numbers: Sequence[int], options: argparse.Namespace) -> None:
-    """Do what is not done yet, and note each case as it ends."""
-    output, judge = options.output, partial(JUDGES[options.model], seed=options.seed)
-    output.mkdir(parents=True, exist_ok=True)
-    done = {line["number"] for line in lines(output)}
+    """Do what is not done yet, and note each case as it ends; then the peer, if it is asked for."""
+    options.output.mkdir(parents=True, exist_ok=True)
+    _noted(numbers, JUDGES[options.model], DONE, options)
+    if options.peer:
+        _noted(numbers, by_bic, PEER, options)
+
+
+def _noted(
+    numbers: Sequence[int], judge: Callable[..., dict[str, Any]], name: str, options: argparse.Namespace
+) -> None:
+    done = {line["number"] for line in lines(options.output, name)}
     with (
         ProcessPoolExecutor(options.jobs, mp_context=get_context("forkserver")) as pool,
-        (output / "results.jsonl").open("a", encoding="utf-8") as file,
+        (options.output / name).open("a", encoding="utf-8") as file,
     ):
-        for line in pool.map(judge, [n for n in numbers if n not in done]):
+        for line in pool.map(partial(judge, seed=options.seed), [n for n in numbers if n not in done]):
             file.write(json.dumps(line) + "\n")
             file.flush()
             print(f"{line['name']}: {line['result']} {line['why']}", flush=True)
 
 
-def lines(output: Path) -> list[dict[str, Any]]:
+def lines(output: Path, name: str = DONE) -> list[dict[str, Any]]:
     """What is done."""
-    path = output / "results.jsonl"
+    path = output / name
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.exists() else []
 
 
-def summary(done: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """Tables by sort, scene and kind, and what was not right."""
+def summary(done: Sequence[dict[str, Any]], peer: Sequence[dict[str, Any]] = ()) -> Iterator[str]:
+    """Tables by sort, scene and kind, and what was not right; the peer's of the cases that both have done."""
+    for name, group in _groups(done).items():
+        yield f"| {name} | cases | right | wrong | open | can be known | told by energy | by a classifier | seconds |"
+        yield "|---|---|---|---|---|---|---|---|---|"
+        for key, members in group.items():
+            sure = sum(m["identifiable"] is not False for m in members)
+            told = [sum(test in m["told_apart"] for m in members) for test in ("energy", "classifier")]
+            yield f"| {key} | {_counted(members)} | {sure} | {told[0]} | {told[1]} | {_seconds(members)} |"
+        yield ""
+    if peer:
+        yield from _beside(done, {line["number"]: line for line in peer})
+    for line in sorted(done, key=lambda member: member["number"]):
+        if line["result"] != "right":
+            yield f"{line['result']}: {line['name']}: {line['verdict']}; {line['why']}"
+
+
+def _groups(done: Sequence[dict[str, Any]]) -> dict[str, dict[str, list[dict[str, Any]]]]:
     groups: dict[str, dict[str, list[dict[str, Any]]]] = {n: defaultdict(list) for n in ("sort", "scene", "kind")}
     for line in done:
         groups["sort"]["all"].append(line)
@@ -116,20 +157,29 @@ def summary(done: Sequence[dict[str, Any]]) -> Iterator[str]:
         groups["scene"][line["scene"]].append(line)
         for kind in line["kinds"]:
             groups["kind"][kind].append(line)
-    for name, group in groups.items():
-        yield f"| {name} | cases | right | wrong | open | can be known | told by energy | by a classifier | seconds |"
-        yield "|---|---|---|---|---|---|---|---|---|"
-        for key, members in sorted(group.items(), key=lambda item: (item[0] != "all", item[0])):
-            count = Counter(m["result"] for m in members)
-            sure = sum(m["identifiable"] is not False for m in members)
-            shown = " | ".join(str(count[r]) for r in RESULTS)
-            told = [sum(test in m["told_apart"] for m in members) for test in ("energy", "classifier")]
-            seconds = median(m["seconds"] for m in members)
-            yield f"| {key} | {len(members)} | {shown} | {sure} | {told[0]} | {told[1]} | {seconds:.1f} |"
+    return {n: dict(sorted(g.items(), key=lambda item: (item[0] != "all", item[0]))) for n, g in groups.items()}
+
+
+def _counted(members: Sequence[dict[str, Any]]) -> str:
+    count = Counter(m["result"] for m in members)
+    return " | ".join(str(n) for n in (len(members), *(count[r] for r in RESULTS)))
+
+
+def _seconds(members: Sequence[dict[str, Any]]) -> str:
+    return f"{median(m['seconds'] for m in members):.1f}"
+
+
+def _beside(done: Sequence[dict[str, Any]], peer: Mapping[int, dict[str, Any]]) -> Iterator[str]:
+    """Tables of `reconcile` and its peer, of the cases that both have done."""
+    both = [line for line in done if line["number"] in peer]
+    for name, group in _groups(both).items():
+        yield f"| {name} | cases | right | wrong | open | seconds | BIC: right | wrong | open | seconds |"
+        yield "|---|---|---|---|---|---|---|---|---|---|"
+        for key, members in group.items():
+            others = [peer[m["number"]] for m in members]
+            by_peer = _counted(others).split(" | ", 1)[1]
+            yield f"| {key} | {_counted(members)} | {_seconds(members)} | {by_peer} | {_seconds(others)} |"
         yield ""
-    for line in sorted(done, key=lambda member: member["number"]):
-        if line["result"] != "right":
-            yield f"{line['result']}: {line['name']}: {line['verdict']}; {line['why']}"
 
 
 def chosen(options: argparse.Namespace) -> list[int]:
@@ -148,12 +198,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--every", type=int, default=1, help="take each so-many-th case")
     parser.add_argument("--select", default="", help="a part of the cases' names")
     parser.add_argument("--model", choices=tuple(JUDGES), default="given", help="true: nothing is hidden")
+    parser.add_argument("--peer", action="store_true", help="do the cases by greedy selection with BIC too")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--summary", action="store_true", help="print the tables of what is done, and do nothing")
     options = parser.parse_args(arguments)
     if not options.summary:
         run(chosen(options), options)
-    print("\n".join(summary(lines(options.output))))
+    print("\n".join(summary(lines(options.output), lines(options.output, PEER))))
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
 from tofmix.simulation.render import render_blocks
+from tofmix.simulation.surface import Surface
 
 SHAPES = [(1, 24), (24, 1)]
 FRAMES = 80
@@ -46,6 +47,17 @@ def test_an_offset_is_found_and_a_right_model_left_alone(rows: int, cols: int) -
     for result in (right, found):
         assert np.isfinite([c.distance for c in result.verified.before.curves]).all()
         json.dumps(result.as_dict(), allow_nan=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rows", "cols"), [(2, 4), (1, 24)])
+def test_an_offset_of_one_wall_in_a_few_pixels_is_never_agreement(rows: int, cols: int) -> None:
+    model = scene(rows=rows, cols=cols)
+    wall = replace(model, surfaces=(Surface(name="wall", center_mm=(0, 0, 2200), size_mm=(5200.0, 4200.0)),))
+    found = reconcile(wall, _record(wall, MAKE["range_offset"](offset_mm=20.0)), Settings(kinds=KINDS))
+    assert found.verified.verdict == "explained"
+    sets = [set(kind.split(" + ")) for alias in found.as_dict()["aliases"] for kind in alias["kinds"]]
+    assert {"range_offset"} in [{n.effect.kind for n in found.named}, *sets]
 
 
 @pytest.mark.parametrize(("rows", "cols"), [SHAPES[0], pytest.param(*SHAPES[1], marks=pytest.mark.slow)])

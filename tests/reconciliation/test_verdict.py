@@ -80,6 +80,15 @@ def test_tails_and_skew_of_one_law_go_together_and_bias_goes_alone() -> None:
     assert inexact(curve("bias", 0.05), before) == pytest.approx(0.02)
 
 
+@pytest.mark.parametrize(("own", "limit"), [(0.0, 0.02), (0.3, 0.032)])
+def test_of_a_spread_that_a_bias_made_an_inexact_law_leaves_a_hundredth(own: float, limit: float) -> None:
+    """A law that is wrong by a tenth of a bias of 0.84 sigma leaves 0.084, whose square is next to no spread."""
+    told = 0.5 * own**2 * BINS / 1e-4  # nats of what spreads say beyond means
+    spread = replace(curve("spread", 0.5), telling=told)
+    before = replace(panel(bias=0.84), curves=(curve("bias", 0.84), spread))
+    assert inexact(curve("spread", 0.05), before) == pytest.approx(limit, rel=0.01)
+
+
 AGAINST: tuple[dict[str, object], ...] = (
     {"law": "range"}, {"own": MAKE["range_offset"](offset_mm=3.0)}, {"bound": True}, {"echo": True}, {"shaped": True}
 )  # fmt: skip

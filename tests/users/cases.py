@@ -17,6 +17,7 @@ from tofmix.simulation.effects import EFFECTS, Effect, PixelMap
 from tofmix.simulation.effects.base import Context
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.model import Model, RecordingSettings
+from tofmix.simulation.prediction import predict
 from tofmix.simulation.render import render_blocks
 from tofmix.simulation.surface import Surface
 from users.strangers import STRANGERS, Stranger
@@ -216,16 +217,29 @@ def _moved(number: int, scene: str, given: Model, rng: np.random.Generator, seed
 
 
 def _nearly(given: Model, rng: np.random.Generator) -> Model:
-    """A model that is nearly right: poses to 0.1 sigma, noise to 1 %, reflectivities to 5 %."""
-    noise = given.sensor.noise_at(given.sensor.integration_time_ms)
+    """A model that is nearly right: ranges by poses to 0.1 sigma, noise to 1 %, reflectivities to 5 %."""
     surfaces = []
-    for s in given.surfaces:
-        distance = float(np.linalg.norm(s.center_mm))
-        shift = 0.1 * float(noise.sigma(np.array([distance]))[0]) * _sign(rng)
+    for s, sigma in zip(given.surfaces, _sigma_of_place(given), strict=True):
+        shift = 0.1 * sigma * _sign(rng)
         x, y, z = np.array(s.center_mm) + shift * s.rotation()[:, 2]
         reflectivity = min(s.reflectivity * (1 + 0.05 * _sign(rng)), 1.0)
         surfaces.append(replace(s, center_mm=(float(x), float(y), float(z)), reflectivity=reflectivity))
     return replace(given, surfaces=tuple(surfaces), effects=(_MAKE["excess_noise"](factor=1 + 0.01 * _sign(rng)),))
+
+
+def _sigma_of_place(given: Model) -> list[float]:
+    """Of each surface the move along its normal, mm, that moves its ranges by their sigma, in the median pixel.
+
+    The camera need not see a surface's centre, nor the foot of its plane, as in the corner.
+    """
+    seen = predict(given, cast_scene(given))
+    main = seen.weight.argmax(axis=0)[None]
+    surface, sigma, ranges = (
+        np.take_along_axis(of, main, axis=0)[0] for of in (seen.surface, seen.sigma_mm, seen.true_range_mm)
+    )
+    own = [surface == number for number in range(len(given.surfaces))]
+    planes = [abs(float(s.rotation()[:, 2] @ np.array(s.center_mm))) for s in given.surfaces]
+    return [float(np.median(sigma[o] / ranges[o])) * plane for o, plane in zip(own, planes, strict=True)]
 
 
 def record(model: Model, seed: int) -> Float32Array:

@@ -1,6 +1,8 @@
 """The bench of users' scenes: what it draws, what its oracle knows, how it scores; and three cases of it."""
 
+import importlib
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,9 @@ from tofmix.reconciliation.name import KINDS
 from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import Effect
+from tofmix.simulation.prediction import predict
 from users.cases import MAGNITUDES, SCENES, Case, draw, recorded
+from users.greedy import greedy_bic
 from users.oracle import Known, known
 from users.score import alternatives, score
 
@@ -124,8 +128,59 @@ def test_reconcile_is_right_on_a_wall_and_a_box(hidden: tuple[Effect, ...]) -> N
     assert score(one, found, known(one)).result == "right", found["effects"]
 
 
+@pytest.mark.slow
+def test_noise_and_offset_of_one_wall_are_never_a_second_path_alone() -> None:
+    one = case("wall", MAKE["excess_noise"](factor=1.3), MAKE["range_offset"](offset_mm=12.0))
+    found = reconcile(one.given, make_evidence(one.given, recorded(one)), Settings(kinds=KINDS)).as_dict()
+    assert [e["kind"] for e in found["effects"]] != ["multipath"]
+    assert score(one, found, known(one)).result == "right", found["effects"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [58, 63, 133, 139, 181, 182])
+def test_cases_with_a_false_name_at_32ff9fc_have_none(number: int) -> None:
+    """By a law's own spread, a pose of no use, a set that leads back, and a place that no pixel sees."""
+    one = draw(20261124, number)
+    evidence = make_evidence(one.given, recorded(one), time_s=np.arange(120) / 25.0)
+    found = reconcile(one.given, evidence, Settings(kinds=KINDS)).as_dict()
+    assert score(one, found, known(one) if one.hidden else None).result != "wrong", found["effects"]
+
+
+@pytest.mark.parametrize("scene", ["corner", "slanted"])
+def test_a_nearly_right_model_moves_ranges_by_a_tenth_of_sigma_where_they_are_seen(scene: str) -> None:
+    one = next(c for c in (draw(20261124, n) for n in range(10, 600, 12)) if (c.scene, c.sort) == (scene, "nearly"))
+    before, after = predict(one.given), predict(replace(one.true, effects=()))
+    main = before.weight.argmax(axis=0)[None]
+    seen = [np.take_along_axis(of, main, axis=0)[0] for of in (before.range_mm, after.range_mm, before.sigma_mm)]
+    assert np.median(np.abs(seen[1] - seen[0]) / seen[2]) == pytest.approx(0.1, abs=0.01)
+
+
 def test_another_recording_of_a_case_has_the_pixels_own_biases_of_the_first() -> None:
     hidden = MAKE["fixed_pattern"](pixel_sigma_mm=20.0)
     drawn = case("wall", hidden)
     first, other = (np.nanmean(recorded(drawn, seed), axis=0).ravel() for seed in (None, 99))
     assert np.corrcoef(first, other)[0, 1] > 0.9
+
+
+@pytest.mark.slow
+def test_greedy_bic_names_a_clear_offset_with_its_error_and_nothing_where_nothing_is_hidden() -> None:
+    settings = Settings(kinds=("range_offset", "excess_noise", "outliers"))
+    for hidden in ((), (MAKE["range_offset"](offset_mm=9.0),)):
+        one = case("wall and box", *hidden)
+        evidence = make_evidence(one.given, recorded(one), time_s=np.arange(120) / 25.0)
+        found = greedy_bic(one.given, evidence, settings)
+        assert [e["kind"] for e in found["effects"]] == [e.kind for e in hidden]
+        assert score(one, found, known(one) if hidden else None).result == "right"
+
+
+def test_bench_prints_the_peer_beside_of_the_cases_that_both_have_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
+    summary = importlib.import_module("user_scenes").summary
+    line = {"scene": "wall", "sort": "effects", "kinds": ["outliers"], "identifiable": True, "told_apart": []}
+    done = [
+        line | {"number": k, "name": str(k), "result": result, "verdict": "", "why": "", "seconds": 2.0}
+        for k, result in enumerate(("right", "open", "right"))
+    ]
+    peer = [{"number": k, "result": result, "seconds": 4.0} for k, result in enumerate(("wrong", "right"))]
+    assert "BIC" not in "\n".join(summary(done))
+    assert "| all | 2 | 1 | 0 | 1 | 2.0 | 1 | 1 | 0 | 4.0 |" in list(summary(done, peer))

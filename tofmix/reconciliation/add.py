@@ -106,18 +106,45 @@ def ways(likelihood: Likelihood, settings: Settings, tick: Callable[[str], None]
 
 def _or_better(way: Way, added: Added) -> Added:
     """What was added, or a part of it that is enough, or another set of effects that explains more."""
-    if added.sets is None:
+    sets = added.sets
+    if sets is None:
         return added
     stands_out = bool(_open(way, added.panel))
-    part = None if stands_out or added.sets.enough is None else _from_set(way, added, added.sets.enough)
+    enough = None if stands_out else sets.enough
+    part = None if enough is None else _elsewhere(way, added, enough)
     if part is not None and not _open(way, part.panel):
         return part
-    better = added.sets.better(larger=stands_out)
-    other = None if better is None else _from_set(way, added, better)
-    if other is None or {name_of(c) for c in other.chosen} == {name_of(c) for c in added.chosen}:
+    other = None
+    for better in _alternatives(sets, larger=stands_out):
+        if better is not enough:  # that has led back, or does not explain it
+            other = other or _elsewhere(way, added, better)
+    if other is None:
         return added
-    larger = _n_parameters(other) > _n_parameters(added)  # what the search has added to the set counts too
+    larger = _numbers(other) > _numbers(added)  # what the search has added to the set counts too
     return other if (stands_out or not larger) and _leads(way, other, added) else added
+
+
+def _alternatives(sets: Alternatives, *, larger: bool) -> list[Explained]:
+    """The smallest set that is better, and the best of all, should the search from that lead back."""
+    smallest, best = sets.better(larger=larger), sets.best(larger=larger)
+    return [s for s in (smallest, best if best is not smallest else None) if s is not None]
+
+
+def _elsewhere(way: Way, added: Added, begun: Explained) -> Added | None:
+    """Where a search ends that begins with a set of effects; None if it leads back to those that were added."""
+    other = _from_set(way, added, begun)
+    return None if other is None or _names(other) == _names(added) else other
+
+
+def _names(added: Added) -> set[tuple[str, str]]:
+    return {name_of(c) for c in added.chosen}
+
+
+def _numbers(added: Added) -> int:
+    """How many numbers the effects have, counted as those of sets: what is chosen of a few values is none."""
+    of_sets = 0 if added.sets is None else added.sets.found.numbers
+    rest = (c.parameters for c in added.chosen if added.sets is None or not summed_up(c.kind))
+    return of_sets + sum(rest)
 
 
 def _n_parameters(added: Added) -> int:

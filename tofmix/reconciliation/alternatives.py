@@ -72,7 +72,7 @@ class Alternatives:
         larger : bool
             Whether it may have more numbers than what was found.
         """
-        sets = [s for s in self.sets if larger or s.numbers <= self.found.numbers]
+        sets = self._of_size(larger=larger)
         if not sets:
             return None
         top = max(s.evidence for s in sets)
@@ -80,6 +80,14 @@ class Alternatives:
         least = min(s.numbers for s in enough)
         best = max((s for s in enough if s.numbers == least), key=lambda s: s.evidence)
         return best if best.evidence > self.found.evidence + _BETTER_NATS else None
+
+    def best(self, *, larger: bool) -> Explained | None:
+        """The set of most evidence, if it is clearly better than what was found; `larger` as of `better`."""
+        best = max(self._of_size(larger=larger), key=lambda s: s.evidence, default=self.found)
+        return best if best.evidence > self.found.evidence + _BETTER_NATS else None
+
+    def _of_size(self, *, larger: bool) -> list[Explained]:
+        return [s for s in self.sets if larger or s.numbers <= self.found.numbers]
 
 
 def alternatives(

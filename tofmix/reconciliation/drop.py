@@ -8,7 +8,7 @@ from tofmix.reconciliation.beside import worth
 from tofmix.reconciliation.likelihood import Part, State
 from tofmix.reconciliation.name import PRICE_NATS, Candidate
 from tofmix.reconciliation.refit import refit, without
-from tofmix.reconciliation.way import CRUMB, Way, held_out, name_of
+from tofmix.reconciliation.way import CRUMB, Way, fit_part, held_out, name_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.range_offset import RangeOffset
@@ -72,11 +72,16 @@ def drop(way: Way) -> None:
             continue
         if candidate.fitted is None:
             continue
-        rest = without(way.state, k)
+        rest, others = without(way.state, k), [*way.chosen[:k], *way.chosen[k + 1 :]]
         worth_ = likelihood.value(rest, part)
-        if whole - worth_ < max(PRICE_NATS * candidate.parameters, _crumb(way, k)) or _is_pattern(way, k):
-            way.state, whole = rest, worth_
-            del way.chosen[k], way.rivals[k]
+        needed = max(PRICE_NATS * candidate.parameters, _crumb(way, k))
+        if needed <= whole - worth_ < CRUMB * sum(c.gain for c in others) and not rest.pixel_bias.any():
+            # The others were fitted beside it, and may do without it with other numbers
+            rest, others = refit(likelihood, rest, others, fit_part(likelihood, way.settings))
+            worth_ = likelihood.value(rest, part)
+        if whole - worth_ < needed or _is_pattern(way, k):
+            way.state, way.chosen, whole = rest, others, worth_
+            del way.rivals[k]
 
 
 def _crumb(way: Way, number: int) -> float:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.evidence import Evidence, join
 from tofmix.reconciliation.likelihood import Likelihood, Part
@@ -48,6 +49,13 @@ class Scenes:
         distances = {name: d for m in reversed(members) for name, d in zip(m.names, m.distance, strict=True)}
         self.names = tuple(dict.fromkeys(name for m in members for name in m.names))
         self.distance = np.array([distances[name] for name in self.names])
+
+    @property
+    def sigma_of_place(self) -> FloatArray:
+        """As `Scene.sigma_of_place`, the median of the recordings that show a surface."""
+        found = [dict(zip(m.names, m.sigma_of_place, strict=True)) for m in self.members]
+        seen = ([own[name] for own in found if name in own and own[name] > 0] for name in self.names)
+        return np.array([float(np.median(values)) if values else np.nan for values in seen])
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -6,6 +6,7 @@ biases, stuck pixels, memory) is left to `tofmix.reconciliation.likelihood`; all
 
 from collections import OrderedDict
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -168,6 +169,20 @@ class Scene:
         self.beams = beam_directions_of(model.sensor.optics, model.sensor.shape).reshape(-1, 3)
         self._casts: OrderedDict[tuple[Surface, ...], Truth] = OrderedDict()
         self.distance = np.array([_plane_distance(s) for s in model.surfaces])
+
+    @cached_property
+    def sigma_of_place(self) -> FloatArray:
+        """Move (surface,) of each surface along its normal, mm, that moves its ranges by their sigma.
+
+        The median over the pixels that see it most; NaN where none does.
+        """
+        m = self.mixture()
+        surface, sigma, ranges = m.of_main(m.surface), m.of_main(m.sigma), m.of_main(m.true_range)
+        out = np.full(len(self.names), np.nan)
+        for number in np.intersect1d(surface, np.arange(len(self.names))):
+            own = surface == number
+            out[number] = float(np.median(sigma[own] / ranges[own])) * abs(self.distance[number])
+        return out
 
     @property
     def effects(self) -> tuple[Effect, ...]:

@@ -285,7 +285,8 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
     part : (frames, pixels)
         What the fit may see.
     tolerance : float
-        Error of a surface's place, in sigma; that of the noise's scale in tenths. A tilt is none that is tolerated.
+        Error of a surface's ranges by its place, in sigma of the pixels that see it; that of the noise's scale in
+        tenths. A tilt is none that is tolerated.
     """
     if tolerance <= 0:
         return state
@@ -347,10 +348,9 @@ class _Slopes:
     def step(self, likelihood: Likelihood, tolerance: float) -> FloatArray:
         """Newton's step (surface,), mm, that ends within the tolerance."""
         out = np.zeros(self.shifts.size)
-        sensor = likelihood.scene.model.sensor
-        noise = sensor.noise_at(sensor.integration_time_ms)
+        sigma = np.nan_to_num(likelihood.scene.sigma_of_place)  # where no pixel sees it, no place is known either
         for number in np.flatnonzero(self.information > 0):
-            limit = SLACK * tolerance * float(noise.sigma(np.array([abs(likelihood.scene.distance[number])]))[0])
+            limit = SLACK * tolerance * float(sigma[number])
             to = self.shifts[number] + self.slope[number] / self.information[number]
             out[number] = float(np.clip(to, -limit, limit)) - self.shifts[number]
         return out

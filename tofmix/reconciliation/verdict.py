@@ -34,6 +34,7 @@ _SETTLED, _UNTOUCHED = 0.97, 0.7  # of the largest disagreement that was there, 
 _SHOWN = 2.0  # normal deviate from which the model's own simulation shows a curve too
 _OPEN = 0.03  # of an effect's gain, that may be left in the statistics in which it must show
 _FEW = 0.1  # third and fourth powers of single pixels hang on few samples
+_HIGHER = ("spread", "skew", "tails")  # orders that a bias moves too
 _TAILED = ("skew", "tails")  # a law that is not exact in one of these is not in the other
 
 
@@ -214,6 +215,9 @@ def judge(found: Findings) -> str:
 def inexact(curve: Curve, before: Compared) -> float:
     """Size of a curve up to which it may be what an inexact law leaves.
 
+    Of a bias, a law that is wrong by a tenth leaves a tenth. A spread is quadratic in the bias of its samples, and
+    tails in a spread: of a part that lower orders make, the law leaves a hundredth.
+
     Parameters
     ----------
     curve : Curve
@@ -224,15 +228,22 @@ def inexact(curve: Curve, before: Compared) -> float:
     Returns
     -------
     float
-        The tenth of what was there, and at least what counts as no disagreement. Tails and skew of one law go together.
+        At least what counts as no disagreement. Tails and skew of one law go together.
     """
     was = _named(before)
     pattern = "_pattern" if curve.statistic.endswith("_pattern") else ""
     tailed = curve.statistic.removesuffix(pattern) in _TAILED
     alike = tuple(f"{name}{pattern}" for name in _TAILED) if tailed else (curve.statistic,)
-    names = ((name, curve.axis, curve.recording) for name in alike)
-    moved = max((was[name].size for name in names if name in was), default=0.0)
-    return max(LAW * moved, LEAST_SIZE if curve.statistic in (*SHAPES, "pattern") else 0.0)
+    moved = [was[name] for name in ((name, curve.axis, curve.recording) for name in alike) if name in was]
+    own, all_ = max(map(_own_size, moved), default=0.0), max((c.size for c in moved), default=0.0)
+    return max(LAW * own + LAW**2 * (all_ - own), LEAST_SIZE if curve.statistic in (*SHAPES, "pattern") else 0.0)
+
+
+def _own_size(curve: Curve) -> float:
+    """Size of a curve without the part that curves of lower order make."""
+    if curve.telling is None or curve.statistic.removesuffix("_pattern") not in _HIGHER:
+        return curve.size
+    return min(curve.size, math.sqrt(2 * curve.telling / float((1 / curve.variance).sum())))
 
 
 def share_closed(before: Compared, after: Compared, floor: Compared) -> float | None:
