@@ -116,7 +116,7 @@ def test_layers_that_do_not_say_where_pixels_look_are_refused(tofmix: Tofmix, tm
     refused = tofmix("surfaces", tmp_path / "blind.layers.h5")
     assert refused.code == ExitCode.BAD_INPUT
     assert refused.err.count("\n") == 1
-    for text in ("blind.layers.h5: sensor: no field of view", "import", "--fov HxV", "tofmix estimate"):
+    for text in ("blind.layers.h5: not known where its pixels look", "import", "--fov HxV", "estimate anew"):
         assert text in refused.err
     assert not (tmp_path / "blind.surfaces.h5").exists()
 
