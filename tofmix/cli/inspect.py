@@ -187,7 +187,7 @@ def _print(
         return
     click.echo(format_pixels(views, col))
     if why := why_layers_stand(views, made.options):
-        click.echo(why)
+        click.echo(f"\n{why}")
     if targets:
         click.echo(f"a share is a share of detections, up to {targets} a frame")
     if growth is not None:
