@@ -168,6 +168,7 @@ def test_a_section_and_the_neighbours_can_be_clicked(browser: Tab, page: Path, w
     check_pixel(browser, windows[0], 3, 2)
     browser.choose("#x-along", "column")
     assert browser.text("#x-section-title") == "Section through column 2"
+    assert browser.value("document.querySelector('#x-section path:last-of-type').getAttribute('class')") == "averaged"
     assert browser.said == []
 
 
