@@ -58,6 +58,7 @@ def test_undecided_pixels_are_counted_apart(
     expected = [int((layers.n_modes[3:] == n).sum()) for n in range(layers.max_layers + 1)]
     assert list(summary.decided_by_surfaces) == expected
     assert sum(summary.undecided_by_surfaces) == 3 * 7
+    assert len(summary.undecided_by_surfaces) == layers.max_layers + 1
     assert sum(summary.pixels_by_surfaces) == 12 * 7
     assert "undecided               21   25.0 %  not counted above" in format_table(summary)
 

@@ -303,7 +303,7 @@ class _Tally(_FindingTally):
         self.samples = ValueCounts()
         self.widths = ValueCounts()
         self.mixing = [0]
-        self.undecided = [0]
+        self.undecided = [0] * (max_layers + 1)
 
     def add(self, window: Layers) -> None:
         super().add(window)
