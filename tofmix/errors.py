@@ -39,7 +39,8 @@ EXIT_CODE_MEANINGS: dict[ExitCode, str] = {
 EXIT_CODE_REMEDIES: dict[ExitCode, str] = {
     ExitCode.DONE: "",
     ExitCode.BUG: "Report it with the command, the line on stderr, and `tofmix info FILE --json`.",
-    ExitCode.USAGE: "`tofmix COMMAND --help` lists the options.",
+    ExitCode.USAGE: "`tofmix COMMAND --help` lists the options. A name that can only be a built-in one is a value "
+    "(`sensors`, `--noise`); one that may be a file (`simulate`, `import --sensor`) is bad input where no file has it.",
     ExitCode.BAD_INPUT: "The line on stderr names file, dataset, reason and remedy. No file was changed.",
     ExitCode.STORAGE: "Free the disk, or choose another folder. `tofmix estimate --resume` goes on from there.",
     ExitCode.SOME_FAILED: "stderr has a line for each that failed. Run the command again with `--resume`.",

@@ -1,6 +1,7 @@
 """`tofmix estimate --mixing`: the same bytes whoever computes, what is said, and what other commands make of it."""
 
 import json
+import re
 from pathlib import Path
 
 import h5py
@@ -70,6 +71,14 @@ def test_what_was_found_is_said_and_written(tofmix: Tofmix, sums: Path, tmp_path
         assert mixed.sum() > 200
         assert (root["n_modes"][...][mixed] >= 1).all()
         assert sum(said["pixels_by_surfaces"][2:]) == (root["n_modes"][...] > 1).sum()
+        unsure = root["n_modes"][...][mixing[...] == int(Mixing.UNDECIDED)]
+    assert said["undecided_by_surfaces"] == np.bincount(unsure, minlength=7).tolist()
+    assert unsure.size > 0
+    line = tofmix("estimate", sums, *WINDOWS, "-o", out, "--resume").out
+    assert line.endswith(f"; {unsure.size} undecided, not counted\n")
+    counted = [int(count.replace(",", "")) for count in re.findall(r" \d: (\d[\d,]*\d|\d)", line)]
+    assert sum(counted) + unsure.size == sum(said["pixels_by_surfaces"])
+    assert f"undecided       {unsure.size:>10}" in tofmix("report", out).out
     assert tofmix("verify", out).code == 0
     assert "phasor sums" in tofmix("info", out).out
 
@@ -81,8 +90,10 @@ def test_recordings_without_amplitudes_say_one_line_and_have_no_mixing(tofmix: T
     with h5py.File(tmp_path / "a.layers.h5") as root:
         assert "mixing" not in root
     refused = tofmix("estimate", plain, "--mixing", "phasor", "--overwrite")
-    assert refused.code == ExitCode.USAGE
-    assert "phasor sums need amplitudes" in refused.err
+    assert refused.code == ExitCode.BAD_INPUT
+    assert refused.err == (
+        f"tofmix: {plain}: no amplitudes, which --mixing phasor needs; import the recording with --amplitude\n"
+    )
     assert tofmix("estimate", plain, "--paper", "--mixing", "phasor", "--overwrite").code == ExitCode.USAGE
 
 

@@ -105,10 +105,18 @@ def test_an_image_of_one_layer(tofmix: Tofmix, tmp_path: Path) -> None:
 
 def test_refusals(tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     layers = estimated(tofmix, tmp_path, **FOV)
+    surfaces = layers.with_name(layers.name.replace(".layers.h5", ".surfaces.h5"))
     before = sorted(tmp_path.iterdir())
     for arguments, code, text in (
         ((layers, "-o", tmp_path / "a.xyz"), ExitCode.USAGE, ".las, .laz"),
         ((layers, "-o", layers), ExitCode.USAGE, "must end in"),
+        (
+            (layers, "-o", tmp_path / "d.geojson", "--what", "edges"),
+            ExitCode.USAGE,
+            f"{layers} has no edges: run tofmix surfaces {layers}, then tofmix export {surfaces} -o",
+        ),
+        ((layers, "-o", tmp_path / "d.obj"), ExitCode.USAGE, f"{layers} has no edges: run tofmix surfaces"),
+        ((layers, "-o", tmp_path / "d.obj", "--what", "planes"), ExitCode.USAGE, "d.obj --what planes"),
         ((layers, "-o", tmp_path / "none" / "a.ply"), ExitCode.STORAGE, "no such folder"),
         ((tmp_path / "none.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "No such file"),
         ((tmp_path / "a.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "no layers file"),

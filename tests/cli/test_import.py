@@ -210,6 +210,13 @@ def test_refusals(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     images, _ = write_source(tmp_path, "png")
     (tmp_path / "no_sensor.toml").write_text("[recording]\nframes = 3\n")
     (tmp_path / "old.h5").write_text("old")
+    blank, metres = tmp_path / "blank.npy", tmp_path / "metres.csv"
+    blank.touch()
+    foreign = tmp_path / "foreign.h5"
+    with h5py.File(foreign, "w") as root:
+        root["data"] = samples()
+    metres.write_text("frame,row,col,range_m\n0,0,0,1.5\n1,0,0,1.6\n")
+    assert tofmix("import", metres, "-o", tmp_path / "m.h5", "--units", "m").code == 0
     out = ("-o", tmp_path / "r.h5")
     chosen: tuple[Any, ...] = ("--sensor", sensor)
     for arguments, code, text in (
@@ -226,8 +233,7 @@ def test_refusals(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
         ((source, *out, "--sensor", source), ExitCode.BAD_INPUT, "not a UTF-8 text file"),
         ((source, *chosen), ExitCode.USAGE, "--output"),
         ((source, "-o", tmp_path / "old.h5", *chosen), ExitCode.USAGE, "--overwrite"),
-        ((source, "-o", source, *chosen, "--overwrite"), ExitCode.USAGE, "is the input"),
-        ((images, "-o", images / "0.png", *chosen, "--overwrite"), ExitCode.USAGE, "is the input"),
+        ((foreign, "-o", foreign, *chosen, "--overwrite"), ExitCode.USAGE, "is the input"),
         ((source, "-o", tmp_path / "none" / "r.h5", *chosen), ExitCode.STORAGE, "no such folder"),
         ((tmp_path / "none.npy", *out, *chosen), ExitCode.BAD_INPUT, "No such file"),
         ((tmp_path / "camera.toml", *out, *chosen), ExitCode.USAGE, "not a known source"),
@@ -242,6 +248,15 @@ def test_refusals(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
         ((source, *out, *chosen, "--scale", "inf"), ExitCode.USAGE, "--scale"),
         ((source, *out, *chosen, "--scale", "nan"), ExitCode.USAGE, "--scale"),
         ((source, *out, *chosen, "--amplitude", tmp_path / "none.npy"), ExitCode.BAD_INPUT, "none.npy"),
+        ((source, *out, "--shape", "3x3"), ExitCode.USAGE, f"--shape 3x3: {source} has images of 4 x 6 already"),
+        ((source, "-o", tmp_path / "e.npy"), ExitCode.USAGE, "must not end in .npy; choose .h5"),
+        ((images / "0.png", *out), ExitCode.USAGE, f"a folder of them: tofmix import {images} -o {images}.h5"),
+        ((blank, *out), ExitCode.BAD_INPUT, "blank.npy: empty"),
+        (
+            (metres, *out, "--units", "mm"),
+            ExitCode.BAD_INPUT,
+            "the column is range_m, but --units or --scale says 1 mm",
+        ),
     ):
         outcome = tofmix("import", *arguments)
         assert outcome.code == code, (arguments, outcome.err)

@@ -36,7 +36,7 @@ def test_an_array_needs_no_sensor_and_what_it_does_not_tell_stays_unknown(tofmix
     done = tofmix("import", tmp_path / "a.npy", "-o", out)
     assert (done.code, done.err) == (0, "")
     assert "depths along the beam, taken as ranges (--depth-axis z if they are along z)" in done.out
-    assert "not known: field of view (export, map: --fov), largest range" in done.out
+    assert "not known: field of view (export, map and surfaces need it: import --fov), largest range" in done.out
     with h5py.File(out) as root:
         assert root["sensor"].attrs["name"] == "unknown"
         for key in ("range_min_mm", "range_max_mm", "fov_horizontal_deg", "fov_vertical_deg", "integration_time_ms"):
@@ -62,8 +62,11 @@ def test_what_needs_the_unknown_says_what_it_misses(tofmix: Tofmix, tmp_path: Pa
     assert tofmix("export", layers, "-o", tmp_path / "a.ply", "--fov", "60,45").code == 0
     refused = tofmix("map", layers, "-o", tmp_path / "map.yaml")
     assert refused.code == ExitCode.BAD_INPUT
-    assert "no field of view" in refused.err
-    assert "tofmix import --fov" in refused.err
+    assert refused.err == (
+        f"tofmix: {layers}: not known where its pixels look; import the recording with --fov HxV or --intrinsics, and"
+        " estimate anew\n"
+    )
+    assert tofmix("surfaces", layers).err == refused.err
 
 
 @pytest.mark.slow

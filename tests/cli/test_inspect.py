@@ -50,6 +50,9 @@ def test_numbers_are_those_of_the_files(tofmix: Tofmix, layers: Path, tmp_path: 
     assert text.startswith("row 2, column 3: ")
     assert "row 2, column 5" in text
     assert "modes of the density" not in text
+    assert text.endswith("\nestimate kept layers of 0.999 or more (--false-alarm 0.001)\n")
+    assert tofmix("estimate", tmp_path / "a.h5", "--refine", "none", "-o", tmp_path / "peaks.h5").code == 0
+    assert "--false-alarm" not in tofmix("inspect", tmp_path / "peaks.h5", "--pixel", "2,3").out
 
 
 @pytest.mark.parametrize("suffix", [pytest.param("png", marks=pytest.mark.slow), "svg"])
@@ -101,9 +104,12 @@ def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path, monkeypatch: pyt
         assert text in outcome.err
         assert outcome.err.count("\n") == 1
         assert outcome.out == ""
-    nothing = tofmix("inspect", layers, *pixel, "--recording", empty, "--over-frames")
+    another = tofmix("inspect", layers, *pixel, "--recording", empty)
+    assert another.code == ExitCode.BAD_INPUT
+    assert "dark.h5 is not the recording that" in another.err
+    assert tofmix("estimate", empty).code == 0
+    nothing = tofmix("inspect", tmp_path / "dark.layers.h5", *pixel, "--recording", empty, "--over-frames")
     assert nothing.code == ExitCode.BAD_INPUT
-    assert "is not the recording" in nothing.err
     assert nothing.err.endswith("row 0, column 0: the pixel has no valid sample\n")
     monkeypatch.setitem(sys.modules, "tofmix.report.pixels.pixel_figures", None)
     missing = tofmix("inspect", layers, *pixel, "-o", tmp_path / "a.png")

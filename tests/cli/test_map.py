@@ -108,7 +108,7 @@ def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
         ((layers, *out, "--recording", small), ExitCode.USAGE, "--from"),
         ((layers, *out, "--from", "averaged", "--recording", small), ExitCode.BAD_INPUT, "do not go with"),
         ((layers, *out, "--from", "averaged", "--recording", tmp_path / "no.h5"), ExitCode.BAD_INPUT, "no.h5"),
-        ((tmp_path / "blind.layers.h5", *out), ExitCode.BAD_INPUT, "field of view"),
+        ((tmp_path / "blind.layers.h5", *out), ExitCode.BAD_INPUT, "not known where its pixels look"),
         ((tmp_path / "none.h5", *out), ExitCode.BAD_INPUT, "none.h5"),
         ((layers, *out, "--window", 2), ExitCode.USAGE, "windows 0 to 1"),
         ((layers, *out, "--height", "3"), ExitCode.USAGE, "A,B"),
@@ -131,7 +131,8 @@ def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
 
 def test_an_input_is_never_replaced(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = write_recording(tmp_path / "a.h5", boards(20), attributes=SEES)
-    assert tofmix("estimate", recording, "-o", tmp_path / "layers.npz").code == 0
+    assert tofmix("estimate", recording).code == 0
+    (tmp_path / "a.layers.h5").rename(tmp_path / "layers.npz")
     before = (tmp_path / "layers.npz").read_bytes()
     shown = tofmix("map", tmp_path / "layers.npz", "--voxels", tmp_path / "layers.npz", "--overwrite")
     assert shown.code == ExitCode.USAGE

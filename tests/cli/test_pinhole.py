@@ -156,5 +156,6 @@ def test_optics_that_no_camera_has_are_told_and_stop_only_what_needs_them(
     for command in (("export", layers, "-o", tmp_path / "a.csv"), ("map", layers, "-o", tmp_path / "a.yaml")):
         refused = tofmix(*command)
         assert refused.code == ExitCode.BAD_INPUT
-        assert refused.err.startswith(f"tofmix: {layers}: {text}")
+        assert refused.err.startswith(f"tofmix: {layers}: ")
+        assert text in refused.err
         assert refused.err.count("\n") == 1

@@ -15,6 +15,7 @@ import pytest
 from commandline import Tofmix
 from files import boards, write_recording
 
+from tofmix.cli.main import main
 from tofmix.errors import ExitCode
 
 MODEL = """\
@@ -76,6 +77,30 @@ def test_quiet_keeps_results_and_warnings_and_drops_notes(tofmix: Tofmix, tmp_pa
     assert quiet.out == loud.out
     assert "were there already" not in quiet.err
     assert "5 frames after the last whole window left out" in quiet.err
+
+
+def test_every_command_takes_quiet(tofmix: Tofmix) -> None:
+    without = [name for name in main.commands if "--quiet" not in tofmix(name, "--help").out]
+    assert without == []
+
+
+def test_quiet_drops_notes_of_verify_and_names_of_pages_beside_json(tofmix: Tofmix, tmp_path: Path) -> None:
+    recording = write_recording(tmp_path / "a.h5", boards(20), noise=None)
+    assert "no noise curve" in tofmix("verify", recording).err
+    assert tofmix("verify", recording, "--quiet").err == ""
+    assert tofmix("estimate", recording, "-q").code == 0
+    layers, figure = tmp_path / "a.layers.h5", tmp_path / "a.svg"
+    arguments = ("inspect", layers, "--pixel", "0,0", "-o", figure, "--json", "--overwrite")
+    assert tofmix(*arguments).err == f"figure: {figure}\n"
+    assert tofmix(*arguments, "--quiet").err == ""
+
+
+@pytest.mark.parametrize("command", ["simulate", "estimate", "import", "surfaces", "merge"])
+def test_hdf5_is_not_written_under_the_name_of_another_kind(tofmix: Tofmix, tmp_path: Path, command: str) -> None:
+    source = write_recording(tmp_path / "a.h5", boards(20))
+    refused = tofmix(command, source, "-o", tmp_path / "b.png")
+    assert refused.code == ExitCode.USAGE
+    assert "b.png: the file will be HDF5, so its name must not end in .png; choose .h5" in refused.err
 
 
 def test_each_command_that_makes_something_says_it_in_json(tofmix: Tofmix, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from commandline import Tofmix
 from files import boards, write_recording
@@ -40,11 +41,13 @@ def test_the_page_is_written_beside_the_table(tofmix: Tofmix, layers: Path, tmp_
     assert with_json.err == f"page: {page}\n"
 
 
-def test_another_recording_is_pointed_out_or_refused(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
-    other = write_recording(tmp_path / "other.h5", boards(41))
-    shown = tofmix("report", layers, "--recording", other)
-    assert shown.code == 0
-    assert "is not the recording" in shown.err
+def test_another_recording_is_refused(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+    other = write_recording(tmp_path / "other.h5", boards(40) + np.uint16(1))
+    shown = tofmix("report", layers, "--recording", other, "--html", tmp_path / "wrong.html")
+    assert shown.code == ExitCode.BAD_INPUT
+    assert "other.h5 is not the recording that" in shown.err
+    assert f"tofmix estimate {other}" in shown.err
+    assert not (tmp_path / "wrong.html").exists()
     small = write_recording(tmp_path / "small.h5", boards(40, 2, 2))
     assert tofmix("report", layers, "--recording", small).code == ExitCode.BAD_INPUT
 

@@ -32,6 +32,12 @@ def test_json_is_one_object_a_line(tofmix: Tofmix) -> None:
     assert json.loads(tofmix("sensors", "l515", "--json").out) == by_name["l515"]
 
 
+def test_an_unknown_camera_is_a_fault_of_usage(tofmix: Tofmix) -> None:
+    done = tofmix("sensors", "nope")
+    assert done.code == ExitCode.USAGE
+    assert '"nope" is not a built-in sensor' in done.err
+
+
 def test_one_camera_is_printed_with_its_sources(tofmix: Tofmix) -> None:
     done = tofmix("sensors", "tmf8828")
     assert done.code == 0
@@ -64,7 +70,7 @@ def test_refusals(tofmix: Tofmix, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.full((3, 8, 8), 1000, "u2"))
     tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")
     for arguments, code, text in (
-        (("sensors", "sr300"), ExitCode.BAD_INPUT, 'did you mean "sr3000"'),
+        (("sensors", "sr300"), ExitCode.USAGE, 'did you mean "sr3000"'),
         (("sensors", "--toml"), ExitCode.USAGE, "name it"),
         (("sensors", "l515", "--toml", "--json"), ExitCode.USAGE, "choose one"),
         (("estimate", tmp_path / "a.h5", "--noise", "l515"), ExitCode.USAGE, "the noise of L515 is not known"),

@@ -117,7 +117,7 @@ def test_layers_that_do_not_say_where_pixels_look_are_refused(tofmix: Tofmix, tm
     refused = tofmix("surfaces", tmp_path / "blind.layers.h5")
     assert refused.code == ExitCode.BAD_INPUT
     assert refused.err.count("\n") == 1
-    for text in ("blind.layers.h5: sensor: no field of view", "import", "--fov HxV", "tofmix estimate"):
+    for text in ("blind.layers.h5: not known where its pixels look", "import", "--fov HxV", "estimate anew"):
         assert text in refused.err
     assert not (tmp_path / "blind.surfaces.h5").exists()
 
@@ -259,7 +259,7 @@ def test_exports_that_do_not_fit_are_refused(tofmix: Tofmix, three: Path, layers
         ((three, *out("a.ply"), "--fov", "40x30"), ExitCode.USAGE, "--fov does not belong to a surfaces file"),
         ((three, *out("a.ply"), "--scale", 2), ExitCode.USAGE, "--scale does not belong to edges of a surfaces file"),
         ((three, *out("a.tif"), "--window", 0, "--scale", 0.01), ExitCode.BAD_INPUT, "another --scale"),
-        ((layers, *out("a.geojson")), ExitCode.USAGE, ".geojson is for edges and planes, which tofmix surfaces finds"),
+        ((layers, *out("a.geojson")), ExitCode.USAGE, f"{layers} has no edges: run tofmix surfaces {layers}"),
         ((layers, *out("a.ply"), "--what", "edges"), ExitCode.USAGE, "tofmix surfaces"),
         ((layers, *out("a.ply"), "--what", "image"), ExitCode.USAGE, "--what image does not go with .ply"),
     ):

@@ -83,7 +83,7 @@ def test_all_valid_targets_are_samples_of_their_pixel(made: Path) -> None:
 def test_every_command_says_what_a_share_is_of(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
     layers, recording = made / "t.layers.h5", made / "t.h5"
     shown = tofmix("inspect", layers, "--pixel", "2,5", "--recording", recording)
-    assert "a weight is a share of detections, up to 3 a frame" in shown.out
+    assert "a share is a share of detections, up to 3 a frame" in shown.out
     assert json.loads(tofmix("inspect", layers, "--pixel", "2,5", "--json").out)["targets"] == 3
     assert "a share of detections" in " ".join(tofmix("report", layers).out.split())
     page = tmp_path / "t.html"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option, say_written
 from tofmix.errors import ExitCode
 
 
@@ -77,5 +77,5 @@ def compare(
         else:
             click.echo(format_comparison(comparison, names=(a.name, b.name), allow=allow))
         if html is not None:
-            click.echo(f"page: {html}", err=as_json)
+            say_written("page", html, beside_json=as_json)
     return ExitCode.DONE if equal else ExitCode.DIFFERENT

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from tofmix.cli.options import MEMORY, PATH, SHARD, default_workers, examples, json_option, overwrite_option
+from tofmix.cli.options import HDF5_PATH, MEMORY, PATH, SHARD, default_workers, examples, json_option, overwrite_option
 from tofmix.cli.sensor_choice import AUTO, circle_choice, outlier_choice
 from tofmix.errors import UsageError
 
@@ -33,7 +33,7 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 )
 @click.command(short_help="Recover the surfaces in each pixel of a recording.")
 @click.argument("recordings", type=PATH, nargs=-1, required=True)
-@click.option("-o", "--output", type=PATH, help="Layers file to write.  [default: RECORDING with .layers.h5]")
+@click.option("-o", "--output", type=HDF5_PATH, help="Layers file to write.  [default: RECORDING with .layers.h5]")
 @click.option(
     "--output-dir", type=PATH, help="Folder for the layers files of several recordings; it is made if it is missing."
 )

@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from tofmix.cli.options import is_quiet, note, progress_bar
-from tofmix.cli.recording_check import check_not_averaged, findings_of_samples, opened_recording
+from tofmix.cli.recording_check import check_not_averaged, check_phasors, findings_of_samples, opened_recording
 from tofmix.cli.sensor_choice import AUTO, FILE, Learning, circle_of, noise_choice, sensor_for
 from tofmix.errors import ExitCode, StorageError, TofmixError, UsageError, os_error_text
 from tofmix.wording import counted
@@ -178,8 +179,7 @@ def _estimate(
 
     say = partial(_say, bar)
     with opened_recording(recording, say=say) as source:
-        if not request.force and request.options.mixing != "phasor":
-            check_not_averaged(source)
+        _check_frames(source, request)
         if not request.resume:
             check_output(target, overwrite=request.overwrite, inputs=(recording,))
         noise = noise_choice(source, request.noise)
@@ -221,6 +221,14 @@ def _estimate(
     if request.shard is None:
         findings += say_findings(target, findings_of(target, remedy), say)
     return describe(outcome, findings, request.shard)
+
+
+def _check_frames(source: "RecordingFile", request: Request) -> None:
+    """Refuse frames that the law of mixing cannot use."""
+    if request.options.mixing == "phasor":
+        check_phasors(source)
+    elif not request.force:
+        check_not_averaged(source)
 
 
 def _settled(
@@ -302,7 +310,10 @@ def describe(
 ) -> tuple[str, dict[str, Any]]:
     """Say what was made, as a line and for JSON."""
     (rows, cols), windows = outcome.grid.image, outcome.windows
-    found = ", ".join(f"{n}: {count:,}" for n, count in enumerate(outcome.tally) if count) or "none"
+    undecided = () if outcome.mixture is None else _undecided(outcome.target)
+    decided = [count - without for count, without in zip_longest(outcome.tally, undecided, fillvalue=0)]
+    found = ", ".join(f"{n}: {count:,}" for n, count in enumerate(decided) if count) or "none"
+    found += f"; {sum(undecided):,} undecided, not counted" if any(undecided) else ""
     part = f"part {shard[0]} of {shard[1]} of " if shard else ""
     line = (
         f"{outcome.target}: {part}{rows} x {cols} pixels, {counted(windows.count, 'window')}"
@@ -316,7 +327,16 @@ def describe(
     }  # fmt: skip
     if outcome.mixture is not None:
         said["mixing"] = outcome.mixture.as_dict()
+        said["undecided_by_surfaces"] = list(undecided)
     return line, said | ({"targets": outcome.targets} if outcome.targets else {})
+
+
+def _undecided(layers: Path) -> tuple[int, ...]:
+    """Pixels of a layers file by their number of surfaces that are undecided; their layers are not to be relied on."""
+    from tofmix.io.layers.layers_file import open_layers
+
+    with open_layers(layers) as file:
+        return file.undecided_tally()
 
 
 def _cluster(request: Request) -> "AbstractContextManager[ClusterEngine | None]":

@@ -105,6 +105,8 @@ def export(
         name for name in context.params if context.get_parameter_source(name) is not ParameterSource.DEFAULT
     }  # fmt: skip
     of_surfaces = format_of(file) == surfaces_file.FORMAT
+    if not of_surfaces:
+        _check_not_of_surfaces(file, output, what)
     what = choose_what(output, what, OF_SURFACES if of_surfaces else OF_LAYERS)
     _check_options(given, what, output, of_surfaces=of_surfaces)
     with locked(output, overwrite=overwrite, inputs=(file,)):
@@ -125,6 +127,23 @@ def export(
                     chosen = PointFilter(min_weight=min_weight, min_probability=min_probability, undecided=undecided)
                     line, made = _export_points(layers, output, window, fov, chosen, overwrite)
     click.echo(json.dumps({"output": str(output), **made}) if as_json else line)
+
+
+def _check_not_of_surfaces(layers: Path, output: Path, what: str | None) -> None:
+    """Refuse to write what only a surfaces file has; the commands that make one, and write it, are the remedy."""
+    from tofmix.cli.surfaces import surfaces_path
+    from tofmix.io.exporters import EDGES, OF_LAYERS, OF_SURFACES
+    from tofmix.io.next_command import next_command
+
+    ends = {name: {end for of_one in known.values() for end in of_one} for name, known in
+            (("layers", OF_LAYERS), ("surfaces", OF_SURFACES))}  # fmt: skip
+    if what is None and output.suffix.lower() in ends["surfaces"] - ends["layers"]:
+        what = EDGES
+    elif what is None or what in OF_LAYERS:
+        return
+    asked = () if what == EDGES else ("--what", what)
+    export_it = next_command("export", surfaces_path(layers), "-o", str(output), *asked)
+    raise UsageError(f"{layers} has no {what}: run {next_command('surfaces', layers)}, then {export_it}")
 
 
 def _check_options(given: set[str], what: str, output: Path, *, of_surfaces: bool) -> None:

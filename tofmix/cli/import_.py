@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar
+from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, overwrite_option, progress_bar
 from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 )
 @click.command("import", short_help="Make a recording of a bag, images, arrays, HDF5 or CSV.")
 @click.argument("source", type=PATH)
-@click.option("-o", "--output", type=PATH, required=True, help="Recording to write.")
+@click.option("-o", "--output", type=HDF5_PATH, required=True, help="Recording to write.")
 @click.option(
     "--sensor", metavar="PROFILE|FILE",
     help="The camera: a built-in sensor such as sr3000, or a TOML file with a [sensor] table.  [default: not known]",
@@ -142,7 +142,7 @@ def import_(
     unit_mm = scale if units is None else UNITS_MM[units]
     request = Request(
         topic=topic, amplitude=amplitude, camera_info=camera_info, axes=None if axes is None else check_axes(axes),
-        shape=shape_of(shape), unit_given=unit_mm is not None, lens_given=intrinsics is not None or fov is not None,
+        shape=shape_of(shape), unit_mm=unit_mm, lens_given=intrinsics is not None or fov is not None,
         image=None if camera.rows is None or camera.cols is None else (camera.rows, camera.cols),
     )  # fmt: skip
     inputs = [Path(name) for name in (source, sensor, amplitude, intrinsics) if name is not None]

@@ -280,7 +280,7 @@ def not_known(sensor: "Sensor", *, has_optics: bool) -> list[str]:
     """What a recording does not say of its camera, and what needs it."""
     missing = []
     if not has_optics:
-        missing.append("field of view (export, map: --fov)")
+        missing.append("field of view (export, map and surfaces need it: import --fov)")
     if sensor.range_max_mm is None:
         missing.append("largest range (share without a return)")
     if sensor.noise is None:

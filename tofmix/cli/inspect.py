@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option, say_written
 from tofmix.cli.recording_check import check_recording, opened_recording
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
     from tofmix.io.layers.layers_file import LayersFile
-    from tofmix.layers import Layers
+    from tofmix.layers import Layers, Provenance
     from tofmix.recording import SampleSource
     from tofmix.report.pixels.phasor_plane import PhasorPlane
     from tofmix.report.pixels.pixels import GrowingDensity, PixelView
@@ -104,9 +104,9 @@ def inspect(
         growth = _growth(views[0], file) if over_frames else None
         if output is not None:
             _write_figure(output, views, file, growth, plane, inputs, overwrite)
-    _print(views, col, growth, file.provenance.targets, as_json)
+    _print(views, col, growth, file.provenance, as_json)
     if output is not None:
-        click.echo(f"figure: {output}", err=as_json)
+        say_written("figure", output, beside_json=as_json)
 
 
 def _place(pixel: str, file: "LayersFile") -> tuple[int, int]:
@@ -174,16 +174,21 @@ def _write_figure(
         target.commit()
 
 
-def _print(views: "list[PixelView]", col: int, growth: "GrowingDensity | None", targets: int, as_json: bool) -> None:
-    from tofmix.report.pixels.table import format_growth, format_pixels
+def _print(
+    views: "list[PixelView]", col: int, growth: "GrowingDensity | None", made: "Provenance", as_json: bool
+) -> None:
+    from tofmix.report.pixels.table import format_growth, format_pixels, why_layers_stand
 
+    targets = made.targets
     if as_json:
         found: dict[str, Any] = {"pixels": [view.as_dict() for view in views]}
         found |= {"targets": targets} if targets else {}
         click.echo(json.dumps(found | ({"over_frames": growth.as_dict()} if growth else {}), indent=2, allow_nan=False))
         return
     click.echo(format_pixels(views, col))
+    if why := why_layers_stand(views, made.options):
+        click.echo(f"\n{why}")
     if targets:
-        click.echo(f"a weight is a share of detections, up to {targets} a frame")
+        click.echo(f"a share is a share of detections, up to {targets} a frame")
     if growth is not None:
         click.echo("\n" + format_growth(growth))

@@ -85,7 +85,6 @@ for _command in (
     merge, warmup,
 ):  # fmt: skip
     main.add_command(_command)
-for _command in (simulate, estimate, reconcile, import_, export, map_, surfaces, warmup):  # those that take their time
     quiet_option(_command)
 
 

@@ -176,9 +176,10 @@ def _check_call(output: Path | None, voxels: Path | None, source: str, recording
 def _beams(
     file: "LayersFile", window: int, source: str, recording: Path | None, min_probability: float, workers: int
 ) -> "Beams":
-    from tofmix.cli.recording_check import opened_recording
+    from tofmix.cli.recording_check import check_view, opened_recording
     from tofmix.mapping.beams import beams_from_layers
 
+    check_view(file)
     try:
         if recording is None:
             return beams_from_layers(file.read_window(window), file.provenance.sensor, min_probability=min_probability)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option
+from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, note, overwrite_option
 
 
 @examples(
@@ -15,7 +15,7 @@ tofmix merge long.layers.*.part -o long.layers.h5
 )
 @click.command(short_help="Join the parts of estimate --shard.")
 @click.argument("parts", type=PATH, nargs=-1, required=True)
-@click.option("-o", "--output", type=PATH, required=True, help="Layers file to write.")
+@click.option("-o", "--output", type=HDF5_PATH, required=True, help="Layers file to write.")
 @json_option
 @overwrite_option
 def merge(parts: tuple[Path, ...], output: Path, *, as_json: bool, overwrite: bool) -> None:
@@ -30,7 +30,7 @@ def merge(parts: tuple[Path, ...], output: Path, *, as_json: bool, overwrite: bo
 
     outcome = merge_parts(parts, output, overwrite=overwrite)
     if outcome.mixture is not None:
-        echo(f"{output}: mixing: {outcome.mixture.words()}")
+        note(f"{output}: mixing: {outcome.mixture.words()}")
     findings = say_findings(output, findings_of(output), echo)
     line, values = describe(outcome, findings)
     click.echo(json.dumps({"output": str(output), **values}) if as_json else line)

@@ -20,7 +20,28 @@ class _Path(click.Path):
         return super().convert(value, param, ctx)
 
 
+class _Hdf5Path(_Path):
+    """The path of a new HDF5 file: no name that other programs take for a file of another kind."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401  as click has it
+        path = super().convert(value, param, ctx)
+        if path.suffix.lower() in _OTHER_KINDS:
+            self.fail(
+                f"{path}: the file will be HDF5, so its name must not end in {path.suffix}; choose .h5", param, ctx
+            )
+        return path
+
+
+_OTHER_KINDS = frozenset(
+    (
+        ".npy", ".npz", ".mat", ".csv", ".tsv", ".txt", ".png", ".tif", ".tiff", ".bag", ".mcap", ".db3", ".toml",
+        ".json", ".geojson", ".html", ".yaml", ".yml", ".pgm", ".las", ".laz", ".ply", ".pcd", ".obj", ".svg",
+    )
+)  # fmt: skip
+"""Ends of names of all that tofmix reads or writes and that is no HDF5."""
+
 PATH = _Path(path_type=Path)
+HDF5_PATH = _Hdf5Path(path_type=Path)
 
 
 class _Memory(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generic since click 8.2
@@ -95,6 +116,14 @@ def note(text: str) -> None:
     """Say on stderr what is good to know and no reason to worry; not where --quiet is given."""
     if not is_quiet():
         click.echo(f"tofmix: {text}", err=True)
+
+
+def say_written(what: str, path: Path, *, beside_json: bool) -> None:
+    """Name a file that was written: on stdout, or as a note on stderr where stdout has JSON."""
+    if not beside_json:
+        click.echo(f"{what}: {path}")
+    elif not is_quiet():
+        click.echo(f"{what}: {path}", err=True)
 
 
 def progress_bar(total: int, what: str, unit: str) -> "tqdm[Any]":

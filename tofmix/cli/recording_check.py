@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from tofmix.sensor import Sensor
 
 
+_VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate anew"
+
+
 def echo(text: str) -> None:
     """Say something on stderr."""
     click.echo(f"tofmix: {text}", err=True)
@@ -57,6 +60,30 @@ def check_not_averaged(recording: "RecordingFile") -> None:
     )
 
 
+def check_phasors(recording: "RecordingFile") -> None:
+    """Refuse a recording whose samples are no phasors, before its noise is learnt.
+
+    Raises
+    ------
+    BadInputError
+        If it has no amplitudes, no modulation frequency, or several targets a frame.
+    """
+    from tofmix.errors import BadInputError
+
+    if recording.targets:
+        raise BadInputError(f"{recording.path}: several targets a frame, and --mixing phasor needs one sample a frame")
+    lacking = {
+        "amplitudes": ("--amplitude", recording.has_amplitude),
+        "modulation frequency": ("--sensor", recording.sensor.modulation_frequency_hz is not None),
+    }
+    wanted = {name: option for name, (option, is_there) in lacking.items() if not is_there}
+    if wanted:
+        raise BadInputError(
+            f"{recording.path}: no {' and no '.join(wanted)}, which --mixing phasor needs; import the recording with"
+            f" {' and '.join(wanted.values())}"
+        )
+
+
 def findings_of_samples(
     source: "RecordingFile", sensor: "Sensor", circle_mm: float | None, remedy: "Remedy"
 ) -> list["Finding"]:
@@ -74,15 +101,36 @@ def findings_of_samples(
     return sample_findings(scatter_over_curve=scatter, drift_sigmas=seen.drift_sigmas, remedy=remedy)
 
 
-def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
-    """Refuse a recording of another size; say so where it is merely another one.
+def check_view(file: "LayersFile") -> None:
+    """Refuse a layers file that does not say where its pixels look.
 
     Raises
     ------
     BadInputError
-        If its image or its frames are not those of the layers.
+        If it has no field of view and no pinhole, or one that its image cannot have.
     """
     from tofmix.errors import BadInputError
+
+    try:
+        optics = file.provenance.sensor.optics
+        if optics is not None:
+            optics.check(file.shape[1:])
+    except ValueError as error:
+        raise BadInputError(f"{file.path}: sensor: {error}; {_VIEW_REMEDY}") from error
+    if optics is None:
+        raise BadInputError(f"{file.path}: not known where its pixels look; {_VIEW_REMEDY}")
+
+
+def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
+    """Refuse a recording that the layers were not made from: its samples would be shown as those of the layers.
+
+    Raises
+    ------
+    BadInputError
+        If its image, its frames or its checksum are not those of the layers' recording.
+    """
+    from tofmix.errors import BadInputError
+    from tofmix.io.next_command import next_command
     from tofmix.io.recording.recording_file import file_sha256
 
     if source.shape[1:] != file.shape[1:] or source.frames < int(file.window_stop[-1]):
@@ -91,4 +139,8 @@ def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
             f" {file.shape[1]} x {file.shape[2]} pixels and windows up to frame {int(file.window_stop[-1])}"
         )
     if file_sha256(source.path) != file.provenance.source_sha256:
-        click.echo(f"tofmix: {source.path} is not the recording that {file.path} was made from", err=True)
+        raise BadInputError(
+            f"{source.path} is not the recording that {file.path} was made from, {file.provenance.source} of SHA-256"
+            f" {file.provenance.source_sha256[:8]}...; name that one, or estimate this one:"
+            f" {next_command('estimate', source.path)}"
+        )

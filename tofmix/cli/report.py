@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option
+from tofmix.cli.options import PATH, examples, json_option, overwrite_option, say_written
 from tofmix.cli.recording_check import check_recording, findings_of_samples, opened_recording
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def report(
         else:
             click.echo(format_table(summary))
         if html is not None:
-            click.echo(f"page: {html}", err=as_json)
+            say_written("page", html, beside_json=as_json)
 
 
 def _singles(file: "LayersFile", window: int, source: "SampleSource") -> "SinglePixels":

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tofmix.cli.options import examples, json_option
-from tofmix.errors import UsageError
+from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
     from tofmix.projection import Projection
@@ -45,7 +45,10 @@ def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
         return
     if as_toml and as_json:
         raise UsageError("--toml and --json are two ways to print a camera; choose one")
-    sheet = load_sheet(name)
+    try:
+        sheet = load_sheet(name)
+    except BadInputError as error:  # unlike --sensor, it may be no file
+        raise UsageError(str(error)) from error
     if as_toml:
         from tofmix.sensors import profile_text
 

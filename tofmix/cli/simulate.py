@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import PATH, default_workers, examples, json_option, overwrite_option, progress_bar
+from tofmix.cli.options import HDF5_PATH, default_workers, examples, json_option, overwrite_option, progress_bar
 from tofmix.errors import BadInputError
 from tofmix.wording import counted
 
@@ -37,7 +37,7 @@ tofmix simulate my_scene.toml -o my_scene.h5 --repeat 3
 )
 @click.command(short_help="Write a synthetic recording of a model scene.")
 @click.argument("model")
-@click.option("-o", "--output", type=PATH, help="Recording to write.")
+@click.option("-o", "--output", type=HDF5_PATH, help="Recording to write.")
 @click.option("--frames", type=click.IntRange(1), help="Frames.  [default: the model's]")
 @click.option("--seed", type=click.IntRange(0), help="Seed; the same seed gives the same file.  [default: the model's]")
 @click.option(

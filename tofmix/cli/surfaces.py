@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import PATH, examples, json_option, overwrite_option, progress_bar
+from tofmix.cli.options import HDF5_PATH, PATH, examples, json_option, overwrite_option, progress_bar
+from tofmix.cli.recording_check import check_view
 from tofmix.errors import BadInputError
 from tofmix.wording import counted
 
@@ -15,9 +16,6 @@ if TYPE_CHECKING:
     from tofmix.surfaces.found import WindowSurfaces
 
 _ENDING, _FROM = ".surfaces.h5", ".layers.h5"
-_REMEDY = (
-    "import the recording with --fov HxV or --intrinsics, and estimate anew: tofmix estimate keeps the recording's"
-)
 
 
 @examples(
@@ -30,7 +28,7 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
 )
 @click.command(short_help="Find surfaces, their edges below a pixel, and a finer range image.")
 @click.argument("layers", type=PATH)
-@click.option("-o", "--output", type=PATH, help="Surfaces file to write.  [default: LAYERS with .surfaces.h5]")
+@click.option("-o", "--output", type=HDF5_PATH, help="Surfaces file to write.  [default: LAYERS with .surfaces.h5]")
 @click.option(
     "--factor", type=click.IntRange(2, 32), default=8, show_default=True,
     help="Parts along each side of a pixel in the fine range image.",
@@ -53,9 +51,9 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
     from tofmix.surfaces.found import SurfacesProvenance
     from tofmix.version import __version__
 
-    output = output or layers.parent / f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}"
+    output = output or surfaces_path(layers)
     with locked(output, overwrite=overwrite, inputs=(layers,)), open_layers(layers) as file:
-        _check_optics(file)
+        check_view(file)
         provenance = SurfacesProvenance(
             source=layers.name, source_sha256=file_sha256(layers), version=__version__,
             sensor=file.provenance.sensor, options={"factor": factor},
@@ -80,16 +78,9 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
     click.echo(json.dumps({"output": str(output), **values}) if as_json else f"{output}: {_line(values)}")
 
 
-def _check_optics(file: "LayersFile") -> None:
-    """Refuse a file that does not say where its pixels look."""
-    try:
-        optics = file.provenance.sensor.optics
-        if optics is not None:
-            optics.check(file.shape[1:])
-    except ValueError as error:
-        raise BadInputError(f"{file.path}: sensor: {error}; {_REMEDY}") from error
-    if optics is None:
-        raise BadInputError(f"{file.path}: sensor: no field of view, so surfaces cannot be placed in space; {_REMEDY}")
+def surfaces_path(layers: Path) -> Path:
+    """Where the surfaces of a layers file go by default."""
+    return layers.parent / f"{layers.name.removesuffix(_FROM).removesuffix('.h5')}{_ENDING}"
 
 
 def _reconstruct(file: "LayersFile", window: int, factor: int) -> "WindowSurfaces":

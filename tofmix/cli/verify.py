@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.options import PATH, examples, json_option
+from tofmix.cli.options import PATH, examples, json_option, note
 from tofmix.errors import ExitCode
 from tofmix.wording import counted
 
@@ -39,7 +39,7 @@ def verify(files: tuple[Path, ...], as_json: bool) -> ExitCode:
     for path in files:
         found[path] = verify_file(path)
         if not as_json:
-            _say(path, found[path])
+            _show(path, found[path])
     if as_json:
         listed = [{"file": str(path), **findings.as_dict()} for path, findings in found.items()]
         click.echo(json.dumps({"ok": all(f.ok for f in found.values()), "files": listed}, indent=2))
@@ -49,11 +49,11 @@ def verify(files: tuple[Path, ...], as_json: bool) -> ExitCode:
     return ExitCode.BAD_INPUT if wrong == len(found) else ExitCode.SOME_FAILED
 
 
-def _say(path: Path, findings: "Findings") -> None:
+def _show(path: Path, findings: "Findings") -> None:
     for line in findings.lines():
         click.echo(f"{path}: {_printable(line)}")
-    for note in findings.notes:
-        click.echo(f"tofmix: {path}: {_printable(note)}", err=True)
+    for text in findings.notes:
+        note(f"{path}: {_printable(text)}")
     if findings.ok:
         read = f", {counted(findings.checked, 'dataset')} read" if findings.checked else ""
         click.echo(f"{path}: {findings.kind}{read}; nothing is wrong")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from tofmix.errors import UsageError
+from tofmix.errors import BadInputError
 from tofmix.estimation.blocks.sequence import settled_mixing
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import Cell, Grid, plan_grid
@@ -75,15 +75,13 @@ def plan_job(
 
     Raises
     ------
-    UsageError
-        If phasor sums are insisted on, and the recording has no phasors.
     BadInputError
-        If the recording cannot be read.
+        If the recording cannot be read, or phasor sums are insisted on and it has no phasors.
     """
     try:
         options = settled_mixing(options, source)
     except ValueError as error:
-        raise UsageError(f"{source.path}: --{error}") from error
+        raise BadInputError(f"{source.path}: --{error}") from error
     provenance = Provenance(
         source=source.path.name,
         source_sha256=source.sha256(),

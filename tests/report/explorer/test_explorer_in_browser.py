@@ -70,7 +70,7 @@ def check_pixel(browser: Tab, layers: Layers, row: int, col: int) -> None:
     assert f"Status{view.status.replace('_', ' ')}: " in facts
     assert f"peaks of the density{view.n_samples}; {view.n_peaks}" in facts
     no_return = f"{view.weight_no_return:.4f}" if np.isfinite(view.weight_no_return) else "\u2013"
-    assert f"p(c_0){no_return}" in facts
+    assert f"without a return{no_return}" in facts
 
 
 def test_a_click_shows_the_right_numbers(browser: Tab, page: Path, windows: list[Layers]) -> None:
@@ -168,6 +168,12 @@ def test_a_section_and_the_neighbours_can_be_clicked(browser: Tab, page: Path, w
     check_pixel(browser, windows[0], 3, 2)
     browser.choose("#x-along", "column")
     assert browser.text("#x-section-title") == "Section through column 2"
+    crosses_last = (
+        "(() => {const paths = [...document.querySelectorAll('#x-section path')];"
+        " return paths.findIndex((path) => path.classList.contains('averaged'))"
+        " > paths.findLastIndex((path) => path.hasAttribute('fill-opacity'));})()"
+    )
+    assert browser.value(crosses_last), "averaged crosses are drawn over the layers' marks"
     assert browser.said == []
 
 

@@ -281,3 +281,5 @@ def test_headline(make_layers: Callable[..., Layers], make_source: Callable[...,
     )
     expected = "25,344 pixels, 1 window of 50 frames: 13 % see more than one surface, 0 % see none."
     assert headline(summary) == expected
+    unsure = replace(summary, undecided_by_surfaces=(0, 0, 12), pixels=100)
+    assert headline(unsure).endswith(" 1 % see more than one surface, 0 % see none, 12 % are undecided.")

@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tofmix.flags import Status, status_name
+from tofmix.flags import Mixing, Status, status_name
 from tofmix.io.layers.layers_file import LayersWriter, open_layers
 from tofmix.layers import Layers
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary.summary import Summary, summarise
+from tofmix.report.summary.tables import format_table
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.windows import plan_windows
 
@@ -45,6 +46,21 @@ def test_counts_and_quantiles_are_those_of_numpy(
 ) -> None:
     windows = tuple(make_layers((12, 7), seed=k) for k in range(3))
     check_against_numpy(summarise(make_source(*windows)), windows)
+
+
+def test_undecided_pixels_are_counted_apart(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
+    layers = make_layers((12, 7))
+    mixing = np.zeros((12, 7), np.uint8)
+    mixing[:3] = int(Mixing.UNDECIDED)
+    summary = summarise(make_source(replace(layers, mixing=mixing)))
+    expected = [int((layers.n_modes[3:] == n).sum()) for n in range(layers.max_layers + 1)]
+    assert list(summary.decided_by_surfaces) == expected
+    assert sum(summary.undecided_by_surfaces) == 3 * 7
+    assert len(summary.undecided_by_surfaces) == layers.max_layers + 1
+    assert sum(summary.pixels_by_surfaces) == 12 * 7
+    assert "undecided               21   25.0 %  not counted above" in format_table(summary)
 
 
 def test_windows_are_read_once_each_and_in_turn(

@@ -14,6 +14,7 @@ from tofmix.errors import BadInputError, UsageError, os_error_text
 from tofmix.io.atomic.storage import check_input
 from tofmix.io.importers import arrays, csv_source, folder, hdf5_source, matlab, rosbag, tiff
 from tofmix.io.importers.base import FrameSource, Request, with_amplitude
+from tofmix.io.next_command import import_command
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +51,7 @@ def importer_for(path: Path) -> Importer:
     Raises
     ------
     BadInputError
-        If there is no such file or folder.
+        If there is no such file or folder, or the file is empty.
     UsageError
         If its name says no known kind.
     """
@@ -61,9 +62,13 @@ def importer_for(path: Path) -> Importer:
     if is_folder:
         return IMPORTERS[0] if rosbag.is_bag_folder(path) else _FOLDER
     check_input(path)
+    if is_importable(path) and not path.stat().st_size:
+        raise BadInputError(f"{path}: empty")
     for importer in IMPORTERS:
         if path.suffix.lower() in importer.suffixes:
             return importer
+    if path.suffix.lower() in folder.IMAGE_KINDS:
+        raise UsageError(f"{path} is one image, and a recording is a folder of them: {import_command(path.parent)}")
     known = ", ".join(suffix for importer in IMPORTERS for suffix in importer.suffixes)
     raise UsageError(f"{path}: not a known source; choose a folder of images, a ROS 2 bag, or a file of {known}")
 
@@ -90,9 +95,18 @@ def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
             raise UsageError(f"--{_OPTIONS.get(name, name)} does not go with {path}")
     if request.amplitude is None or "amplitude" in importer.names:
         with importer.open(path, request) as source:
-            yield source.check(path)
+            yield _of_shape(source.check(path), request, path)
         return
     other = Path(request.amplitude)
     alone = replace(request, amplitude=None)
     with importer.open(path, alone) as source, importer_for(other).open(other, alone) as amplitude:
-        yield with_amplitude(source.check(path), amplitude.check(other), other)
+        yield with_amplitude(_of_shape(source.check(path), request, path), amplitude.check(other), other)
+
+
+def _of_shape(source: FrameSource, request: Request, path: Path) -> FrameSource:
+    """Return the source itself; `UsageError` if its images have a shape of their own, and another one is asked for."""
+    rows, cols = source.shape[1:]
+    if request.shape not in (None, (rows, cols)):
+        asked = "{}x{}".format(*request.shape)
+        raise UsageError(f"--shape {asked}: {path} has images of {rows} x {cols} already; leave the option out")
+    return source

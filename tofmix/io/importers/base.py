@@ -43,8 +43,8 @@ class Request:
         Rows and columns of an image whose pixels a source holds in one line or axis.
     image : (int, int), optional
         Rows and columns of the sensor, to tell the order of axes by.
-    unit_given : bool
-        Whether the unit of the depths was said, whatever the source says.
+    unit_mm : float, optional
+        The unit of the depths that was said, mm, whatever the source says.
     lens_given : bool
         Whether it was said where the pixels look, whatever the source says.
     """
@@ -55,7 +55,7 @@ class Request:
     axes: str | None = None
     shape: tuple[int, int] | None = None
     image: tuple[int, int] | None = None
-    unit_given: bool = False
+    unit_mm: float | None = None
     lens_given: bool = False
 
 

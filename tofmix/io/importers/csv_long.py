@@ -29,7 +29,14 @@ _WHOLE = ("frame", "row", "col")
 _FLOAT = np.dtype(np.float64)
 
 
-def open_long(path: Path, names: list[str], delimiter: str | None, shape: tuple[int, int] | None) -> FrameSource:
+def open_long(
+    path: Path,
+    names: list[str],
+    delimiter: str | None,
+    shape: tuple[int, int] | None,
+    *,
+    unit_mm: float | None = None,
+) -> FrameSource:
     """Open a file with a sample a line.
 
     Parameters
@@ -42,18 +49,26 @@ def open_long(path: Path, names: list[str], delimiter: str | None, shape: tuple[
         What parts cells; blanks without it.
     shape : (int, int), optional
         Rows and columns; as the samples say without it.
+    unit_mm : float, optional
+        mm of the unit that was asked for; it must not contradict the header.
 
     Raises
     ------
     BadInputError
-        If a column is missing, a number is none or out of bounds, or the file is too long to be sorted.
+        If a column is missing, the header names another unit, a number is none or out of bounds, or the file is too
+        long to be sorted.
     """
-    column, unit_mm = _range_column(path, names)
+    column, named_mm = _range_column(path, names)
+    if unit_mm is not None and named_mm is not None and unit_mm != named_mm:
+        raise BadInputError(
+            f"{path}: the column is {names[column]}, but --units or --scale says {unit_mm:g} mm a unit; leave the"
+            f" option out, or rename the column to {names[column].rpartition('_')[0]}"
+        )
     if lacking := [name for name in _WHOLE if name not in names]:
         raise BadInputError(f"{path}: its header names no {', '.join(lacking)}; it names: {', '.join(names)}")
     wanted = [*_WHOLE, *(name for name in ("target", "amplitude", "time") if name in names)]
     table = _Table(path, {name: names.index(name) for name in wanted} | {"range": column}, delimiter)
-    return _Samples(table, shape).source(unit_mm)
+    return _Samples(table, shape).source(named_mm)
 
 
 def _range_column(path: Path, names: list[str]) -> tuple[int, float | None]:

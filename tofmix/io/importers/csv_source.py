@@ -39,7 +39,7 @@ def open_csv(path: Path, request: Request) -> Iterator[FrameSource]:
         raise BadInputError(f"{path}: empty")
     names = None if all(_is_number(cell) for cell in head) else [_name(cell) for cell in head]
     if names is not None and {"row", "col"} & set(names):
-        yield open_long(path, names, delimiter, request.shape)
+        yield open_long(path, names, delimiter, request.shape, unit_mm=request.unit_mm)
     elif request.shape is None:
         raise BadInputError(
             f"{path}: if a line is a frame, give --shape ROWSxCOLS; if it is a sample, a header must name"

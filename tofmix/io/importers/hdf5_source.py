@@ -137,7 +137,7 @@ def _time(root: h5py.File, name: str, shapes: dict[str, tuple[int, ...]], frames
 
 def _unit(dataset: h5py.Dataset, name: str, path: Path, request: Request) -> float | None:
     text = hdf5.text_attribute(dataset, "units")
-    if text is None or request.unit_given:
+    if text is None or request.unit_mm is not None:
         return None
     unit = unit_mm_of(text)
     if unit is None:

@@ -281,6 +281,15 @@ class LayersFile:
                 counts += np.bincount(self._datasets["n_modes"][window].ravel(), minlength=len(counts))
         return tuple(counts.tolist())
 
+    def undecided_tally(self) -> tuple[int, ...]:
+        """Those pixels of `tally` of which it is not decided what their samples are sums of."""
+        counts = np.zeros(self.max_layers + 1, dtype=np.int64)
+        if "mixing" in self.names:
+            for window in range(self.shape[0]):
+                undecided = self.read_field("mixing", window) == int(Mixing.UNDECIDED)
+                counts += np.bincount(self.read_field("n_modes", window)[undecided], minlength=len(counts))
+        return tuple(counts.tolist())
+
     def header_image(self) -> bytes:
         """What `header_image` gives for a run that would write this file."""
         starts, stops, step = self.window_start, self.window_stop, self._datasets["range"].chunks

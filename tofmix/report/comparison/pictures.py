@@ -43,7 +43,7 @@ def draw_comparison(a: Layers, b: Layers, found: WindowDifference, *, tolerance:
             title="First layer, B less A",
             alt=f"Difference of the first layer's range over the image plane. {size}",
             shows="By how much the nearest surface is farther away in B, where both have as many surfaces.",
-            good="Nothing but grain, or nothing at all.",
+            good="Only random noise, or nothing at all.",
             bad="Areas of one colour: the one is biased against the other.",
         ),
         make_picture(

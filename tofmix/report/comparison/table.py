@@ -13,7 +13,7 @@ def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: 
     image = f"{counted(c.rows, 'row')} x {counted(c.cols, 'column')}"
     lines = [
         *(f"{'AB'[k]}          {printable(names[k])}, of {printable(c.sources[k])}" for k in (0, 1)),
-        f"recording  {'the same' if c.same_recording else 'another one'}",
+        f"recording  {'the same' if c.same_recording else 'not the same'}",
         f"pixels     {c.pixels} ({counted(c.windows, 'window')} of {image})",
         "",
         *(

@@ -190,8 +190,9 @@ function drawSection(svg, { points, at, angles, labels }) {
     if (layers.length > 1) beams += `M${shown(place(k, layers[0].range))}L${shown(place(k, layers[layers.length - 1].range))}`;
   });
   plot.add("path", { class: "beam", d: beams });
-  plot.add("path", { class: "averaged", d: ofAveraged.map((point) => cross(...shown(point))).join("") });
   marks.forEach((d, n) => plot.add("path", { d, fill: layerColour(n), "fill-opacity": 0.6 }));
+  // Last: a cross that lies on a layer's mark shows.
+  plot.add("path", { class: "averaged", d: ofAveraged.map((point) => cross(...shown(point))).join("") });
   const inside = (value, [low, high]) => value >= low && value <= high;
   return { plot, outside: ofAveraged.filter((point) => !inside(point[0], x) || !inside(point[1], y)).length };
 }

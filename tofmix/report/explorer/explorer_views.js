@@ -104,8 +104,8 @@ Object.assign(Explorer.prototype, {
     const outlier = arrays.weight_outlier[pixel];
     const facts = [
       ["Status", `${status}: ${meaning}`],
-      ["Share without a return, p(c_0)", fixed(noReturn, 4)],
-      ["Share of outliers, p(c_r)", Number.isFinite(outlier) ? String(Number(outlier.toPrecision(2))) : "–"],
+      ["Share without a return", fixed(noReturn, 4)],
+      ["Share of outliers", Number.isFinite(outlier) ? String(Number(outlier.toPrecision(2))) : "–"],
       ["Averaged range", `${fixed(arrays.averaged[pixel], 1)} mm`],
       ["Valid samples; peaks of the density", `${arrays.n_samples[pixel]}; ${arrays.n_peaks[pixel]}`],
     ];

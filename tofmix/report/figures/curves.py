@@ -8,7 +8,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from tofmix.arrays import FloatArray
 from tofmix.layers import Layers
-from tofmix.report.figures.theme import LAYER_LINES, RANGE_MAP, Theme
+from tofmix.report.figures.theme import DENSITY_MAP, LAYER_LINES, Theme
 from tofmix.report.summary.tables import ordinal
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
@@ -66,8 +66,8 @@ def sigma_figure(layers: Layers, *, curve: NoiseCurve | None, theme: Theme) -> F
     counts = np.histogram2d(range_mm, sigma_mm, bins=edges)[0].T
     # `none` stores the counts pixel by pixel inside the SVG instead of thousands of rectangles.
     image = axes.imshow(
-        np.ma.masked_equal(counts, 0), cmap=RANGE_MAP, norm=LogNorm(1, max(10.0, float(counts.max()))), origin="lower",
-        extent=(grid[0], grid[-1], 0.0, top), aspect="auto", interpolation="none",
+        np.ma.masked_equal(counts, 0), cmap=DENSITY_MAP, norm=LogNorm(1, max(10.0, float(counts.max()))),
+        origin="lower", extent=(grid[0], grid[-1], 0.0, top), aspect="auto", interpolation="none",
     )  # fmt: skip
     bar = figure.colorbar(image, ax=axes, label="components", pad=0.02, format=_PLAIN_NUMBER)
     bar.outline.set_visible(False)

@@ -10,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from tofmix.flags import Status
 from tofmix.layers import Layers
 from tofmix.report.figures.images import colour_scale
-from tofmix.report.figures.theme import RANGE_MAP, Theme, mark_no_data
+from tofmix.report.figures.theme import COUNT_MAP, RANGE_MAP, Theme, mark_no_data
 from tofmix.report.pixels.pixel_figures import new_figure
 
 _M = 1000.0  # mm in a metre
@@ -48,7 +48,7 @@ def overview_figure(layers: Layers, *, name: str, theme: Theme) -> Figure:
     _style(right, "number of surfaces", theme)
     most = max(1, int(layers.n_modes.max()))
     counts = np.ma.masked_where(layers.status == int(Status.TOO_FEW_SAMPLES), layers.n_modes)
-    colours = [theme.no_surface, *colormaps[RANGE_MAP](np.linspace(0.0, 0.95, most))]
+    colours = [theme.no_surface, *colormaps[COUNT_MAP](np.linspace(0.15, 1.0, most))]
     counted = right.imshow(
         counts, cmap=ListedColormap(colours), norm=Normalize(-0.5, most + 0.5), interpolation="nearest"
     )

@@ -158,7 +158,7 @@ def _count_picture(layers: Layers) -> ImagePicture:
         alt=f"Number of surfaces in each pixel over the image plane. {found or 'nothing was fitted'}.",
         shows="How many surfaces each pixel sees.",
         good="One on surfaces, two along edges, more where edges meet.",
-        bad="Twos scattered over a plain surface, or edges with one surface only.",
+        bad="Pixels with two surfaces scattered over a flat surface, or edges with one surface only.",
         light=light,
         dark=dark,
         rows=rows,
@@ -182,7 +182,7 @@ def _histogram_pictures(layers: Layers, curve: NoiseCurve | None) -> tuple[Pictu
             alt=f"Histogram of the ranges of each layer. {_extent(ranges)}",
             shows="How many pixels have a layer at each range.",
             good="A peak for each surface, none between them.",
-            bad="A floor between the peaks: layers where nothing stands.",
+            bad="Counts between the peaks: layers at ranges where nothing stands.",
         ),
         make_picture(
             lambda theme: weight_histogram(layers, theme=theme),

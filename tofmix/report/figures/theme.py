@@ -18,7 +18,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 RANGE_MAP = "cividis"
+"""Ranges alone, so that one colour means one thing."""
 COUNT_MAP = "viridis"
+"""Numbers of surfaces."""
+DENSITY_MAP = "cividis"
+"""Counts of a histogram in two dimensions."""
 GAP_MAP = "PuOr"
 LAYER_LINES = ("-", "--", ":")
 

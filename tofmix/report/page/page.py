@@ -134,8 +134,11 @@ def headline(summary: Summary) -> str:
     """Say in one sentence what was found, for example ``25,344 pixels, 1 window of 100 frames: 13 % see ...``."""
     windows = f"{counted(summary.windows, 'window', ',')} of {counted(summary.window_frames, 'frame', ',')}"
     pixels = counted(summary.rows * summary.cols, "pixel", ",")
-    several = percent(summary.share_several_surfaces)
-    return f"{pixels}, {windows}: {several} see more than one surface, {percent(summary.share_no_surface)} see none."
+    unsure, all_pixels = summary.undecided_by_surfaces, max(1, summary.pixels)
+    several = percent(summary.share_several_surfaces - sum(unsure[2:]) / all_pixels)
+    none = percent(summary.share_no_surface - sum(unsure[:1]) / all_pixels)
+    undecided = f", {percent(sum(unsure) / all_pixels)} are undecided" if any(unsure) else ""
+    return f"{pixels}, {windows}: {several} see more than one surface, {none} see none{undecided}."
 
 
 def percent(share: float) -> str:

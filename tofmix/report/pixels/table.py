@@ -1,8 +1,14 @@
 """Pixels as short plain text tables for the terminal; for scripts use `PixelView.as_dict`."""
 
+from collections.abc import Mapping
+
 from tofmix.arrays import FloatArray
+from tofmix.flags import Mixing, mixing_name
 from tofmix.report.pixels.pixels import GrowingDensity, PixelView
 from tofmix.wording import counted
+
+_COUNTED_ALONE = (None, *(mixing_name(kind) for kind in (Mixing.ONE_SURFACE, Mixing.EVENTS)))
+"""What the samples are of where a pixel's surfaces were counted by its own samples alone."""
 
 
 def format_pixels(views: list[PixelView], chosen: int) -> str:
@@ -11,12 +17,33 @@ def format_pixels(views: list[PixelView], chosen: int) -> str:
     return "\n\n".join("\n".join(_pixel_lines(view)) for view in ordered)
 
 
+def why_layers_stand(views: list[PixelView], options: Mapping[str, str | float]) -> str | None:
+    """Say by what probability a layer was kept; None where surfaces were not counted by likelihood.
+
+    Parameters
+    ----------
+    views : list of PixelView
+        The pixels. Layers of phasor sums, and undecided ones, are kept by other rules.
+    options : mapping
+        Those of `tofmix estimate`.
+    """
+    if options.get("refine") != "likelihood" or options.get("paper"):
+        return None
+    if not any(len(view.range_mm) and view.mixing in _COUNTED_ALONE for view in views):
+        return None
+    limit = float(options.get("false_alarm", 0.0))
+    return (
+        f"probability: 1 less the chance that noise alone gains as much likelihood as the layer;"
+        f"\nestimate kept layers of {1.0 - limit:.6g} or more (--false-alarm {limit:g})"
+    )
+
+
 def _pixel_lines(view: PixelView) -> list[str]:
     count = len(view.range_mm)
     found = f"{counted(count, 'layer')}, {view.status}, {counted(view.n_samples, 'sample')}"
     lines = [f"{view.name}: {found}, {counted(view.n_peaks, 'peak')}"]
     if count:
-        lines.append(f"{'layer':>7}{'range mm':>11}{'+-':>9}{'weight':>9}{'+-':>8}{'sigma mm':>10}{'probability':>13}")
+        lines.append(f"{'layer':>7}{'range mm':>11}{'+-':>9}{'share':>9}{'+-':>8}{'sigma mm':>10}{'probability':>13}")
     lines += [_layer_line(view, k) for k in range(count)]
     if view.mixing is not None:
         lines.append(f"  mixing: {view.mixing.replace('_', ' ')}")

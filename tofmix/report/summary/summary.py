@@ -84,6 +84,8 @@ class Summary:
         windows * rows * cols.
     pixels_by_surfaces, pixels_by_peaks : tuple of int
         Entry n counts pixels with n surfaces; with n peaks of the density in step 1.
+    undecided_by_surfaces : tuple of int
+        Those pixels of `pixels_by_surfaces` whose mixing is undecided: their layers are not to be relied on.
     pixels_by_status : dict
         By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
     pixels_with_close_layers : int
@@ -119,6 +121,7 @@ class Summary:
     pixels: int
     pixels_by_surfaces: tuple[int, ...]
     pixels_by_peaks: tuple[int, ...]
+    undecided_by_surfaces: tuple[int, ...]
     pixels_by_status: dict[str, int]
     pixels_with_close_layers: int
     share_several_surfaces: float
@@ -130,6 +133,12 @@ class Summary:
     noise: NoiseNumbers | None
     mixing: MixingNumbers | None
     warnings: tuple[Finding, ...]
+
+    @property
+    def decided_by_surfaces(self) -> tuple[int, ...]:
+        """`pixels_by_surfaces` without the undecided ones."""
+        pairs = zip_longest(self.pixels_by_surfaces, self.undecided_by_surfaces, fillvalue=0)
+        return tuple(count - undecided for count, undecided in pairs)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the same as dicts and lists under the same names, for JSON; never NaN, None instead."""
@@ -174,6 +183,7 @@ def summarise(layers_file: LayersSource) -> Summary:
         pixels=pixels,
         pixels_by_surfaces=tuple(tally.surfaces),
         pixels_by_peaks=tuple(tally.peaks),
+        undecided_by_surfaces=tuple(tally.undecided),
         pixels_by_status=tally.by_status(),
         pixels_with_close_layers=tally.close,
         share_several_surfaces=sum(tally.surfaces[2:]) / max(1, pixels),
@@ -293,6 +303,7 @@ class _Tally(_FindingTally):
         self.samples = ValueCounts()
         self.widths = ValueCounts()
         self.mixing = [0]
+        self.undecided = [0] * (max_layers + 1)
 
     def add(self, window: Layers) -> None:
         super().add(window)
@@ -303,6 +314,7 @@ class _Tally(_FindingTally):
             self.widths.add(window.noise_width[window.n_modes > 0])
         if window.mixing is not None:
             self.mixing = _added(self.mixing, window.mixing)
+            self.undecided = _added(self.undecided, window.n_modes[window.mixing == int(Mixing.UNDECIDED)])
         ratio = self.ratio(window)
         for k, layer in enumerate(self._layers):
             layer.range.add(window.range[..., k])

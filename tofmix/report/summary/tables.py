@@ -71,28 +71,30 @@ def _head(summary: Summary) -> list[str]:
 
 
 def _surfaces(summary: Summary) -> list[str]:
-    lines = [f"{'surfaces':<16}{'pixels':>10}{'share':>9}{'by peaks':>12}"]
-    by_surfaces, by_peaks = _folded(summary.pixels_by_surfaces), _folded(summary.pixels_by_peaks)
+    lines = [f"{'surfaces':<16}{'pixels':>10}{'share':>9}{'counted by peaks':>20}"]
+    by_surfaces, by_peaks = _folded(summary.decided_by_surfaces), _folded(summary.pixels_by_peaks)
     shown = max((n for n in range(MAX_ROWS) if by_surfaces[n] or by_peaks[n]), default=0)
     for n in range(shown + 1):
         name = f"{n} or more" if n == MAX_ROWS - 1 else f"{n}"
-        lines.append(f"{name:<16}{by_surfaces[n]:>10}{_share(by_surfaces[n], summary.pixels):>9}{by_peaks[n]:>12}")
-    several = sum(summary.pixels_by_surfaces[2:])
+        lines.append(f"{name:<16}{by_surfaces[n]:>10}{_share(by_surfaces[n], summary.pixels):>9}{by_peaks[n]:>20}")
+    several = sum(summary.decided_by_surfaces[2:])
     lines.append(f"{'more than one':<16}{several:>10}{_share(several, summary.pixels):>9}")
+    if undecided := sum(summary.undecided_by_surfaces):
+        lines.append(f"{'undecided':<16}{undecided:>10}{_share(undecided, summary.pixels):>9}  not counted above")
     return lines
 
 
 def _layers(summary: Summary) -> list[str]:
     lines = [
         f"{'':<8}{'':>9}{'range, mm':>22}{'':>9}{'stderr':>9}{'sigma':>8}{'sigma /':>9}",
-        f"{'layer':<8}{'pixels':>9}{'5 %':>8}{'median':>8}{'95 %':>8}{'weight':>8}{'mm':>8}{'mm':>8}{'curve':>9}",
+        f"{'layer':<8}{'pixels':>9}{'5 %':>8}{'median':>8}{'95 %':>8}{'share':>8}{'mm':>8}{'mm':>8}{'curve':>9}",
     ]
     lines += [_layer(layer) for layer in summary.layers[:MAX_ROWS] if layer.count or layer.layer == 1]
     more = sum(layer.count for layer in summary.layers[MAX_ROWS:])
     if more:
         lines.append(f"and {counted(more, 'component')} in further layers")
     no_return = summary.weight_no_return
-    lines.append(f"{'p(c_0)':<8}{no_return.count:>9}{_triple(no_return, '.3f')}  share without a return")
+    lines.append(f"{'no return':<9}{no_return.count:>8}{_triple(no_return, '.3f')}  share without a return")
     if summary.options.get("sigma") == "tied":
         lines.append("sigma is tied to the curve, so it says nothing of the recording")
     return lines

@@ -43,8 +43,8 @@ class Wiggling(Effect):
     def explain(self) -> str:
         """One sentence."""
         return (
-            f"ranges swing by +-{self.amplitude_mm:g} mm with range, four times a turn of the modulation, "
-            f"phase {self.phase_rad:g} rad"
+            f"the range error is a sine of range with amplitude {self.amplitude_mm:g} mm and phase"
+            f" {self.phase_rad:g} rad, four periods in one unambiguous range"
         )
 
     def act(self, echoes: Echoes, context: Context) -> None:
