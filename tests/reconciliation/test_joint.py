@@ -112,7 +112,7 @@ def test_second_distance_tells_an_offset_from_a_pose_that_one_cannot(model: Mode
     settings = Settings(kinds=("range_offset", "surface_pose"), tolerance=0.0)
     single = reconcile(near, first, settings)
     alone = single.as_dict()
-    assert any("range_offset and surface_pose are not told apart" in line for line in summary_lines(single))
+    assert any("cannot tell range_offset from surface_pose" in line for line in summary_lines(single))
     assert {kind for group in alone["aliases"] for kind in group["kinds"]} == {"range_offset", "surface_pose"}
     both = reconcile(near, first, settings, also=[(far, second)])
     assert _kinds(both) == ["range_offset"]

@@ -38,7 +38,7 @@ def test_bias_that_grows_to_the_corners_is_a_law_of_place(small: Model, kinds: t
     result = reconcile(small, _moved(evidence, 12.0 * radius), Settings(kinds=kinds))
     assert (result.verified.verdict, result.named) == ("unexplained", ())
     assert result.verified.law == "place in the image"
-    assert "a smooth law of place in the image" in headline(result)
+    assert "a smooth function of place in the image" in headline(result)
 
 
 @pytest.mark.slow
@@ -47,7 +47,7 @@ def test_scale_that_is_off_by_1_percent_is_a_law_of_range(model: Model) -> None:
     result = reconcile(model, _moved(evidence, 0.01 * evidence.samples.astype(np.float64)), Settings(kinds=KINDS))
     assert (result.verified.verdict, result.named) == ("unexplained", ())
     assert result.verified.law == "range"
-    assert "a smooth law of range" in headline(result)
+    assert "a smooth function of range" in headline(result)
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from recordings import MAKE, reconciled, recorded
 
+from tofmix.reconciliation.aliases import separate_by
 from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import reconcile
@@ -66,4 +67,10 @@ def test_alternatives_are_said_with_the_recording_that_tells_them_apart(small: M
     board = replace(small, surfaces=(Surface(name="board", center_mm=(0, 0, 1500), size_mm=(9000, 9000)),))
     hidden = MAKE["range_offset"](offset_mm=3.0)
     result = reconcile(board, recorded(board, hidden), Settings(kinds=("range_offset", "surface_pose")))
-    assert any("not told apart" in step and "record a second surface" in step for step in result.next_steps)
+    assert any("cannot tell" in step and "record a second surface" in step for step in result.next_steps)
+
+
+def test_advice_that_another_advice_contains_is_left_out() -> None:
+    both = separate_by(["wiggling"], ["multipath", "surface_pose"])
+    assert both == "the same surface at a second distance, without others around it"
+    assert separate_by(["range_offset"], ["surface_pose", "wiggling"]).count("; and ") == 1

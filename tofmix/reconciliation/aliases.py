@@ -75,8 +75,10 @@ class Alias:
 
 def separate_by(found: Iterable[str], others: Iterable[str]) -> str:
     """A recording that separates effects of some kinds from those of others."""
-    wanted = [words for one in found for other in others for pair, words in _SEPARATE if pair == {one, other}]
-    return "; ".join(dict.fromkeys(wanted)) or "another scene, with other distances and reflectivities"
+    pairs = [{one, other} for one in found for other in others]
+    wanted = dict.fromkeys(words for kinds in pairs for pair, words in _SEPARATE if pair == kinds)
+    whole = [words for words in wanted if not any(words != other and words in other for other in wanted)]
+    return "; and ".join(whole) or "another scene, with other distances and reflectivities"
 
 
 def aliases(added: Added, *, named: bool) -> tuple[Alias, ...]:

@@ -68,7 +68,7 @@ def next_steps(
     for alias in unclear:
         kinds = alias.kinds
         steps.append(
-            f"{kinds[0]} and {' or '.join(kinds[1:])} are not told apart by this recording: record {alias.separate_by}."
+            f"This recording cannot tell {kinds[0]} from {' or '.join(kinds[1:])}: record {alias.separate_by}."
         )
     if verified.verdict == "agree":
         steps.append(
@@ -80,9 +80,7 @@ def next_steps(
             "Confirm it on a scene that no fit has seen: reconcile the written model.toml, with the surfaces of that"
             " scene, with a recording of it."
         )
-    return tuple(steps) or (
-        "Look at the places in `where`: what the camera does there is none of the effects that are known.",
-    )
+    return tuple(steps) or ("Look at the places in `where`: no known effect does this.",)
 
 
 def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[str]:

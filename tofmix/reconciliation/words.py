@@ -20,10 +20,17 @@ _TITLES = {
     "partly_explained": "partly explained",
     "unexplained": "unexplained: none of the known effects explains it",
 }
-_AXES = {"surfaces_in_pixel": "surfaces in the pixel", "neighbour_contrast": "contrast to the neighbours"}
+_AXES = {
+    "row": "in rows",
+    "col": "in columns",
+    "surfaces_in_pixel": "in pixels with",
+    "neighbour_contrast": "where neighbours differ by",
+}
+"""Words before an interval; other axes have their names."""
+
 _NO_DOUBT = 1.0e-99  # a smaller p-value is not told apart
 _WIDER = 1.3  # of gaps, from which the difference is worth a word
-_UNITS = {"range": "mm", "time": "s", "radius": "pixels", "neighbour_contrast": "mm"}
+_UNITS = {"range": "mm", "time": "s", "radius": "pixels", "neighbour_contrast": "mm", "surfaces_in_pixel": "surfaces"}
 
 
 def headline(result: Reconciliation) -> str:
@@ -36,10 +43,10 @@ def headline(result: Reconciliation) -> str:
     place = where_text(result.where[0], result)
     if v.verdict == "unexplained":
         stays = result.where[0].statistic in ("bias", "pattern")  # what goes with time is no matter of that law
-        law = f"; a smooth law of {v.law}, which none of them is, fits better" if v.law and stays else ""
+        law = f"; a smooth function of {v.law} fits better than any of them" if v.law and stays else ""
         if v.own is not None:
-            own = f"the model's own effect fits better with other numbers: {in_words(v.own)}"
-            return f"Simulation and measurement disagree most {place}. None of the other effects explains it; {own}."
+            own = f"the model's own effect fits with other numbers: {in_words(v.own)}"
+            return f"Simulation and measurement disagree most {place}. No other effect explains it; {own}."
         return f"Simulation and measurement disagree most {place}. None of the known effects explains it{law}."
     effects = " and ".join(effect_text(n, result) for n in result.named)
     verb = "explain" if len(result.named) > 1 else "explains"
@@ -61,7 +68,7 @@ def where_text(place: Place, result: Reconciliation) -> str:
     """A place in words, such as ``at range 2000 to 2450 mm: bias of -10.9 mm``."""
     low, high = place.interval
     unit = _UNITS.get(place.axis, "")
-    axis = _AXES.get(place.axis, place.axis)
+    axis = _AXES.get(place.axis, f"at {place.axis}")
     within = f" in recording {place.recording + 1}" if len(result.models) > 1 else ""
     size = f"{place.statistic.replace('_', ' ')} of {number(place.size, '+.3g')}{' mm' if place.unit == 'mm' else ''}"
     if place.statistic == "memory":
@@ -76,7 +83,7 @@ def where_text(place: Place, result: Reconciliation) -> str:
         numbers = range(max(math.floor(low), 0), math.ceil(high))
         named = " and ".join(f'"{names[n]}"' for n in numbers if n < len(names)) or "no return"
         return f"on {named}{within} ({size})"
-    return f"at {axis} {number(low, '.4g')} to {number(high, '.4g')}{' ' if unit else ''}{unit}{within} ({size})"
+    return f"{axis} {number(low, '.4g')} to {number(high, '.4g')}{' ' if unit else ''}{unit}{within} ({size})"
 
 
 def p_text(place: Place) -> str:
