@@ -45,6 +45,14 @@ def test_parts_of_mixed_pixels_have_the_right_surface(plates: object, surfaces: 
     assert wrong.mean < most
 
 
+def test_disks_of_nearly_exact_shares_are_painted_to_half_a_percent() -> None:
+    one = scene(disks(np.random.default_rng(2), SMALL), SMALL)
+    _, found = _found(one, frames=200_000)
+    wrong = judge_parts(one, found.range_fine, 200_000)
+    assert wrong.pixels > 30
+    assert wrong.mean < 0.005
+
+
 def test_line_of_a_board_follows_its_outline_with_its_corners() -> None:
     board = facing(SMALL, 23.0, 29.0, 1800.0, size_pixels=(24.0, 18.0), roll_deg=25.0)
     _, found = _found(scene([board, wall(3000.0)], SMALL), frames=400)
