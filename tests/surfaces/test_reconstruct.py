@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from edges import between, camera, counted, judge_parts, judge_places
+from edges import between, camera, counted, drawn, estimated, judge_parts, judge_places
 from plates import SMALL, Plate, Scene, bars, disks, facing, half_plane, lattice, scene, tilted_rectangles, wall
 
 from tofmix.flags import Mixing
@@ -31,6 +31,21 @@ def test_points_of_a_half_planes_edge_are_right_within_their_errors() -> None:
     assert total.covered > 0.99
     assert total.rms < 0.025  # pixels; one pixel by itself tells 0.041
     assert 0.6 < total.z_rms < 1.5  # points of an edge are not independent
+
+
+def test_errors_of_edges_are_right_where_shares_are_unmixed() -> None:
+    total = None
+    for seed in range(1, 7):
+        one = scene(half_plane(np.random.default_rng([seed, 3]), SMALL), SMALL)
+        layers = estimated(drawn(one, 50, seed, q=1.0))
+        found = reconstruct(layers, camera(SMALL))
+        edges = found.edges
+        ours = between(one, layers, found.surface, edges.near, edges.far)
+        places = judge_places(one, 50, edges.row[ours], edges.col[ours], edges.stderr[ours])
+        total = places if total is None else total + places
+    assert total is not None
+    assert total.points > 300
+    assert 0.6 < total.z_rms < 1.4  # errors of a whole edge are alike: six edges
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,9 @@ _UNIFORM = 1.0 / 12.0
 
 # Columns of a collected pixel.
 _X, _Y, _X_ROW, _Y_ROW, _X_COL, _Y_COL, _SHARE, _SAMPLES, _FLOOR, _HIDES, _HIDES_ROW, _HIDES_COL, _HIDES_AT = range(13)
-_COLUMNS = 13  # numbers of each pixel in the neighbourhood of a cut
+
+COLUMNS = 13
+"""Numbers of each pixel in the neighbourhood of a cut."""
 
 # Columns of a fit.
 KIND, ANGLE, OFFSET, THIRD, BACK, AHEAD, VAR_ANGLE, COV_ANGLE, VAR_OFFSET, VAR_THIRD, WORTH = range(11)
@@ -132,6 +134,16 @@ def predict(
         y = pixel[_Y] + pixel[_Y_ROW] * place[1] + pixel[_Y_COL] * place[2]
         out[1] -= place[0] * (-right * x + down * y)
         out[3] = place[0]
+
+
+@borrowing
+def own_area(fit: FloatArray, pixel: FloatArray, out: FloatArray, work: FloatArray) -> float:
+    """Area that a fit covers in its own pixel; the arrays are scratch: (COLUMNS,), (7,), (3, 8, 2)."""
+    for i in range(COLUMNS):
+        pixel[i] = 0.0
+    pixel[_X_ROW] = pixel[_Y_COL] = 1.0
+    predict(int(fit[KIND]), fit[ANGLE], fit[OFFSET], fit[THIRD], pixel, out, work)
+    return float(out[0])
 
 
 @borrowing
@@ -346,7 +358,7 @@ def _beside_first(pixels: FloatArray, count: int, start: FloatArray) -> int:
         off = abs(down * pixels[k, _X] + right * pixels[k, _Y] - start[OFFSET])
         along = abs(-right * pixels[k, _X] + down * pixels[k, _Y])
         if k == 0 or off < 2.0 * _BESIDE + _UNSURE * along:
-            for i in range(_COLUMNS):
+            for i in range(COLUMNS):
                 pixels[kept, i], pixels[k, i] = pixels[k, i], pixels[kept, i]
             kept += 1
     return kept
@@ -562,7 +574,7 @@ def fit_edges(
         Ray through the centre of each pixel, and its change to the next row and to the next column.
     """
     size = 2 * REACH + 1
-    pixels = np.empty((size * size, _COLUMNS))
+    pixels = np.empty((size * size, COLUMNS))
     frame, normal, right = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     out, work = np.empty(7), np.empty((3, 8, 2))
     start, line, other, best = np.empty((4, FIT_COLUMNS))
