@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from blind.geometry import Surface
-from lock_in import FAMILIES, SMALL, Scene, judge, made, small
+from lock_in import FAMILIES, SMALL, Scene, judge, made, small, two_boards
 
 from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, settled_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
@@ -140,6 +140,21 @@ def test_ranges_that_fold_are_unmixed_and_stay_on_the_circle() -> None:
     assert after.found >= 0.95 * after.asked
     broken = [rule.text for rule in layer_rules(result.layers, np.array([50]), circle_mm=length) if rule.broken.any()]
     assert broken == []
+
+
+def test_wall_beyond_the_fold_is_a_plane_of_its_true_ranges() -> None:
+    boards = two_boards(np.random.default_rng(6))[:2]
+    for range_mm in (4980.0, 5150.0):  # across the fold of 4997 mm, and beyond it
+        wall = Surface(name="wall", center_mm=(0.0, 0.0, range_mm), size_mm=(9000.0, 9000.0), yaw_deg=5.0,
+                       reflectivity=0.6)  # fmt: skip
+        one = made([*boards, wall], 6, view=SMALL, frequency_hz=30.0e6, wraps=True)
+        length = one.device.unambiguous_mm
+        result = estimate_windows(one.recording, EstimateOptions(unambiguous_range_mm=length))
+        after = judge(one, first(result), circle_mm=length)
+        assert after.asked > 100
+        assert after.found >= 0.97 * after.asked
+        assert after.false <= 0.01 * after.mixed
+        assert after.split <= 0.01 * after.single
 
 
 def test_every_rule_of_a_result_holds_for_unmixed_layers(found: EstimatedWindows) -> None:

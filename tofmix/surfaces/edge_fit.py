@@ -160,7 +160,7 @@ def _mean_square(
     x = pixel[_X_ROW] * place[1] + pixel[_X_COL] * place[2]
     y = pixel[_Y_ROW] * place[1] + pixel[_Y_COL] * place[2]
     middle = -by_col * x + by_row * y
-    return middle * middle + _UNIFORM * place[0] * place[0]
+    return float(middle * middle + _UNIFORM * place[0] * place[0])
 
 
 @borrowing
