@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from edges import between, camera, counted, judge_parts, judge_places
+from edges import between, camera, counted, drawn, estimated, judge_parts, judge_places
 from plates import SMALL, Plate, Scene, bars, disks, facing, half_plane, lattice, scene, tilted_rectangles, wall
 
 from tofmix.flags import Mixing
@@ -33,6 +33,21 @@ def test_points_of_a_half_planes_edge_are_right_within_their_errors() -> None:
     assert 0.6 < total.z_rms < 1.5  # points of an edge are not independent
 
 
+def test_errors_of_edges_are_right_where_shares_are_unmixed() -> None:
+    total = None
+    for seed in range(1, 7):
+        one = scene(half_plane(np.random.default_rng([seed, 3]), SMALL), SMALL)
+        layers = estimated(drawn(one, 50, seed, q=1.0))
+        found = reconstruct(layers, camera(SMALL))
+        edges = found.edges
+        ours = between(one, layers, found.surface, edges.near, edges.far)
+        places = judge_places(one, 50, edges.row[ours], edges.col[ours], edges.stderr[ours])
+        total = places if total is None else total + places
+    assert total is not None
+    assert total.points > 300
+    assert 0.6 < total.z_rms < 1.4  # errors of a whole edge are alike: six edges
+
+
 @pytest.mark.parametrize(
     ("plates", "surfaces", "most"),
     [(tilted_rectangles, 2, 0.025), (disks, 2, 0.03), (bars(0.8), 2, 0.03), (lattice, 3, 0.06)],
@@ -43,6 +58,14 @@ def test_parts_of_mixed_pixels_have_the_right_surface(plates: object, surfaces: 
     wrong = judge_parts(one, found.range_fine, 100, surfaces=surfaces)
     assert wrong.pixels > 20
     assert wrong.mean < most
+
+
+def test_disks_of_nearly_exact_shares_are_painted_to_half_a_percent() -> None:
+    one = scene(disks(np.random.default_rng(2), SMALL), SMALL)
+    _, found = _found(one, frames=200_000)
+    wrong = judge_parts(one, found.range_fine, 200_000)
+    assert wrong.pixels > 30
+    assert wrong.mean < 0.005
 
 
 def test_line_of_a_board_follows_its_outline_with_its_corners() -> None:

@@ -80,6 +80,22 @@ def test_all_pixels_of_a_plane_are_certain_and_nothing_is_added_to_their_noise(
     assert label(image).is_surface.all()
 
 
+def test_column_of_mixed_pixels_is_not_taken_for_a_slope(rng: np.random.Generator) -> None:
+    image = _plane_image(OPTICS[0], np.array([0.0, 0.0, 1.0 / 6100.0]), 160.0, rng)  # 30 mm with 30 frames
+    step = np.exp(-700.0j / SCALE) * (6100.0 / 5400.0) ** 2  # a wall that stands 700 mm nearer
+    share = np.repeat([1.0, 0.25, 0.0], [10, 1, 9])[np.newaxis].repeat(18, 0).ravel()
+    image.phasor = image.phasor * (share * step + 1.0 - share)
+    image.range_mm = image.range_mm + SCALE * np.angle(share * step + 1.0 - share)
+    image.__post_init__()
+    certain = find_seeds(image).certain.reshape(18, 20)
+    assert certain[:, 10].mean() < 0.3
+    assert certain[:, :10].mean() > 0.85
+    assert certain[:, 11:].mean() > 0.85
+    sees_one = label(image).is_surface.reshape(18, 20)
+    assert sees_one[:, 10].mean() < 0.3
+    assert np.delete(sees_one, 10, axis=1).mean() > 0.98
+
+
 def test_fixed_pattern_and_texture_are_measured(rng: np.random.Generator) -> None:
     image = _plane_image(OPTICS[0], np.array([0.0, 0.0, 4.0e-4]), 5.0, rng)
     pattern, texture = rng.normal(0, 8.0, image.count), rng.normal(0, 0.1, image.count)

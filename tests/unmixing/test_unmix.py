@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from blind.geometry import Surface
-from lock_in import SMALL, Scene, judge, made, small
+from lock_in import FAMILIES, SMALL, Scene, judge, made, small, two_boards
 
 from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, settled_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
@@ -111,6 +111,26 @@ def test_share_of_a_surface_beside_open_space_is_its_area() -> None:
     np.testing.assert_allclose(layers.weight[both, 0], share[both], atol=0.06)
 
 
+def test_wall_in_a_gap_narrower_than_a_pixel_is_found_by_its_plane_elsewhere() -> None:
+    board = Surface(name="board", center_mm=(172.0, 0.0, 1800.0), size_mm=(155.4, 157.0), reflectivity=0.5)
+    wall = Surface(name="wall", center_mm=(0.0, 0.0, 3000.0), size_mm=(9000.0, 9000.0), reflectivity=0.6)
+    layers = first(estimate_windows(made([board, wall], 3, view=SMALL).recording))
+    gap = (slice(17, 31), 59)  # the board ends in the last column
+    assert layers.mixing is not None
+    assert (layers.mixing[gap] == int(Mixing.PHASOR)).all()
+    np.testing.assert_allclose(layers.range[gap][:, 0], 1818.0, atol=6.0)
+    np.testing.assert_allclose(layers.range[gap][:, 1], 3030.0, atol=12.0)
+    np.testing.assert_allclose(layers.weight[gap][:, 0], 0.617, atol=0.03)
+
+
+def test_pixels_of_creases_are_decided() -> None:
+    one = made(FAMILIES["corner"](np.random.default_rng([2, 77])), 2, view=(72, 88, 47.0, 39.0))
+    after = judge(one, first(estimate_windows(one.recording, EstimateOptions(mixing=MixingChoice.PHASOR))))
+    assert after.mixed > 150
+    assert after.undecided <= 0.05 * after.mixed
+    assert after.false <= 0.01 * after.mixed
+
+
 @pytest.mark.slow
 def test_ranges_that_fold_are_unmixed_and_stay_on_the_circle() -> None:
     one = small(6, frequency_hz=45.0e6, wraps=True)  # the wall is a turn of 3331 mm away
@@ -121,6 +141,21 @@ def test_ranges_that_fold_are_unmixed_and_stay_on_the_circle() -> None:
     assert after.found >= 0.95 * after.asked
     broken = [rule.text for rule in layer_rules(result.layers, np.array([50]), circle_mm=length) if rule.broken.any()]
     assert broken == []
+
+
+def test_wall_beyond_the_fold_is_a_plane_of_its_true_ranges() -> None:
+    boards = two_boards(np.random.default_rng(6))[:2]
+    for range_mm in (4980.0, 5150.0):  # across the fold of 4997 mm, and beyond it
+        wall = Surface(name="wall", center_mm=(0.0, 0.0, range_mm), size_mm=(9000.0, 9000.0), yaw_deg=5.0,
+                       reflectivity=0.6)  # fmt: skip
+        one = made([*boards, wall], 6, view=SMALL, frequency_hz=30.0e6, wraps=True)
+        length = one.device.unambiguous_mm
+        result = estimate_windows(one.recording, EstimateOptions(unambiguous_range_mm=length))
+        after = judge(one, first(result), circle_mm=length)
+        assert after.asked > 100
+        assert after.found >= 0.97 * after.asked
+        assert after.false <= 0.01 * after.mixed
+        assert after.split <= 0.01 * after.single
 
 
 def test_every_rule_of_a_result_holds_for_unmixed_layers(found: EstimatedWindows) -> None:

@@ -44,6 +44,9 @@ _CURVED = 9.0
 _MOST_BEND = 0.3
 """Largest curvature, 1/pixel: an arc of a smaller circle is hidden in a few pixels."""
 
+_ARC_ERROR = 0.014
+"""Error of the area under an arc, in units of its curvature squared, pixels^2: rms over places and directions."""
+
 _PRIOR = (4.0, 4.0, 4.0)
 """Weights of the first guess of angle (1/rad^2), offset (1/pixel^2) and the third number: they keep a fit regular."""
 
@@ -52,7 +55,9 @@ _UNIFORM = 1.0 / 12.0
 
 # Columns of a collected pixel.
 _X, _Y, _X_ROW, _Y_ROW, _X_COL, _Y_COL, _SHARE, _SAMPLES, _FLOOR, _HIDES, _HIDES_ROW, _HIDES_COL, _HIDES_AT = range(13)
-_COLUMNS = 13  # numbers of each pixel in the neighbourhood of a cut
+
+COLUMNS = 13
+"""Numbers of each pixel in the neighbourhood of a cut."""
 
 # Columns of a fit.
 KIND, ANGLE, OFFSET, THIRD, BACK, AHEAD, VAR_ANGLE, COV_ANGLE, VAR_OFFSET, VAR_THIRD, WORTH = range(11)
@@ -104,19 +109,23 @@ def predict(
         radius = math.sqrt(to_centre * to_centre + bend * bend * along * along)  # in units of 1 / k
         by_row = (to_centre * down + bend * along * right) / radius
         by_col = (to_centre * right - bend * along * down) / radius
-        # Signed distance from the circle; in a pixel, s^2 is 1/12 on average beyond that of its centre.
-        off = (2.0 * across - bend * (across * across + along * along)) / (1.0 + radius) - 0.5 * bend * _UNIFORM
+        off = (2.0 * across - bend * (across * across + along * along)) / (1.0 + radius)  # distance from the circle
     a = by_row * pixel[_X_ROW] + by_col * pixel[_Y_ROW]
     b = by_row * pixel[_X_COL] + by_col * pixel[_Y_COL]
-    c = off
     place = out[4:7]
+    c = off
+    if bend != 0.0:
+        c -= 0.5 * bend * _mean_square(a, b, off, pixel, by_row, by_col, place)
     out[0] = _covered(a, b, c, pixel, work, place)
     x = pixel[_X] + pixel[_X_ROW] * place[1] + pixel[_X_COL] * place[2]
     y = pixel[_Y] + pixel[_Y_ROW] * place[1] + pixel[_Y_COL] * place[2]
     turned = -right * x + down * y
     out[1] = place[0] * turned * (1.0 + bend * offset)
     out[2] = -place[0] * (1.0 - bend * (down * x + right * y - offset))
-    out[3] = -0.5 * place[0] * ((down * x + right * y - offset) ** 2 + turned * turned) if kind == ARC else 0.0
+    out[3] = 0.0
+    if kind == ARC:
+        square = (down * x + right * y - offset) ** 2 + turned * turned + _UNIFORM * place[0] * place[0]
+        out[3] = -0.5 * place[0] * square
     if kind == BAR:
         c = off + offset - third
         out[0] -= covered(a, b, c)
@@ -125,6 +134,33 @@ def predict(
         y = pixel[_Y] + pixel[_Y_ROW] * place[1] + pixel[_Y_COL] * place[2]
         out[1] -= place[0] * (-right * x + down * y)
         out[3] = place[0]
+
+
+@borrowing
+def own_area(fit: FloatArray, pixel: FloatArray, out: FloatArray, work: FloatArray) -> float:
+    """Area that a fit covers in its own pixel; the arrays are scratch: (COLUMNS,), (7,), (3, 8, 2)."""
+    for i in range(COLUMNS):
+        pixel[i] = 0.0
+    pixel[_X_ROW] = pixel[_Y_COL] = 1.0
+    predict(int(fit[KIND]), fit[ANGLE], fit[OFFSET], fit[THIRD], pixel, out, work)
+    return float(out[0])
+
+
+@borrowing
+def _mean_square(
+    a: float, b: float, c: float, pixel: FloatArray, by_row: float, by_col: float, place: FloatArray
+) -> float:  # fmt: skip
+    """Mean square distance, along an edge's tangent in a pixel, from the place where it touches: of the part inside.
+
+    Half of it times the curvature is how far the arc lies from the tangent on average, and so what it covers less.
+    """
+    chord(a, b, c, place)
+    if place[0] == 0.0:
+        return _UNIFORM
+    x = pixel[_X_ROW] * place[1] + pixel[_X_COL] * place[2]
+    y = pixel[_Y_ROW] * place[1] + pixel[_Y_COL] * place[2]
+    middle = -by_col * x + by_row * y
+    return float(middle * middle + _UNIFORM * place[0] * place[0])
 
 
 @borrowing
@@ -142,9 +178,9 @@ def _covered(
 
 @borrowing
 def _variance(share: float, pixel: FloatArray, bend: float) -> float:
-    """Variance of a measured share where the true one is `share`; an arc is straight in a pixel, but for its mean."""
+    """Variance of a measured share where the true one is `share`; the area under an arc is not exact."""
     own = (share * (1.0 - share) + 0.25 / pixel[_SAMPLES]) / pixel[_SAMPLES] + pixel[_FLOOR]
-    return float(own + (0.5 * _UNIFORM * bend) ** 2)
+    return float(own + (_ARC_ERROR * bend * bend) ** 2)
 
 
 @borrowing
@@ -158,6 +194,8 @@ def _is_of_run(
     off = down * pixel[_X] + right * pixel[_Y]
     if kind == ARC:
         across, bend = off - fit[OFFSET], fit[THIRD]
+        if bend * across >= 1.0:
+            return False  # the other side of the circle
         radius = math.sqrt((1.0 - bend * across) ** 2 + bend * bend * along * along)
         off = fit[OFFSET] + (2.0 * across - bend * (across * across + along * along)) / (1.0 + radius)
     least = fit[OFFSET] - _BESIDE
@@ -320,7 +358,7 @@ def _beside_first(pixels: FloatArray, count: int, start: FloatArray) -> int:
         off = abs(down * pixels[k, _X] + right * pixels[k, _Y] - start[OFFSET])
         along = abs(-right * pixels[k, _X] + down * pixels[k, _Y])
         if k == 0 or off < 2.0 * _BESIDE + _UNSURE * along:
-            for i in range(_COLUMNS):
+            for i in range(COLUMNS):
                 pixels[kept, i], pixels[k, i] = pixels[k, i], pixels[kept, i]
             kept += 1
     return kept
@@ -536,7 +574,7 @@ def fit_edges(
         Ray through the centre of each pixel, and its change to the next row and to the next column.
     """
     size = 2 * REACH + 1
-    pixels = np.empty((size * size, _COLUMNS))
+    pixels = np.empty((size * size, COLUMNS))
     frame, normal, right = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     out, work = np.empty(7), np.empty((3, 8, 2))
     start, line, other, best = np.empty((4, FIT_COLUMNS))

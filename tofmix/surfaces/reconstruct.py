@@ -19,6 +19,7 @@ from tofmix.surfaces.linking import Linked, link
 from tofmix.surfaces.nodes import Nodes, make_nodes
 from tofmix.surfaces.painting import paint_row, share_out
 from tofmix.surfaces.regions import choose_regions, ray_lines
+from tofmix.surfaces.run_errors import widened
 from tofmix.surfaces.shares import Shares, make_shares
 
 DEFAULT_FACTOR = 8
@@ -60,7 +61,7 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
     rays = pixel_rays(optics, (rows, cols))
     seen = (shares.count, shares.label, shares.inverse, shares.up_to, shares.samples, shares.floor)
     where = (linked.planes, directions, rays)
-    fits = _fit(cuts, *seen, *where)
+    fits = widened(_fit(cuts, *seen, *where), cuts, shares)
     lines = ray_lines(
         fits, cuts.row, cuts.col, np.asarray(np.linalg.inv(np.moveaxis(rays[..., [1, 2, 0], :], -1, -2)), np.float64)
     )

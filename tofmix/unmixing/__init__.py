@@ -5,7 +5,8 @@ samples have one mode, at a range where nothing stands. The surfaces are found i
 neighbours.
 
 The data's path: samples -> `phasors` (mean and covariance of each pixel) -> `image` (what one window's pixels measured)
--> `seeds` (pixels that surely see one surface) and `distant` (planes of large surfaces) -> `neighbours` (the surfaces
-beside a pixel, continued to it) -> `hypotheses` (one surface, two, three?) -> `labels` (three rounds over all pixels)
--> `law` (are the samples phasor sums at all?) -> `rewriting` (layers).
+-> `unfolding` (surfaces beyond the fold of a folded axis) -> `seeds` (pixels that surely see one surface) and `distant`
+(planes of large surfaces) -> `neighbours` (the surfaces beside a pixel, continued to it) -> `hypotheses` (one surface,
+two, three?) -> `labels` (three rounds over all pixels) -> `law` (are the samples phasor sums at all?) -> `rewriting`
+(layers).
 """

@@ -4,6 +4,7 @@
 - CONTINUED: a surface beside the pixel, or a large one elsewhere in the image, fills it. The phasor is Gaussian about
   the surface's own. The surface may also have another reflectance here: the phase is Gaussian, the amplitude uniform.
 - PAIR: two surfaces share the pixel. The phasor lies on the chord between theirs: Gaussian across, uniform along it.
+  One of them may be a large surface that is seen elsewhere alone, as a wall in a gap narrower than a pixel.
 - TRIPLE: three of them. It lies in their triangle.
 
 Open space is an end like a surface: of phasor 0, as in a sum, or of what the camera returns where nothing is, as in
@@ -58,7 +59,14 @@ PRIORS = {
 """Prior probabilities at edges, where alone pixels are in doubt; each is shared by the hypotheses of its kind."""
 
 DISTANT_PRIOR = 0.002
-"""Prior of a large surface that is seen elsewhere: small, so that a pair that meets its range by chance stays one."""
+"""Prior of a large surface that is seen elsewhere: small, so that a pair that meets its range by chance stays one. The
+same of pairs of which one surface is seen elsewhere alone."""
+
+_LIKELY = 0.9
+"""Probability from which on surfaces beside a pixel explain it, and large ones elsewhere are not tried."""
+
+_NEAR_CHORD = 0.02
+"""Distance from a chord, as a part of its length and beyond 6 standard errors, within which a pair is tried."""
 
 ENDS = 3
 """Most surfaces of a pixel."""
@@ -124,7 +132,8 @@ class Findings:
     chord : (n,) complex128
         PAIR: difference of both phasors.
     scatter : (n,) float64
-        PAIR: variance along the chord of samples that are of one surface each, or sums, by their noise alone.
+        PAIR: variance along the chord of samples that are of one surface each, or sums, by their noise alone; infinite
+        where it is not known.
     log_density : (n,) float64
         Log density of the mean phasor in units of the image's median amplitude, nat.
     """
@@ -170,6 +179,12 @@ class _Best:
         everything = self._blank | {"kind": np.full(len(log), int(kind)), "log_density": log_density} | values
         for name, kept in self._kept.items():
             kept[better] = everything[name][better]
+
+    def unexplained(self) -> IntArray:
+        """Pixels (m,) of which no surfaces that are seen beside them are likely."""
+        total = special.logsumexp(np.stack(self._logs), axis=0)
+        vague = (self._kept["kind"] == Kind.NEW) | ~self._kept["is_known"]
+        return np.flatnonzero(vague | (np.exp(self._log - total) < _LIKELY))
 
     def findings(self) -> Findings:
         """What was kept, with its probability among all."""
@@ -217,6 +232,7 @@ def judge(
     ends = _Ends(image, pixels, beside, here, seeds, spaces)
     _put_pairs(best, ends)
     _put_triples(best, ends)
+    _put_distant_pairs(best, ends, planes)
     return best.findings()
 
 
@@ -320,6 +336,14 @@ class _Ends:
             for space in spaces
         ]
 
+    def some(self, which: IntArray) -> "_Ends":
+        """The ends of some of the pixels, without open space."""
+        beside = NeighbourSurfaces(**{field.name: getattr(self.beside, field.name)[which]
+                                      for field in fields(NeighbourSurfaces)})  # fmt: skip
+        here = [Predictions(**{field.name: getattr(part, field.name)[which] for field in fields(Predictions)})
+                for part in self.here]  # fmt: skip
+        return _Ends(self.image, self.pixels[which], beside, here, self.seeds, ())
+
     def at(self, number: int) -> Predictions:
         """The end's phasor where it fills the pixel."""
         return self._open[number - _OPEN] if number >= _OPEN else self.here[number]
@@ -341,9 +365,7 @@ class _Ends:
         """Whether two ends are so far from each other that they can be told apart."""
         if other >= _OPEN:
             return np.ones(len(self.pixels), bool)
-        a, b = self.at(one), self.at(other)
-        gap, error = np.abs(a.range_mm - b.range_mm), np.sqrt(a.range_variance + b.range_variance)
-        return np.asarray((gap > _APART_SIGMAS * error) & (gap > _APART * np.minimum(a.range_mm, b.range_mm)))
+        return _are_apart(self.at(one), self.at(other))
 
     def towards(self, one: int, other: int) -> tuple[FloatArray, FloatArray]:
         """Unit vector (row, col) from the second end's pixels to the first one's."""
@@ -365,17 +387,19 @@ class _Chord:
     other: Predictions
 
 
-def _chord(ends: _Ends, one: int, other: int) -> _Chord:
+def _chord(ends: _Ends, one: int, other: int, plane: DistantPlane | None = None) -> _Chord:
     """Find the share of a pair by generalised least squares: z - z_b = w (z_a - z_b).
 
-    The surface of share w fills a part of the pixel whose middle lies (1 - w) / 2 pixels towards its side.
+    The surface of share w fills a part of the pixel whose middle lies (1 - w) / 2 pixels towards its side. The other
+    one may be a large surface that is seen elsewhere.
     """
     row, col = ends.towards(one, other)
     share = np.full(len(ends.pixels), 0.5)
     for _ in range(_ROUNDS):
         part = np.clip(share, 0.0, 1.0)
         a = ends.seen(one, row * (1.0 - part) / 2.0, col * (1.0 - part) / 2.0)
-        b = ends.seen(other, -row * part / 2.0, -col * part / 2.0)
+        back_row, back_col = -row * part / 2.0, -col * part / 2.0
+        b = ends.seen(other, back_row, back_col) if plane is None else _elsewhere(ends, plane, back_row, back_col)
         covariance = (
             ends.covariance
             + part[:, np.newaxis] ** 2 * polar_covariance(a.phasor, a.tangential, a.radial)
@@ -396,6 +420,94 @@ def _chord(ends: _Ends, one: int, other: int) -> _Chord:
         - np.log(length) + np.log(np.maximum(inside, _TINY))
     )  # fmt: skip
     return _Chord(share=share, variance=variance, log_density=log_density, one=a, other=b)
+
+
+def _elsewhere(ends: _Ends, plane: DistantPlane, row: FloatArray, col: FloatArray) -> Predictions:
+    """What a large surface would return from places (n,) that lie `row` and `col` beside the pixels."""
+    image, pixels = ends.image, ends.pixels
+    ways = (
+        image.directions[pixels] + (row * image.pitch_down[pixels])[:, np.newaxis] * image.down[pixels]
+        + (col * image.pitch_across[pixels])[:, np.newaxis] * image.across[pixels]
+    )  # fmt: skip
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    even = np.ones(len(pixels))
+    return phasor_of(
+        ways @ plane.plane, np.einsum("ni,ik,nk->n", ways, plane.covariance, ways), plane.log_light * even,
+        plane.light_variance * even, image=image, seeds=ends.seeds,
+    )  # fmt: skip
+
+
+def _put_distant_pairs(best: _Best, ends: _Ends, planes: tuple[DistantPlane, ...]) -> None:
+    """A surface beside the pixel shares it with a large one that is seen elsewhere, and not beside it.
+
+    Where surfaces beside a pixel explain it, this is not tried: it is much less likely.
+    """
+    doubtful = best.unexplained()
+    if not planes or not doubtful.size:
+        return
+    here = ends.some(doubtful)
+    usable = here.found[:, :MOST_SURFACES] & here.trusted[:, :MOST_SURFACES]
+    pairs, count = [], np.zeros(len(doubtful))
+    seen: list[tuple[BoolArray, Predictions]] = [(usable[:, k], here.at(k)) for k in range(MOST_SURFACES)]
+    for plane in planes:
+        none = np.zeros(len(doubtful))
+        far = _elsewhere(here, plane, none, none)
+        beyond = [_are_apart(other, far) for _, other in seen]
+        # A surface that is seen beside the pixel, or is a part of a larger one, is an end already.
+        new = np.all([apart | ~known for apart, (known, _) in zip(beyond, seen, strict=True)], axis=0)
+        new &= ends.image.directions[here.pixels] @ plane.plane > 0
+        seen.append((new, far))
+        for one in range(MOST_SURFACES):
+            possible = new & usable[:, one] & beyond[one]
+            count += possible
+            tried = np.flatnonzero(possible & _near_chord(here, here.at(one), far))
+            if tried.size:
+                pairs.append((one, plane, tried))
+    for one, plane, tried in pairs:
+        _put_distant_pair(best, here.some(tried), one, plane, doubtful[tried], count[tried], len(ends.pixels))
+
+
+def _are_apart(one: Predictions, other: Predictions) -> BoolArray:
+    """Whether two ends are so far from each other that they can be told apart."""
+    gap, error = np.abs(one.range_mm - other.range_mm), np.sqrt(one.range_variance + other.range_variance)
+    least = np.minimum(one.range_mm, other.range_mm)
+    return np.asarray((gap > _APART_SIGMAS * error) & (gap > _APART * least))
+
+
+def _near_chord(ends: _Ends, one: Predictions, other: Predictions) -> BoolArray:
+    """Whether phasors lie so near the chord between two ends that a pair is worth a fit."""
+    chord, offset = one.phasor - other.phasor, ends.phasor - other.phasor
+    length = np.maximum(np.abs(chord), _TINY)
+    share = (offset * np.conj(chord)).real / length**2
+    across = np.abs((offset * np.conj(chord)).imag) / length
+    noise = np.max([ends.covariance[:, 0] + ends.covariance[:, 1], one.tangential + one.radial,
+                    other.tangential + other.radial], axis=0)  # fmt: skip
+    reach = 6.0 * np.sqrt(noise) + _NEAR_CHORD * length
+    return np.asarray((across < reach) & (share > -reach / length) & (share < 1.0 + reach / length))
+
+
+def _put_distant_pair(
+    best: _Best, ends: _Ends, one: int, plane: DistantPlane, pixels: IntArray, count: FloatArray, total: int
+) -> None:  # fmt: skip
+    """Put the pair of one end and a large surface, of some of the `total` pixels that are judged."""
+    chord = _chord(ends, one, _OPEN, plane)
+    possible = chord.share <= 1.0 - _SELF_SIGMAS * np.sqrt(chord.variance)
+    share, none = np.clip(chord.share, 0.0, 1.0), np.full(len(pixels), np.nan)
+    values = {
+        "range_mm": np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
+        "range_variance": np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
+        "share": np.column_stack([share, 1.0 - share, none]),
+        "share_variance": np.column_stack([chord.variance, chord.variance, none]),
+        "is_known": ends.known[:, one], "is_fresh": ends.fresh[:, one],
+        "chord": chord.one.phasor - chord.other.phasor, "scatter": np.full(len(pixels), np.inf),
+    }  # fmt: skip
+    log_prior, log_density = np.full(total, -np.inf), np.full(total, -np.inf)
+    log_prior[pixels], log_density[pixels] = _log_share(DISTANT_PRIOR, possible, count), chord.log_density
+    spread = {}
+    for name, some in values.items():
+        spread[name] = np.zeros((total, *some.shape[1:]), some.dtype)
+        spread[name][pixels] = some
+    best.put(Kind.PAIR, log_prior, log_density, **spread)
 
 
 def _put_pairs(best: _Best, ends: _Ends) -> None:

@@ -96,14 +96,15 @@ def _of_pixels(image: PhasorImage, labels: Labels) -> tuple[FloatArray, FloatArr
     """Q of each pixel and its standard error (pixel,), infinite where the pixel tells nothing."""
     share = labels.share[:, 0]
     pair = (labels.kind == Kind.PAIR) & labels.is_known & (labels.probability >= _LEAST_PROBABILITY)
-    pair &= np.abs(share - 0.5) <= 0.5 - _LEAST_SHARE
+    pair &= (np.abs(share - 0.5) <= 0.5 - _LEAST_SHARE) & np.isfinite(labels.scatter)
     length = np.where(pair, np.abs(labels.chord), 1.0)
     along = labels.chord / length
     jump = np.where(pair, share * (1.0 - share), 1.0) * length**2
     parallel = variance_along(image.covariance, along)
+    noise = np.where(pair, labels.scatter, 0.0)
     free = np.maximum(image.samples - 1.0, 1.0)
-    value = 1.0 - (1.0 - 1.0 / np.maximum(image.samples, 1.0)) * (parallel - labels.scatter) / jump
-    error = np.hypot(np.sqrt(2.0 / free) * np.hypot(parallel, labels.scatter) / jump, _LEAST_ERROR)
+    value = 1.0 - (1.0 - 1.0 / np.maximum(image.samples, 1.0)) * (parallel - noise) / jump
+    error = np.hypot(np.sqrt(2.0 / free) * np.hypot(parallel, noise) / jump, _LEAST_ERROR)
     return np.where(pair, value, 0.0), np.where(pair, error, np.inf)
 
 

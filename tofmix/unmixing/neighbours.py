@@ -269,6 +269,7 @@ def _fit_surface(
     fits = fit_planes(x, y, values, weights, slope_weight)
     out.near[some, number] = fits.coefficients + plane_coefficients(image, pixels, plane)
     out.near_covariance[some, number] = fits.covariance * _inflation(fits.residuals, weights)
+    out.near_covariance[some, number, 0, 0] += _bent(fits.residuals, weights, variance)
     noise = image.light_variance[others] + 9.0 * image.range_variance[others] * near**2 + seeds.texture_variance
     fade = np.exp(-window(_REACH).distance_squared / (2.0 * _LIGHT_REACH**2))
     used = weights > 0
@@ -282,6 +283,7 @@ def _fit_surface(
     fits.coefficients[:, 0] += level
     out.light[some, number] = fits.coefficients
     out.light_covariance[some, number] = fits.covariance * _inflation(fits.residuals, weights)
+    out.light_covariance[some, number, 0, 0] += _bent(fits.residuals, weights, noise)
     for name in ("is_known", "is_trusted", "is_fresh"):
         getattr(out, name)[some, number] = 2 * (mask & getattr(members, name)[others]).sum(axis=1) >= size
 
@@ -300,3 +302,23 @@ def _inflation(residuals: FloatArray, weights: FloatArray) -> FloatArray:
     free = np.maximum((weights > 0).sum(axis=1) - 3, 1)
     excess = (residuals**2 * weights).sum(axis=1) / free
     return np.asarray(np.maximum(1.0, excess)[:, np.newaxis, np.newaxis])
+
+
+def _bent(residuals: FloatArray, weights: FloatArray, variance: FloatArray) -> FloatArray:
+    """Variance (n,) of what a surface is, beside its plane: of a crease, or of one that is curved.
+
+    It is what residuals scatter beyond noise and more than by chance. More pixels do not lessen it.
+    """
+    chances = weights * np.where(weights > 0, variance, 0.0)  # 1, or less where a pixel counts less
+    total = np.maximum(chances.sum(axis=1), _TINY)
+    free = np.maximum(total**2 / np.maximum((chances**2).sum(axis=1), _TINY) - 3.0, 1.0)
+    excess = (residuals**2 * weights).sum(axis=1) / total - 1.0 - _CHANCE * np.sqrt(2.0 / free)
+    level = (chances * np.where(weights > 0, variance, 0.0)).sum(axis=1) / total
+    return np.asarray(np.maximum(excess, 0.0) * level)
+
+
+_CHANCE = 2.0
+"""Standard deviations of a mean square of residuals that are chance."""
+
+_TINY = 1.0e-30
+"""Least divisor."""

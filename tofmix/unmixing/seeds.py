@@ -28,6 +28,15 @@ _LEAST_WINDOWS = 20
 _HALVINGS = 24
 """Halvings of the interval in which a scatter is looked for: to a ten millionth of it."""
 
+_UNLIKE = 2.5
+"""Standard errors from a plane beside it, beyond which a pixel at a border is judged again: more than by chance."""
+
+_BETWEEN, _DIFFERENT = 1.0, 5.0
+"""Standard errors that a pixel is off both sides, and that these differ by, where it may be a mixture of both."""
+
+_CONTINUED = 1.0 / 9.0 + 4.0 / 6.0
+"""Variance of a plane through 3 x 3 pixels, two pixels from its middle, in units of a pixel's own."""
+
 _BLOCK = 1 << 14
 """Pixels that are worked on at once: some 10 MB an array."""
 
@@ -86,10 +95,44 @@ def find_seeds(image: PhasorImage) -> Seeds:
         middle[own] = others[np.arange(len(own)), best]
         has_plane[own] = np.isfinite(scores.min(axis=1)) & image.valid[own]
         certain[own] = (inside & surely[others]).any(axis=1) & has_plane[own]
+    unlike = _unlike(image, np.flatnonzero(certain & ~surely), planes, surely, pattern)
+    has_plane[unlike] = certain[unlike] = False
     return Seeds(
         plane=np.where(has_plane[:, np.newaxis], planes[middle], 0.0), middle=middle, has_plane=has_plane,
         certain=certain, pattern_variance=pattern, texture_variance=texture,
     )  # fmt: skip
+
+
+def _unlike(
+    image: PhasorImage, pixels: IntArray, planes: FloatArray, surely: BoolArray, pattern: float
+) -> IntArray:  # fmt: skip
+    """Pixels at the border of a surface that are not surely of it, by the planes of the windows beside them.
+
+    A slope takes up a column of mixed pixels at a window's side. The windows beside that, two pixels away from it, do
+    not know the column. A pixel is unlike where, along an axis, it has the range of neither side, or lies between
+    two sides that differ.
+    """
+    row, col = np.divmod(pixels, image.shape[1])
+    near = 1.0 / image.range_mm[pixels]
+    sigma = np.sqrt((1.0 + _CONTINUED) * (image.range_variance[pixels] + pattern)) * near**2
+    unlike = np.zeros(len(pixels), bool)
+    for axis in (0, 1):
+        least, ends = np.full(len(pixels), np.inf), []
+        for away in (-2, 2):
+            total, count = np.zeros(len(pixels)), np.zeros(len(pixels))
+            for side in (-1, 0, 1):
+                r, c = (row + away, col + side) if axis == 0 else (row + side, col + away)
+                inside = (r >= 0) & (r < image.shape[0]) & (c >= 0) & (c < image.shape[1])
+                middle = np.where(inside, r * image.shape[1] + c, 0)
+                miss = (near - (planes[middle] * image.directions[pixels]).sum(axis=1)) / sigma
+                known = inside & surely[middle]
+                least = np.where(known, np.minimum(least, np.abs(miss)), least)
+                total, count = total + np.where(known, miss, 0.0), count + known
+            ends.append(np.where(count > 0, total / np.maximum(count, 1.0), np.nan))
+        low, high = np.fmin(*ends), np.fmax(*ends)
+        between = (low < -_BETWEEN) & (high > _BETWEEN) & (high - low > _DIFFERENT)
+        unlike |= (np.isfinite(least) & (least > _UNLIKE)) | between
+    return pixels[unlike]
 
 
 def _windows(image: PhasorImage, start: int) -> tuple[FloatArray | IntArray, ...]:

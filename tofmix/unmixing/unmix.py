@@ -1,5 +1,7 @@
 """Unmix one window: the entry for everything that has layers and mean phasors of a whole image."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
@@ -13,6 +15,7 @@ from tofmix.unmixing.labels import label
 from tofmix.unmixing.law import measure_law
 from tofmix.unmixing.phasors import phase_scale_mm
 from tofmix.unmixing.rewriting import Rewritten, rewrite
+from tofmix.unmixing.unfolding import unfolded
 
 _NARROW_PITCH = 0.005
 """Tangent of the angle between pixels of a camera whose optics are not known: 0.3 degrees. Planes in windows of a few
@@ -58,6 +61,8 @@ def unmix(
         phasors, _directions(sensor, (rows, cols)), scale_mm=phase_scale_mm(sensor.modulation_frequency_hz),
         open_space=_sees_nothing(layers),
     )  # fmt: skip
+    if circle_mm is not None:
+        image = replace(image, range_mm=unfolded(image, circle_mm))
     labels = label(image)
     return rewrite(layers, image, labels, measure_law(image, labels), sensor, insist=insist, circle_mm=circle_mm)
 

@@ -1,0 +1,93 @@
+"""Ranges that fold: which surfaces stand beyond the fold, one turn farther than their folded ranges say.
+
+On a folded axis a surface beyond the fold is no plane: 1 / r is linear in the beam for the true range alone, and so is
+ln A + 3 ln r a constant. Use `unfolded` before planes are fitted. Only the first turn is told from the second; ranges
+in the farther half of a turn stay as they are.
+"""
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.unmixing.image import PhasorImage
+
+_LEAST_PIXELS = 12
+"""Pixels of a surface that is unfolded; fewer may be mixtures, whose range is none of a surface."""
+
+_SIGMAS, _PITCHES = 4.0, 4.0
+"""Standard errors, and steps of a pixel's width, between neighbours of one surface: 76 degrees of incidence."""
+
+_CROSSED = 0.2
+"""Pairs of neighbours across the fold, as a part of the square root of a surface's pixels, from which on it is crossed:
+a fifth of one side."""
+
+_STRIDES = 4, 16
+"""Pixels from one to the other of two whose light is compared: the farther, the more it tells of a wide surface."""
+
+_BETTER = 0.7
+"""Ratio of the scatter of light with the turn to that without it, from which on the turn is taken."""
+
+
+def unfolded(image: PhasorImage, circle_mm: float) -> FloatArray:
+    """Ranges (pixel,), mm, with a turn more for the surfaces beyond the fold.
+
+    Parameters
+    ----------
+    image : PhasorImage
+        Of folded ranges.
+    circle_mm : float
+        Length of the circle that they are on, mm.
+    """
+    near = image.valid & (image.range_mm < 0.5 * circle_mm)
+    one, other = _neighbours(image, 1)
+    reach = _SIGMAS * np.sqrt(image.range_variance[one] + image.range_variance[other])
+    reach = reach + _PITCHES * image.pitch[one] * (image.range_mm[one] + circle_mm)
+    gap = image.range_mm[other] - image.range_mm[one]
+    both = image.valid[one] & image.valid[other]
+    linked = both & near[one] & near[other] & (np.abs(gap) < reach)
+    graph = coo_array((np.ones(int(linked.sum()), np.int8), (one[linked], other[linked])), shape=(image.count,) * 2)
+    number = np.asarray(connected_components(graph, directed=False)[1], np.int64)
+    size = np.bincount(number[near], minlength=int(number.max()) + 1)
+    across = both & (near[one] != near[other]) & (np.abs(circle_mm - np.abs(gap)) < reach)
+    at = np.where(near[one], one, other)[across]
+    crossings = np.bincount(number[at], minlength=len(size))
+    farther = crossings > _CROSSED * np.sqrt(np.maximum(size, 1.0))
+    farther |= _is_smoother(image, number, near, circle_mm)
+    farther &= size >= _LEAST_PIXELS
+    return np.asarray(image.range_mm + circle_mm * (near & farther[number]))
+
+
+def _neighbours(image: PhasorImage, step: int) -> tuple[IntArray, IntArray]:
+    """Pixels (pair,) some steps to the left of others and above them, and these."""
+    index = np.arange(image.count).reshape(image.shape)
+    return (np.concatenate([index[:, :-step].ravel(), index[:-step].ravel()]),
+            np.concatenate([index[:, step:].ravel(), index[step:].ravel()]))  # fmt: skip
+
+
+def _is_smoother(image: PhasorImage, number: IntArray, near: BoolArray, circle_mm: float) -> BoolArray:
+    """Surfaces (number,) over which ln A + 3 ln r varies less with a turn more, in units of its errors."""
+    return np.asarray(
+        np.any([_is_smoother_over(image, number, near, circle_mm, stride) for stride in _STRIDES], axis=0)
+    )
+
+
+def _is_smoother_over(
+    image: PhasorImage, number: IntArray, near: BoolArray, circle_mm: float, stride: int
+) -> BoolArray:  # fmt: skip
+    """Likewise, between pixels that are `stride` apart."""
+    one, other = _neighbours(image, stride)
+    same = near[one] & near[other] & (number[one] == number[other])
+    one, other = one[same], other[same]
+    noise = image.light_variance[one] + image.light_variance[other]
+    step = np.log(image.amplitude[other]) - np.log(image.amplitude[one])
+    count, total = int(number.max()) + 1, []
+    for turn in (0.0, circle_mm):
+        first, second = image.range_mm[one] + turn, image.range_mm[other] + turn
+        error = noise + 9.0 * (image.range_variance[one] / first**2 + image.range_variance[other] / second**2)
+        square = (step + 3.0 * np.log(second / first)) ** 2 / np.maximum(error, np.finfo(float).tiny)
+        # The logarithm: a large misfit is an edge of reflectance, and tells nothing.
+        total.append(np.bincount(number[one], np.log1p(square), minlength=count))
+    pairs = np.bincount(number[one], minlength=count)
+    better = (total[1] - total[0]) / np.maximum(pairs, 1) < np.log(_BETTER)
+    return np.asarray(better & (pairs >= _LEAST_PIXELS))
