@@ -216,7 +216,7 @@ def test_estimate_warns_of_close_layers_and_of_shares_of_detections(tmp_path: Pa
             root[name] = np.arange(root["range"].shape[axis])
             root[name].make_scale(name)
             root["range"].dims[axis].attach_scale(root[name])
-    with pytest.warns(DoubtWarning, match="a share is a share of detections"):
+    with pytest.warns(DoubtWarning, match="A share is the share of its detections"):
         tm.estimate(path)
 
 

@@ -138,8 +138,8 @@ def test_invalid_samples_are_skipped_and_counted(tofmix: Tofmix, tmp_path: Path)
         (["--memory", "much"], ExitCode.USAGE, "'much' is no size; write 300MB or 1.5GB"),
         (["--memory", "10MB"], ExitCode.USAGE, "'10MB' is too little; at least 250MB"),
         (["--shard", "3/2"], ExitCode.USAGE, "'3/2' is no part I/N"),
-        (["--shard", "1/2", "--scheduler", "tcp://none:1"], ExitCode.USAGE, "does not go with --scheduler"),
-        (["--stride", 5], ExitCode.USAGE, "--stride goes with --window"),
+        (["--shard", "1/2", "--scheduler", "tcp://none:1"], ExitCode.USAGE, "--scheduler exclude each other"),
+        (["--stride", 5], ExitCode.USAGE, "--stride needs --window"),
         (["-o", ""], ExitCode.USAGE, "the path is empty"),
     ],
 )
@@ -193,4 +193,4 @@ def test_paper_option_writes_the_papers_algorithm_and_refuses_options_that_it_do
     for option in (("--sigma", "tied"), ("--refine", "likelihood"), ("--tol", "0.01"), ("--wrap",)):
         refused = tofmix("estimate", recording, "-o", tmp_path / "no.h5", "--paper", *option)
         assert refused.code == 2
-        assert f"{option[0]} does not go with --paper" in refused.err
+        assert f"{option[0]} and --paper exclude each other" in refused.err

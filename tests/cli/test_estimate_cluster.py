@@ -115,7 +115,7 @@ def test_ctrl_c_takes_the_work_back_and_leaves_what_is_done(
     running.send_signal(signal.SIGINT)
     _, err = running.communicate(timeout=60)
     assert running.returncode == -signal.SIGINT
-    assert err == "tofmix: interrupted\ntofmix: what is done is kept; --resume goes on from there\n"
+    assert err == "tofmix: interrupted\ntofmix: finished blocks are kept; --resume continues\n"
     count = (
         "import sys, time\nfrom distributed import Client\n"
         "with Client(scheduler_file=sys.argv[1]) as client:\n"
@@ -124,7 +124,7 @@ def test_ctrl_c_takes_the_work_back_and_leaves_what_is_done(
     )
     subprocess.run([sys.executable, "-c", count, cluster.file], check=True, timeout=60)
     resumed = run(recording, output, "--resume")
-    assert "blocks that were there already" in resumed.stderr
+    assert "blocks from the interrupted run" in resumed.stderr
     assert output.read_bytes() == expected
 
 

@@ -75,7 +75,7 @@ def test_finished_run_is_told_by_the_same_samples(tofmix: Tofmix, recording: Pat
     before = (tmp_path / "a.layers.h5").stat()
     again = tofmix("estimate", recording, *WINDOWS, "--resume")
     assert again.code == 0
-    assert "blocks that were there already" in again.err
+    assert "blocks from the interrupted run" in again.err
     assert (tmp_path / "a.layers.h5").stat().st_mtime_ns == before.st_mtime_ns
 
 

@@ -55,10 +55,10 @@ def test_a_full_disk_leaves_work_to_go_on_from(
         patch.setattr("os.pwrite", limited)
         outcome = tofmix("estimate", recording, *WINDOWS)
     assert outcome.code == ExitCode.STORAGE
-    assert "No space left on device; --resume goes on from what is done" in outcome.err
+    assert "No space left on device; --resume continues from the finished blocks" in outcome.err
     assert names(tmp_path) == [".a.layers.h5.journal", "a.h5"]
     resumed = tofmix("estimate", recording, *WINDOWS, "--resume")
-    assert "blocks that were there already: 4 of 4" in resumed.err
+    assert "blocks from the interrupted run: 4 of 4" in resumed.err
     assert (tmp_path / "a.layers.h5").read_bytes() == expected
     assert names(tmp_path) == ["a.h5", "a.layers.h5"]
 
@@ -90,7 +90,7 @@ def test_a_killed_run_is_gone_on_with(
         assert "--resume goes on from there" in done.stderr
     resumed = tofmix("estimate", recording, *WINDOWS, "--resume")
     assert resumed.code == 0, resumed.err
-    assert "blocks that were there already: 2 of 4" in resumed.err
+    assert "blocks from the interrupted run: 2 of 4" in resumed.err
     assert (tmp_path / "a.layers.h5").read_bytes() == expected
     assert names(tmp_path) == ["a.h5", "a.layers.h5"]
 
@@ -136,7 +136,7 @@ def test_resume_starts_what_was_not_begun_and_leaves_what_is_done(
     written = output.stat().st_mtime_ns
     again = tofmix("estimate", recording, *WINDOWS, "--resume")
     assert again.code == 0
-    assert "blocks that were there already: 4 of 4" in again.err
+    assert "blocks from the interrupted run: 4 of 4" in again.err
     assert "pixels by surfaces" in again.out
     assert output.stat().st_mtime_ns == written
     assert tofmix("estimate", recording, "--window", 20, "--resume").code == ExitCode.USAGE  # another result is there

@@ -165,7 +165,7 @@ def test_what_is_doubtful_is_pointed_out(tofmix: Tofmix, tmp_path: Path, sensor:
     np.save(tmp_path / "m.npy", samples() / 1000)
     said = tofmix("import", tmp_path / "m.npy", "-o", tmp_path / "m.h5", "--sensor", sensor)
     assert said.code == ExitCode.BAD_INPUT
-    assert "hardly mm; give --units m, or --units mm if they are" in said.err
+    assert "too small for mm; give --units m, or --units mm if mm is right" in said.err
     said = tofmix("import", tmp_path / "m.npy", "-o", tmp_path / "m.h5", "--sensor", sensor, "--units", "mm")
     assert said.code == 0
     assert "100 % of the samples lie outside the sensor's 650 to 7500 mm; check --units" in said.err
@@ -213,7 +213,7 @@ def test_refusals(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     out = ("-o", tmp_path / "r.h5")
     chosen: tuple[Any, ...] = ("--sensor", sensor)
     for arguments, code, text in (
-        ((source, *out, "--units", "m", "--scale", 1000), ExitCode.USAGE, "both say the unit"),
+        ((source, *out, "--units", "m", "--scale", 1000), ExitCode.USAGE, "both set the unit"),
         ((source, *out, "--fov", "70"), ExitCode.USAGE, "--fov: '70' is not HxV"),
         ((source, *out, "--fov", "70x190"), ExitCode.USAGE, "up to 360x180"),
         ((source, *out, "--fov", "200x90", "--depth-axis", "z"), ExitCode.USAGE, "a pinhole sees less than 180"),

@@ -189,7 +189,7 @@ def test_info_says_what_is_in_the_file(tofmix: Tofmix, three: Path) -> None:
 def test_verify_says_whether_it_is_whole(tofmix: Tofmix, path: Path) -> None:
     shown = tofmix("verify", path)
     assert shown.code == 0
-    assert shown.out == f"{path}: surfaces, 13 datasets read; nothing is wrong\n"
+    assert shown.out == f"{path}: surfaces, 13 datasets read; no fault\n"
     with h5py.File(path, "r+") as root:
         root["n_pixels"][0] += 1
     shown = tofmix("verify", path)
@@ -257,7 +257,7 @@ def test_exports_that_do_not_fit_are_refused(tofmix: Tofmix, three: Path, layers
         ((three, *out("a.ply"), "--fov", "40x30"), ExitCode.USAGE, "--fov does not belong to a surfaces file"),
         ((three, *out("a.ply"), "--scale", 2), ExitCode.USAGE, "--scale does not belong to edges of a surfaces file"),
         ((three, *out("a.tif"), "--window", 0, "--scale", 0.01), ExitCode.BAD_INPUT, "another --scale"),
-        ((layers, *out("a.geojson")), ExitCode.USAGE, ".geojson is for edges and planes, which tofmix surfaces finds"),
+        ((layers, *out("a.geojson")), ExitCode.USAGE, ".geojson is a format of edges and planes; tofmix"),
         ((layers, *out("a.ply"), "--what", "edges"), ExitCode.USAGE, "tofmix surfaces"),
         ((layers, *out("a.ply"), "--what", "image"), ExitCode.USAGE, "--what image does not go with .ply"),
     ):
@@ -295,7 +295,7 @@ def test_report_shows_surfaces_of_the_same_layers_alone(tofmix: Tofmix, layers: 
 
     shown = tofmix("report", layers, "--surfaces", surfaces)
     assert shown.code == ExitCode.USAGE
-    assert "--surfaces goes with --html" in shown.err
+    assert "--surfaces needs --html" in shown.err
 
     assert tofmix("estimate", tmp_path / "a.h5", "--window", 20, "-o", tmp_path / "b.layers.h5").code == 0
     shown = tofmix("report", tmp_path / "b.layers.h5", "--surfaces", surfaces, "--html", tmp_path / "b.html")

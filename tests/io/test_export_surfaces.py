@@ -394,7 +394,7 @@ def test_a_file_that_does_not_say_where_pixels_look_is_refused(file: SurfacesFil
 
 
 def test_las_takes_no_points_of_surfaces(file: SurfacesFile, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="LAS takes points of layers"):
+    with pytest.raises(UsageError, match="LAS stores points of layers"):
         export_points(tmp_path / "a.las", FinePoints(file, [0]), title="a test")
     assert {".las", ".laz"} == set(POINT_WRITERS) - set(OF_SURFACES["points"])
 

@@ -104,9 +104,9 @@ class Ended:
 
 def test_errors_of_a_block_are_told_apart() -> None:
     given_up = type("KilledWorker", (Exception,), {"__module__": "distributed.scheduler"})
-    with pytest.raises(StorageError, match="the cluster gave up a block: after 3 tries"):
+    with pytest.raises(StorageError, match="a block failed on several workers: after 3 tries"):
         cluster._result(Ended(given_up("after 3 tries")))
-    with pytest.raises(StorageError, match="the cluster gave up a block: CancelledError"):
+    with pytest.raises(StorageError, match="a block failed on several workers: CancelledError"):
         cluster._result(Ended(type("CancelledError", (Exception,), {})(), status="cancelled"))
     with pytest.raises(BadInputError, match="another file"):
         cluster._result(Ended(BadInputError("another file")))

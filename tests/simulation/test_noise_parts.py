@@ -239,7 +239,7 @@ def test_background_map_lies_beside_the_model(tmp_path: Path) -> None:
         ("width_spread = true", "width_spread: expected a number, got a boolean"),
         ("background = 1.0", "background must be one share"),
         ("background = 0.995", "background: 0.995 is not below 0.99, 1 less outlier_probability"),
-        ('background = "share.npy"', "background: a camera without a file of its own has no map beside it"),
+        ('background = "share.npy"', "background: a camera without a file has no folder for a map"),
         ("background = [0.1]", "background: expected a number, got a list"),
         ("widths = 0.3", '"widths" is not a key here'),
     ],

@@ -257,8 +257,8 @@ def estimate(
     options = EstimateOptions(**choices)  # type: ignore[arg-type]  # texts become members of their enumerations there
     if source.averaged and not force and options.mixing != "phasor":
         raise BadInputError(
-            f"{source.name}: marked as averaged: its frames are means, in which samples cannot tell surfaces apart;"
-            " mixing='phasor' unmixes them, force=True takes the means for samples"
+            f"{source.name}: marked as averaged: a mean does not separate surfaces;"
+            " mixing='phasor' unmixes them, force=True uses the means as samples"
         )
     windows = plan_windows(source.shape[0], window=window, stride=stride)
     asked = noise if noise is not None else AUTO if source.sensor.noise is None else FILE
@@ -376,7 +376,7 @@ def _sensor(
     if not isinstance(outliers, str):
         sensor = replace(sensor, outlier_probability=float(outliers))
     elif outliers not in (FILE, AUTO):
-        raise ValueError(f"outliers: {outliers!r} is neither file, auto nor a number")
+        raise ValueError(f"outliers: {outliers!r} is not file, auto or a number")
     if isinstance(noise, NoiseCurve):
         sensor = replace(sensor, noise=noise)
     elif noise not in (FILE, AUTO):
@@ -386,7 +386,7 @@ def _sensor(
         tau_ms = sensor.integration_time_ms or profile.integration_time_ms
         sensor = replace(sensor, noise=profile.noise_at(tau_ms))
     if sensor.noise is None:
-        raise BadInputError(f"{source.name}: no noise curve; leave out noise='file', and it is measured")
+        raise BadInputError(f"{source.name}: no noise curve; leave out noise='file' to measure one")
     if options.unambiguous_range_mm is not None and sensor.noise.law is not None:
         sensor = replace(sensor, noise=replace(sensor.noise, law=None))  # on a circle sigma goes by range alone
     return sensor

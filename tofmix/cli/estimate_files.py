@@ -1,4 +1,4 @@
-"""What ``tofmix estimate`` does with its recordings: one after the other, one bar for all, one line each."""
+"""The recordings of ``tofmix estimate``: one after the other, one bar for all, one line each."""
 
 import json
 import sys
@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 _COMPILING_AFTER_S = 4.0  # of work without a result, after which compiling is said to be the cause
 
 _NO_PHASORS = (
-    "mixing: not measured, as the recording has no amplitudes, or no single modulation frequency; each sample counts as"
-    " of one surface"
+    "mixing: not measured: the recording lacks amplitudes or a single modulation frequency; each sample counts as one"
+    " surface"
 )
-"""What is said of a recording whose samples are no phasors."""
+"""The note on a recording whose samples are no phasors."""
 
 _compiling_said = threading.Event()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """What was asked for, for every recording alike; with `wrap`, each has the unambiguous range of its own camera."""
+    """The options of all recordings; with `wrap`, each recording has the unambiguous range of its own camera."""
 
     options: "EstimateOptions"
     wrap: bool
@@ -66,14 +66,14 @@ class Request:
 def estimate_files(
     recordings: Sequence[Path], output: Path | None, output_dir: Path | None, request: Request, *, as_json: bool
 ) -> None:
-    """Estimate recordings, and say what came out on stdout.
+    """Estimate recordings, and print the results on stdout.
 
     Raises
     ------
     UsageError
-        If the outputs do not fit, before anything is done.
+        If the outputs do not fit, before any estimate.
     TofmixError
-        What is wrong with a single recording; of several, the others are still done, and the exit code says so.
+        The fault of a single recording. Of several, the others are done, and the exit code is 5.
     """
     several = len(recordings) > 1 or output_dir is not None or Path("-") in recordings
     pairs = _outputs(_listed(recordings), output, output_dir, request, several=several)
@@ -108,21 +108,21 @@ def _listed(recordings: Sequence[Path]) -> list[Path]:
         else:
             paths.append(path)
     if not paths:
-        raise UsageError("no recording was named on stdin")
+        raise UsageError("stdin has no name of a recording; write one a line")
     return paths
 
 
 def _outputs(
     recordings: Sequence[Path], output: Path | None, output_dir: Path | None, request: Request, *, several: bool
 ) -> list[tuple[Path, Path]]:
-    """Pair each recording with its output; what cannot be is refused before anything is done."""
+    """Pair each recording with its output; invalid outputs are refused before any estimate."""
     from tofmix.io.atomic.storage import check_output, sync_folder
 
     ending = "layers.h5" if request.shard is None else "layers.{}-of-{}.part".format(*request.shard)
     if not several:
         return [(recordings[0], output or recordings[0].parent / f"{recordings[0].stem}.{ending}")]
     if output is not None:
-        raise UsageError("-o is for a single recording; several go to --output-dir")
+        raise UsageError("-o takes a single recording; give --output-dir for several")
     if output_dir is None:
         raise UsageError("several recordings need --output-dir")
     try:
@@ -134,7 +134,7 @@ def _outputs(
     for recording in recordings:
         target = output_dir / f"{recording.stem}.{ending}"
         if target in owner:
-            raise UsageError(f"{owner[target]} and {recording} would both become {target}")
+            raise UsageError(f"{owner[target]} and {recording} would both become {target}; rename one")
         owner[target] = recording
         if not request.resume:
             check_output(target, overwrite=request.overwrite, inputs=tuple(recordings))
@@ -142,7 +142,7 @@ def _outputs(
 
 
 def _pixels(pairs: Sequence[tuple[Path, Path]], request: Request) -> int:
-    """Pixels of all recordings, each window counted; what cannot be opened is told of when its turn comes."""
+    """Pixels of all recordings and windows; a file that cannot be opened is reported at its turn."""
     from tofmix.io.recording.recording_file import open_recording
 
     total = 0
@@ -168,7 +168,7 @@ def _windows(source: "RecordingFile", request: Request) -> "Windows":
 def _estimate(
     recording: Path, target: Path, request: Request, cluster: "ClusterEngine | None", bar: "tqdm[Any]"
 ) -> tuple[str, dict[str, Any]]:
-    """Estimate one recording; return what to say of it, as a line and for JSON."""
+    """Estimate one recording; return the result as a line and for JSON."""
     from tofmix.io.atomic.storage import check_output
     from tofmix.io.layers.journal import WHOLE, Shard
     from tofmix.pipeline.job import plan_job
@@ -215,7 +215,7 @@ def _estimate(
     if outcome.mixture is not None and not is_quiet():
         say(f"{recording}: mixing: {outcome.mixture.words()}")
     if outcome.continued and not is_quiet():
-        say(f"{target}: blocks that were there already: {outcome.continued} of {outcome.cells}")
+        say(f"{target}: blocks from the interrupted run: {outcome.continued} of {outcome.cells}")
     if windows.frames_left_out:
         say(f"{recording}: {counted(windows.frames_left_out, 'frame')} after the last whole window left out")
     if request.shard is None:
@@ -226,7 +226,7 @@ def _estimate(
 def _settled(
     source: "RecordingFile", request: Request, noise: str, windows: "Windows", bar: "tqdm[Any]"
 ) -> "EstimateOptions":
-    """Give the recording the sensor that is asked for; return the options with its own unambiguous range."""
+    """Give the recording the wanted sensor; return the options with its own unambiguous range."""
     from tofmix.estimation.blocks.sample_span import sensor_with_span
 
     options = request.options
@@ -244,7 +244,7 @@ def _settled(
 
 
 def _of_sensor(request: Request, noise: str) -> dict[str, str | float]:
-    """Options by which the sensor was chosen, for the record; those of learning where they are not the usual ones."""
+    """Options of the sensor for the provenance; those of learning only if they are not the defaults."""
     said: dict[str, str | float] = {"noise": noise, "outliers": request.outliers}
     if request.noise_shape != AUTO:
         said["noise_shape"] = request.noise_shape
@@ -254,7 +254,7 @@ def _of_sensor(request: Request, noise: str) -> dict[str, str | float]:
 
 
 def _learning(request: Request, windows: "Windows", options: "EstimateOptions") -> Learning | None:
-    """How noise is learnt; None where the options know a Gaussian alone."""
+    """How noise is learnt; None where the options allow a Gaussian only."""
     if options.paper or options.refine == "none" or options.sigma == "free":
         return None
     return Learning(
@@ -272,7 +272,7 @@ def _no_return(source: "RecordingFile") -> float | None:
         return source.sensor.no_return_mm
     found = no_return_constant(source)
     if found is not None:
-        note(f"{source.path}: range: {found:g} mm stands for no return; it is taken as a constant without noise")
+        note(f"{source.path}: range: {found:g} mm is the constant of samples without a return")
     return found
 
 
@@ -282,14 +282,14 @@ def _say(bar: "tqdm[Any]", text: str) -> None:
 
 
 def say_findings(path: Path, findings: list["Finding"], say: Callable[[str], object]) -> list["Finding"]:
-    """Say what is doubtful about a file, a line each; return the same."""
+    """Print the doubts about a file, a line each; return them."""
     for finding in findings:
         say(f"{path}: {finding.line}")
     return findings
 
 
 def findings_of(layers: Path, remedy: "Remedy | None" = None) -> list["Finding"]:
-    """What a layers file makes doubtful, as `tofmix report` says it."""
+    """The doubts about a layers file, in the words of `tofmix report`."""
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.report.summary.summary import find
 
@@ -300,7 +300,7 @@ def findings_of(layers: Path, remedy: "Remedy | None" = None) -> list["Finding"]
 def describe(
     outcome: "Outcome", findings: Sequence["Finding"] = (), shard: tuple[int, int] | None = None
 ) -> tuple[str, dict[str, Any]]:
-    """Say what was made, as a line and for JSON."""
+    """Describe the result, as a line and for JSON."""
     (rows, cols), windows = outcome.grid.image, outcome.windows
     found = ", ".join(f"{n}: {count:,}" for n, count in enumerate(outcome.tally) if count) or "none"
     part = f"part {shard[0]} of {shard[1]} of " if shard else ""
@@ -328,7 +328,7 @@ def _cluster(request: Request) -> "AbstractContextManager[ClusterEngine | None]"
 
 
 def _compile(options: "EstimateOptions") -> None:
-    """Compile the kernels, or load them from their cache; say so where it takes long."""
+    """Compile the kernels, or load them from their cache; print a line if that takes long."""
     from tofmix.estimation.layering import warm_up
 
     with announced():
@@ -343,7 +343,7 @@ def _say_compiling() -> None:
 
 @contextmanager
 def announced() -> Iterator[None]:
-    """Say in one line on stderr what takes so long, if it does; once in a run."""
+    """Print one line on stderr if compiling takes long; once in a run."""
     timer = threading.Timer(_COMPILING_AFTER_S, _say_compiling)
     if not is_quiet():  # asked here, for the timer's thread knows no command
         timer.start()

@@ -196,7 +196,7 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
             return Geometry(factor=None, sensor=sensor, text=f"depths along the beam, taken as ranges{otherwise}")
         if optics is None:
             raise BadInputError(
-                f"{source}: depths along z are no ranges along the beam without the lens: give --intrinsics FX,FY,CX,CY"
+                f"{source}: depths along z become ranges only with a lens: give --intrinsics FX,FY,CX,CY"
                 " or --fov HxV, or --depth-axis ray if they are along the beam"
             )
         factor = ray_factor(optics, shape)
@@ -277,7 +277,7 @@ def _ideal(rows: int, cols: int, view_deg: tuple[float, float]) -> "Pinhole":
 
 
 def not_known(sensor: "Sensor", *, has_optics: bool) -> list[str]:
-    """What a recording does not say of its camera, and what needs it."""
+    """Missing camera data, with the commands that need them."""
     missing = []
     if not has_optics:
         missing.append("field of view (export, map: --fov)")

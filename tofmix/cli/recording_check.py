@@ -51,9 +51,9 @@ def check_not_averaged(recording: "RecordingFile") -> None:
     if recording.attributes().get("averaged", 0) in (0, "0", ""):
         return
     raise BadInputError(
-        f"{recording.path}: marked as averaged: its frames are means, in which samples cannot tell surfaces apart;"
+        f"{recording.path}: marked as averaged: a mean does not separate surfaces;"
         " unmix them with --mixing phasor, record at an integration time that the camera does not average,"
-        " or take the means for samples with --force"
+        " or use the means as samples with --force"
     )
 
 

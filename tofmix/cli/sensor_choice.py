@@ -42,7 +42,7 @@ def outlier_choice(text: str) -> str | float:
     except ValueError:
         probability = -1.0
     if not 0.0 <= probability < 1.0:
-        raise UsageError(f"--outliers: {text!r} is neither file, auto nor a probability in [0, 1)")
+        raise UsageError(f"--outliers: {text!r} is not file, auto or a probability in [0, 1)")
     return probability
 
 
@@ -174,7 +174,7 @@ def sensor_for(
         sensor = _as_the_file_says(source, learning, question=noise == FILE and not learning.asked)
     if circle_mm is not None and sensor.noise is not None and sensor.noise.law is not None:
         sensor = replace(sensor, noise=replace(sensor.noise, law=None))
-        click.echo(f"tofmix: {source.path}: noise: on a wrapped range axis sigma goes by range alone", err=True)
+        click.echo(f"tofmix: {source.path}: noise: on a wrapped range axis sigma depends on range only", err=True)
     try:
         beam_of(sensor, circle_mm)
     except ValueError as error:
@@ -207,7 +207,8 @@ def _with_learnt(source: "RecordingFile", outliers: str | float, learning: Learn
     if outliers == AUTO:
         if found.measured is None:
             raise BadInputError(
-                f"{source.path}: outliers: no pixels of one surface to count them in; give --outliers P"
+                f"{source.path}: outliers: no pixel sees exactly one surface, so outliers cannot be counted;"
+                " give --outliers P"
             )
         sensor = replace(sensor, outlier_probability=found.measured.outlier_probability)
     kept = found.measured is not None and (found.lesson is None or found.lesson.kept_start)
@@ -236,7 +237,7 @@ def _as_the_file_says(source: "RecordingFile", learning: Learning, *, question: 
         return sensor
     note(
         f"{source.path}: noise: the samples contradict the file's curve; learnt instead: {found.line()}"
-        " (--noise file insists on the file's)"
+        " (--noise file keeps the file's curve)"
     )
     return found.sensor
 
@@ -291,13 +292,13 @@ def _say_where_c_0_is_missing(source: "RecordingFile", sensor: "Sensor", circle_
         known = sensor.range_min_mm is not None and low == sensor.range_min_mm
         ends = "range_min_mm to the largest sample" if known else "the least sample to the largest"
         note(
-            f"{source.path}: sensor: no range_max_mm: there is no share without a return, and random values are"
-            f" taken to spread from {ends}, {low:.0f} to {high:.0f} mm"
+            f"{source.path}: sensor: no range_max_mm: the share without a return is unknown, and random"
+            f" values spread from {ends}, {low:.0f} to {high:.0f} mm"
         )
     if circle_mm is not None and sensor.range_max_mm is not None and not has_no_return(sensor, circle_mm):
         click.echo(
-            f"tofmix: {source.path}: sensor: samples without a return, at range_max_mm {sensor.range_max_mm:g}, cannot"
-            f" be told from a surface at the fold of {circle_mm:.1f} mm; there is no c_0",
+            f"tofmix: {source.path}: sensor: samples without a return, at range_max_mm {sensor.range_max_mm:g}, look"
+            f" like a surface at the fold of {circle_mm:.1f} mm; c_0 is left out",
             err=True,
         )
 
@@ -353,11 +354,11 @@ def _say_what_was_measured(source: "RecordingFile", measured: "MeasuredNoise") -
 def _amplitude_text(measured: "MeasuredNoise") -> str:
     law = measured.curve.law
     if law is None or measured.law_gain is None:
-        return "sigma is measured by range alone; amplitude does not tell more"
+        return "sigma is measured by range only; amplitude adds no information"
     powers = [f"^-{power:.2f}" for power in law.exponents()]
     falls = powers[0] + "".join(f", {p} from {a:.4g} on" for p, a in zip(powers[1:], law.amplitude[1:-1], strict=True))
     return (
-        f"sigma is measured by range and amplitude; it goes as amplitude{falls}"
+        f"sigma is measured by range and amplitude; it varies as amplitude{falls}"
         f" (+{measured.law_gain:.0f} nat on pixels held out)"
     )
 

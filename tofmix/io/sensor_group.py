@@ -124,7 +124,7 @@ def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
             with guard.reading(path, f"sensor/{name}"):
                 arrays[name] = np.asarray(group[name], dtype=np.float64)
         elif name != _PRIOR:
-            raise BadInputError(f"{path}: sensor/{name}: missing; what was learnt of the noise goes together")
+            raise BadInputError(f"{path}: sensor/{name}: missing; the datasets of learnt noise need each other")
     prior = arrays.pop(_PRIOR, None)
     if prior is not None and prior.shape != (2,):
         raise BadInputError(f"{path}: sensor/{_PRIOR}: shape {prior.shape}; two numbers are expected")

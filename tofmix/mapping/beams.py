@@ -209,8 +209,8 @@ def _beams(
     optics = sensor.optics
     if optics is None:
         raise ValueError(
-            "the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg) and no projection, so beams have no"
-            " place; tofmix import --fov HxV says it"
+            "the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg) and no projection, so beams"
+            " cannot be placed; give one with tofmix import --fov HxV"
         )
     rows, cols = samples_no_return.shape
     if isinstance(optics, Equiangular):

@@ -163,7 +163,7 @@ def _result(future: Any) -> list[tuple[int, EncodedCell]]:  # noqa: ANN401  dist
         raise
     except Exception as error:
         if future.status == "cancelled" or type(error).__module__.startswith(("distributed", "dask", "concurrent")):
-            raise StorageError(f"the cluster gave up a block: {str(error) or type(error).__name__}") from error
+            raise StorageError(f"a block failed on several workers: {str(error) or type(error).__name__}") from error
         raise
     return result
 

@@ -192,7 +192,7 @@ def _background(noise: TomlTable, image: tuple[int, int] | None, read_map: MapRe
         return np.array(noise.number("background"))
     path = noise.text("background")
     if read_map is None:
-        raise noise.error("a camera without a file of its own has no map beside it; give a number", "background")
+        raise noise.error("a camera without a file has no folder for a map; give a number", "background")
     try:
         return read_map(path, image).astype(np.float64)
     except ValueError as error:

@@ -137,7 +137,7 @@ def average_frame(
 
 
 class MeanNoise:
-    """Noise of a mean's amplitude: those of its samples' phasors add in quadrature, whatever their phases.
+    """Noise of a mean's amplitude: the noise of the samples' phasors adds in quadrature at any phase.
 
     Each sample's noise is the same in both directions, so along the mean it is A sigma 2 pi / d_u too. The range of
     the mean has the samples' range noise alone.

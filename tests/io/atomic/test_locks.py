@@ -56,7 +56,7 @@ def test_the_second_run_is_refused_at_once_and_the_first_is_not_hurt(tmp_path: P
     path = tmp_path / "out.h5"
     with another_run(path) as first:
         for overwrite in (False, True):
-            with pytest.raises(UsageError, match=r"out\.h5: another run is writing it; wait for that"):
+            with pytest.raises(UsageError, match=r"out\.h5: another run is writing it; wait for its end"):
                 write_text(path, "second", overwrite=overwrite)
             with pytest.raises(UsageError, match="another run"), locked(path, overwrite=overwrite):
                 pass

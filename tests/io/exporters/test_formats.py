@@ -172,7 +172,7 @@ def test_las_holds_fifteen_returns_and_two_kilometres(tmp_path: Path) -> None:
     assert export_points(path, LayerPoints(LayersInMemory(layers), **VIEW), title="15") == 30
     assert sorted(set(np.asarray(laspy.read(path).return_number).tolist())) == list(range(1, 16))
     layers.n_modes[...], layers.range[..., 15] = 16, 3000.0
-    with pytest.raises(BadInputError, match="16 layers, LAS has room for 15"):
+    with pytest.raises(BadInputError, match="16 layers, LAS stores 15"):
         export_points(tmp_path / "b.las", LayerPoints(LayersInMemory(layers), **VIEW), title="16")
     far = made_up_layers((1, 1, 1), 1)
     far.n_modes[...], far.range[...] = 1, 3.0e6

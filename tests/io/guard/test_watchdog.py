@@ -29,7 +29,7 @@ def test_a_read_that_hangs_ends_the_program(tmp_path: Path) -> None:
         env={"TOFMIX_READ_TIMEOUT": "0.3", "PYTHONPATH": ":".join(sys.path)} | coverage_environment(),
     )  # fmt: skip
     assert done.returncode == ExitCode.STORAGE
-    assert done.stderr == "tofmix: a.h5: range: reading gave nothing for 0.3 s; given up\n"
+    assert done.stderr == "tofmix: a.h5: range: reading returned no data for 0.3 s; given up\n"
     assert list(tmp_path.iterdir()) == []
 
 

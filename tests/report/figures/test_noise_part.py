@@ -178,7 +178,7 @@ def test_pages_without_a_pixel_of_one_layer_are_made(make_source: MakeSource) ->
     recording = ArrayRecording(case.samples_mm.astype(np.float32), case.sensor)
     for recorded in (recording, None):
         said = text_of(render_page(source, recording=recorded))
-        assert "no pixel of one layer tells of it" in said
+        assert "no pixel has exactly one layer to compare with" in said
         assert "Shape of the error" in said
         assert "Widths of the pixels" not in said
 

@@ -61,7 +61,8 @@ def table(kind: str, **values: object) -> str:
 
 
 def test_the_contracts_kinds_and_parameters() -> None:
-    assert set(EFFECTS) == set(CONTRACT), "add the kind to CONTRACT, with its parameters"
+    text = "add the kind to CONTRACT, with its parameters; to NOT_ZERO, where a needed one may not be 0 or has no unit"
+    assert set(EFFECTS) == set(CONTRACT), text
     assert {kind: " ".join(cls.parameters()) for kind, cls in EFFECTS.items()} == CONTRACT
 
 

@@ -92,7 +92,7 @@ def lock_output(target: Path) -> OutputLock:
         lock = _lock(own) or _without_locks(target)
         note_partial_output(lock.path, resumable=False)
     except BlockingIOError as error:
-        raise UsageError(f"{target}: another run is writing it; wait for that, or choose another output") from error
+        raise UsageError(f"{target}: another run is writing it; wait for its end, or choose another output") from error
     except OSError as error:
         raise StorageError(os_error_text(error, target)) from error
     finally:
@@ -139,7 +139,7 @@ def _lock(path: Path) -> OutputLock | None:
                 return OutputLock(path, descriptor)
             path.unlink()  # and not truncated: its content may have another name, too
         os.close(descriptor)
-    raise BlockingIOError(errno.EAGAIN, "others claim it again and again")
+    raise BlockingIOError(errno.EAGAIN, "other runs lock it again and again; try again later")
 
 
 def _without_locks(target: Path) -> OutputLock:

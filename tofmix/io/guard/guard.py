@@ -38,7 +38,7 @@ LIBRARY_FAULTS = (OSError, RuntimeError, KeyError, ValueError, TypeError, Memory
 
 
 class StructureChecker:
-    """The process that looks at files first.
+    """The process that checks the structure of files first.
 
     Parameters
     ----------
@@ -74,11 +74,13 @@ class StructureChecker:
                 if code == -signal.SIGALRM or code is None:
                     reason = f"its structure could not be read within {limit:g} s; given up, the file is damaged"
                 elif code == -signal.SIGKILL:
-                    raise StorageError(f"{what}: the process that looks at files was killed; is the memory used up?")
+                    raise StorageError(
+                        f"{what}: the structure checker was killed, perhaps for want of memory; close other programs"
+                    )
                 elif code < 0:
                     reason = "cannot be read: the HDF5 library crashed on it; the file is damaged"
                 else:
-                    raise StorageError(f"{what}: the process that looks at files ended with {code}")
+                    raise StorageError(f"{what}: the structure checker ended with {code}; please report it")
                 raise BadInputError(f"{what}: {reason}")
         found = json.loads(answer)
         if "no_memory" in found:
@@ -97,7 +99,7 @@ class StructureChecker:
                     start_new_session=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
                 )  # fmt: skip
             except OSError as error:
-                raise StorageError(f"{what}: {os_error_text(error, 'the process that looks at files')}") from error
+                raise StorageError(f"{what}: {os_error_text(error, 'the structure checker')}") from error
             self._owner = os.getpid()
         return self._process
 
@@ -171,7 +173,7 @@ def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False)
         file = _open(path)
     with file:
         if identity(file) != seen:
-            raise BadInputError(f"{path}: another file now than a moment ago; refused")
+            raise BadInputError(f"{path}: the file was replaced between check and opening; try again")
         yield file
         if not settled():
             check_unchanged(file, seen, path)
@@ -217,7 +219,7 @@ def check_unchanged(file: h5py.File, seen: list[int], path: Path) -> None:
         If it is no longer what `identity` gave as `seen`.
     """
     if identity(file) != seen:
-        raise BadInputError(f"{path}: it has changed while it was read; nothing of it can be relied on")
+        raise BadInputError(f"{path}: the file changed during reading; try again when nothing writes to it")
 
 
 @contextmanager

@@ -20,7 +20,7 @@ MOST_CHUNK_BYTES = 256 << 20
 
 MOST_DATASET_BYTES = 1 << 44
 MOST_EXPANSION = 2000
-"""Declared bytes for each byte of the file, twice what gzip reaches: beyond it, what is announced is not there."""
+"""Declared bytes for each byte of the file, twice what gzip reaches: a higher ratio means that the data are missing."""
 
 ALWAYS_FITS_BYTES = 256 << 20
 """Datasets up to this size may announce more than the file holds: reading them takes little."""

@@ -97,7 +97,7 @@ def watched(what: str, times: float = 1.0) -> Iterator[None]:
 
 def _end(what: str, seconds: float) -> None:
     discard_partial_outputs()
-    rest = "; what is done is kept, --resume goes on from there" if is_resumable() else ""
-    text = f"tofmix: {what}: reading gave nothing for {seconds:g} s; given up{rest}\n"
+    rest = "; finished blocks are kept, --resume continues" if is_resumable() else ""
+    text = f"tofmix: {what}: reading returned no data for {seconds:g} s; given up{rest}\n"
     os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, text.encode(errors="replace"))
     os._exit(ExitCode.STORAGE)

@@ -97,7 +97,7 @@ def _refusal(child: "subprocess.Popen[str]", complaint: str, path: Path) -> Tofm
         return BadInputError(f"{path}: cannot be read: SciPy's reader crashed on it; the file is damaged")
     reason = complaint.strip().splitlines()
     if child.returncode == ExitCode.STORAGE:
-        return StorageError(f"{gettempdir()}: {reason[-1]}; {path} is unpacked there")
+        return StorageError(f"{gettempdir()}: {reason[-1]}; {path} is unpacked in this folder")
     return BadInputError(f"{path}: cannot be read: {reason[-1] if reason else 'no reason given'}")
 
 

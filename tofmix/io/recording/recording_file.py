@@ -304,7 +304,7 @@ def _whole_chunks(start: int, stop: int, step: int, wanted: int) -> Iterator[sli
 
 def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
     if name == "range" and name not in root:
-        raise BadInputError(f"{path}: no dataset range; of a file of another layout: {import_command(path)}")
+        raise BadInputError(f"{path}: no dataset range; import a file of another layout: {import_command(path)}")
     dataset = guard.checked_dataset(root, name, path)
     if dataset.ndim == len(DIMS) + 1:
         _check_targets(dataset, name, path)

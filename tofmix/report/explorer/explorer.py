@@ -265,7 +265,7 @@ def _samples_note(samples: PackedSamples | None, *, recorded: bool) -> str:
     if not recorded:
         return "Samples and their density are shown with --recording."
     if samples is None:
-        return "The image is too large for samples in this page; tofmix inspect shows those of any pixel."
+        return "The image is too large for samples in this page; tofmix inspect shows the samples of any pixel."
     rounded = "" if samples.step_mm == 1 else f" Samples are rounded to {samples.step_mm:g} mm."
     if samples.frames_kept == samples.frames:
         return rounded.strip()

@@ -281,7 +281,7 @@ def describe_model(model: Model, *, name: str) -> Description:
     }  # fmt: skip
     warnings = list(_profile_findings(camera))
     if not model.surfaces:
-        warnings.append(Finding(code="no_surface", text="The model has no surface: no pixel will return anything."))
+        warnings.append(Finding(code="no_surface", text="The model has no surface: no pixel returns a range."))
     return Description(kind="model", name=name, sections=sections, warnings=tuple(warnings))
 
 
@@ -394,7 +394,7 @@ def _profile_section(camera: SensorProfile | CameraSheet) -> Section:
 def _profile_findings(camera: SensorProfile | CameraSheet) -> tuple[Finding, ...]:
     if camera.confirmed or not camera.sources:
         return ()
-    text = f"Figures of {camera.name} are unconfirmed; its sources say where each is from."
+    text = f"Figures of {camera.name} are unconfirmed; its sources give the origin of each."
     return (Finding(code="unconfirmed_sensor", text=text),)
 
 
@@ -412,7 +412,7 @@ def _time_findings(time_s: FloatArray | None) -> list[Finding]:
         return []
     steps = np.diff(time_s)
     if not np.isfinite(time_s).all() or (steps < 0).any():
-        return [Finding(code="time_disordered", text="The frames' times are not finite or go back.")]
+        return [Finding(code="time_disordered", text="The times of the frames are not finite or decrease.")]
     gaps = int((steps > GAP * np.median(steps)).sum()) if steps.size else 0
     if not gaps:
         return []
@@ -424,15 +424,15 @@ def _recording_findings(file: RecordingHeader) -> list[Finding]:
     found = []
     sensor = file.sensor
     if sensor.noise is None:
-        text = "No noise curve: estimate measures one, or takes a built-in sensor's with --noise."
+        text = "No noise curve: estimate measures one, or uses a built-in sensor's with --noise."
         found.append(Finding(code="no_noise_curve", text=text))
     if sensor.range_max_mm is None:
-        text = "No range_max_mm: what does not return is not told from surfaces."
+        text = "No range_max_mm: samples without a return may count as a surface."
         found.append(Finding(code="no_range_max", text=text))
     found += _view_findings(sensor, file.shape[1:])
     found += target_findings(file.targets)
     if file.frames == 1:
-        text = "One frame: a pixel's one sample cannot show several surfaces."
+        text = "One frame only: a single sample cannot show several surfaces."
         found.append(Finding(code="one_frame", text=text))
     return found
 

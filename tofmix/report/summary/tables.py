@@ -94,7 +94,7 @@ def _layers(summary: Summary) -> list[str]:
     no_return = summary.weight_no_return
     lines.append(f"{'p(c_0)':<8}{no_return.count:>9}{_triple(no_return, '.3f')}  share without a return")
     if summary.options.get("sigma") == "tied":
-        lines.append("sigma is tied to the curve, so it says nothing of the recording")
+        lines.append("sigma is tied to the curve, so it does not test the curve")
     return lines
 
 
