@@ -1,4 +1,4 @@
-"""What `estimate` finds: the layers of each pixel, and the names they have in a file.
+"""The result of `estimate`: the layers of each pixel, and their names in a file.
 
 `LAYER_FIELDS` is the one list of datasets. The estimator fills a `Layers`, the
 layers file stores one, the report reads one; all three follow this list.
@@ -137,7 +137,7 @@ class Layers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """What layers were made from and with; nothing here depends on when, where or how many workers.
+    """Source and options of layers; independent of time, machine and number of workers.
 
     `options` holds every option that affects values, by its name on the command line. `targets` is the length of the
     recording's axis of targets, 0 without one: a share is then a share of detections.

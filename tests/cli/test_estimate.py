@@ -26,7 +26,7 @@ def _read(path: Path) -> dict[str, Any]:
         return {name: item[...] for name, item in root.items() if isinstance(item, h5py.Dataset)} | dict(root.attrs)
 
 
-def test_surfaces_come_out(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_estimate_finds_the_surfaces_of_the_model(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     outcome = tofmix("estimate", recording)
     assert outcome.code == 0, outcome.err
     found = _read(tmp_path / "a.layers.h5")
@@ -110,7 +110,7 @@ def test_a_profile_stands_in_for_a_missing_curve(tofmix: Tofmix, tmp_path: Path)
 
 
 @pytest.mark.parametrize("shape", [(20, 1, 16), (20, 16, 1), (20, 1, 1), (3, 2, 2), (25, 480, 3)])
-def test_other_sizes_work(tofmix: Tofmix, tmp_path: Path, shape: tuple[int, int, int]) -> None:
+def test_estimate_accepts_other_image_sizes(tofmix: Tofmix, tmp_path: Path, shape: tuple[int, int, int]) -> None:
     path = write_recording(tmp_path / "a.h5", np.full(shape, 1500, "u2"))
     assert tofmix("estimate", path).code == 0
     assert _read(tmp_path / "a.layers.h5")["range"].shape == (1, *shape[1:], 6)
@@ -143,7 +143,9 @@ def test_invalid_samples_are_skipped_and_counted(tofmix: Tofmix, tmp_path: Path)
         (["-o", ""], ExitCode.USAGE, "the path is empty"),
     ],
 )
-def test_refusals(tofmix: Tofmix, recording: Path, tmp_path: Path, extra: list[object], code: int, reason: str) -> None:
+def test_estimate_refuses_options_with_their_exit_code(
+    tofmix: Tofmix, recording: Path, tmp_path: Path, extra: list[object], code: int, reason: str
+) -> None:
     outcome = tofmix("estimate", recording, *extra)
     assert outcome.code == code
     assert reason in outcome.err
@@ -172,7 +174,7 @@ def test_damage_found_half_way_leaves_nothing(tofmix: Tofmix, tmp_path: Path) ->
     assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
 
 
-def test_the_contract_holds(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_layers_file_passes_the_format_checker(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     contract = Path(__file__).parents[3] / "shared" / "check_contract.py"
     if not contract.exists():
         pytest.skip("the contract's checker is not beside this checkout")

@@ -168,7 +168,7 @@ def test_the_bytes_are_those_of_a_local_run_though_a_worker_is_killed(
     assert [path.name for path in tmp_path.iterdir()] == ["a.layers.h5"]
 
 
-def test_a_path_that_workers_do_not_see_is_said(cluster: Cluster, recording: Path, tmp_path: Path) -> None:
+def test_path_missing_on_worker_exits_with_3(cluster: Cluster, recording: Path, tmp_path: Path) -> None:
     # The workers' view of the file is that of /proc/self, which is another one in each process.
     with recording.open("rb") as file:
         os.dup2(file.fileno(), 77)

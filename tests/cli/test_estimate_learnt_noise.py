@@ -20,7 +20,7 @@ FRAMES, ROWS, COLS = 60, 6, 8
 @pytest.fixture
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Skewed noise on background, of whole mm, in two windows; four cells; thresholds of few draws."""
-    monkeypatch.setattr("tofmix.grid._CELL_PIXELS", 24)
+    monkeypatch.setattr("tofmix.grid.CELL_PIXELS", 24)
     fewer = functools.partial(calibrate, draws=100)
     monkeypatch.setattr("tofmix.estimation.learnt.recordings.calibrate", fewer)
     rng = np.random.default_rng(11)

@@ -59,7 +59,7 @@ def test_names_come_from_stdin(
     assert tofmix("estimate", "-", "--output-dir", tmp_path / "out").code == ExitCode.USAGE
 
 
-def test_what_cannot_be_is_refused_before_anything_is_done(
+def test_impossible_outputs_are_refused_before_the_first_recording_is_read(
     tofmix: Tofmix, recordings: list[Path], tmp_path: Path
 ) -> None:
     (tmp_path / "other").mkdir()

@@ -138,7 +138,9 @@ def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: 
         (["--noise", "Auto"], ExitCode.USAGE, "choose file, auto or one of sr3000"),
     ],
 )
-def test_refusals(tofmix: Tofmix, tmp_path: Path, extra: list[str], code: int, reason: str) -> None:
+def test_estimate_refuses_noise_options_with_their_exit_code(
+    tofmix: Tofmix, tmp_path: Path, extra: list[str], code: int, reason: str
+) -> None:
     path = write_recording(tmp_path / "a.h5", boards(4))
     outcome = tofmix("estimate", path, *extra)
     assert outcome.code == code

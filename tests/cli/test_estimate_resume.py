@@ -22,7 +22,7 @@ ROWS, COLS = sized((16, 20), (2, 5))
 @pytest.fixture
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     # 39 windows in 4 cells.
-    monkeypatch.setattr("tofmix.grid._CELL_PIXELS", CELL_PIXELS)
+    monkeypatch.setattr("tofmix.grid.CELL_PIXELS", CELL_PIXELS)
     return write_recording(tmp_path / "a.h5", boards(200, ROWS, COLS))
 
 
@@ -66,7 +66,7 @@ def test_a_full_disk_leaves_work_to_go_on_from(
 def _killed_at(recording: Path, cells: int, number: signal.Signals) -> "subprocess.CompletedProcess[str]":
     """Run the command in a process that gets a signal when some cells are in the journal."""
     program = (
-        f"import os, sys\nimport tofmix.grid\ntofmix.grid._CELL_PIXELS = {CELL_PIXELS}\n"
+        f"import os, sys\nimport tofmix.grid\ntofmix.grid.CELL_PIXELS = {CELL_PIXELS}\n"
         "from tofmix.io.layers.journal import Journal\nadd, count = Journal.add, [0]\n"
         "def counted(self, cell, encoded):\n"
         "    add(self, cell, encoded)\n    count[0] += 1\n"

@@ -161,7 +161,7 @@ def test_long_sources_are_written_in_blocks(
     assert written == [7, 2]
 
 
-def test_what_is_doubtful_is_pointed_out(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
+def test_import_warns_of_doubtful_ranges(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     np.save(tmp_path / "m.npy", samples() / 1000)
     said = tofmix("import", tmp_path / "m.npy", "-o", tmp_path / "m.h5", "--sensor", sensor)
     assert said.code == ExitCode.BAD_INPUT
@@ -192,7 +192,7 @@ def test_the_same_source_gives_the_same_bytes(tofmix: Tofmix, tmp_path: Path, se
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
 
 
-def test_nothing_is_left_of_a_source_that_ends_early(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
+def test_truncated_source_leaves_no_output(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     with new_bag(tmp_path, "mcap") as (bag, path):
         for number, image in enumerate(samples()):
             bag.image(DEPTH, image, stamp_ns=10**9 * (number + 1), lost_bytes=2 * (number == 6))
@@ -205,7 +205,7 @@ def test_nothing_is_left_of_a_source_that_ends_early(tofmix: Tofmix, tmp_path: P
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bag_mcap", "camera.toml", "r.h5"]
 
 
-def test_refusals(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
+def test_import_refuses_options_and_sources_with_their_exit_code(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     source, _ = write_source(tmp_path, "npy")
     images, _ = write_source(tmp_path, "png")
     (tmp_path / "no_sensor.toml").write_text("[recording]\nframes = 3\n")

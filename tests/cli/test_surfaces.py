@@ -121,7 +121,7 @@ def test_layers_that_do_not_say_where_pixels_look_are_refused(tofmix: Tofmix, tm
     assert not (tmp_path / "blind.surfaces.h5").exists()
 
 
-def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_surfaces_refuses_files_and_outputs_with_their_exit_code(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     before = sorted(tmp_path.iterdir())
     out = ("-o", tmp_path / "x.surfaces.h5")
     for arguments, code, text in (
@@ -139,7 +139,7 @@ def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_what_the_search_cannot_take_is_bad_input_and_leaves_nothing(
+def test_search_error_exits_with_3_and_leaves_no_file(
     tofmix: Tofmix, layers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:

@@ -45,7 +45,7 @@ def made(tofmix: Tofmix, tmp_path: Path) -> Path:
     estimated = tofmix("estimate", folder / "t.h5")
     assert estimated.code == 0, estimated.err
     assert "Each pixel has up to 3 targets a frame" in estimated.err
-    assert "a share of detections" in estimated.err
+    assert "A share is the share of its detections" in estimated.err
     return folder
 
 
@@ -76,10 +76,10 @@ def test_every_command_says_what_a_share_is_of(tofmix: Tofmix, made: Path, tmp_p
     shown = tofmix("inspect", layers, "--pixel", "2,5", "--recording", recording)
     assert "a weight is the share of detections, up to 3 a frame" in shown.out
     assert json.loads(tofmix("inspect", layers, "--pixel", "2,5", "--json").out)["targets"] == 3
-    assert "a share of detections" in " ".join(tofmix("report", layers).out.split())
+    assert "share of its detections" in " ".join(tofmix("report", layers).out.split())
     page = tmp_path / "t.html"
     assert tofmix("report", layers, "--recording", recording, "--html", page).code == 0
-    assert "a share of detections" in page.read_text()
+    assert "share of its detections" in page.read_text()
     for path in (layers, recording):
         described = json.loads(tofmix("info", path, "--json").out)
         assert "shares_of_detections" in {warning["code"] for warning in described["warnings"]}

@@ -17,7 +17,7 @@ def layers(tofmix: Tofmix, tmp_path: Path) -> Path:
     return tmp_path / "a.layers.h5"
 
 
-def test_whole_files(tofmix: Tofmix, layers: Path) -> None:
+def test_verify_of_valid_files_exits_with_0(tofmix: Tofmix, layers: Path) -> None:
     done = tofmix("verify", layers, layers.with_name("a.h5"))
     assert done.code == ExitCode.DONE
     assert done.out == (

@@ -111,7 +111,7 @@ def _memory(value: object) -> Callable[[h5py.Group], None]:
         (_memory("much"), "sensor"),
     ],
 )
-def test_what_is_broken_is_refused_with_the_files_and_the_datasets_name(
+def test_damaged_learnt_noise_is_refused_with_file_and_dataset(
     tmp_path: Path, change: Callable[[h5py.Group], None], text: str
 ) -> None:
     path = _written(tmp_path / "a.h5")

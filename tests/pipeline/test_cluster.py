@@ -86,7 +86,7 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("scheduler", ["no.json", "host:port", "tcp://host"])
-def test_what_is_neither_a_file_nor_an_address_is_refused_at_once(scheduler: str) -> None:
+def test_invalid_scheduler_address_is_refused_at_once(scheduler: str) -> None:
     pytest.importorskip("distributed")
     with pytest.raises(StorageError, match="cannot be reached"), cluster.open_cluster(scheduler, memory_bytes=1):
         pass

@@ -1,6 +1,5 @@
 """``tofmix estimate``: a recording in, a layers file out."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,7 +7,7 @@ import click
 from click.core import ParameterSource
 
 from tofmix.cli.options import MEMORY, PATH, SHARD, default_workers, examples, json_option, overwrite_option
-from tofmix.cli.sensor_choice import AUTO, circle_choice, outlier_choice
+from tofmix.cli.sensor_choice import AUTO, circle_choice, outlier_choice, spell
 from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
@@ -189,6 +188,7 @@ def estimate(
     --output-dir; - reads their names from stdin, one a line.
     """
     from tofmix.cli.estimate_files import Request, estimate_files
+    from tofmix.estimation.noise_choice import check_parts
     from tofmix.estimation.settings import EstimateOptions
 
     if stride is not None and window is None:
@@ -199,11 +199,12 @@ def estimate(
         raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
     if choices["paper"]:
         _check_paper(context)
-    _check_learning(noise, choices, shape=noise_shape, widths=noise_widths)
     try:
         counter = _counter(context, choices)
         length = circle_choice(unambiguous_range, wrap=wrap)
         options = EstimateOptions(counter=counter, unambiguous_range_mm=length, **choices)  # type: ignore[arg-type]  # click has checked the types
+        other = None if noise in (None, AUTO) else noise
+        check_parts(options, shape=noise_shape, widths=noise_widths, other_noise=other, spell=spell)
     except ValueError as error:
         raise UsageError(str(error)) from error
     request = Request(
@@ -224,23 +225,6 @@ def estimate(
         force=force,
     )
     estimate_files(recordings, output, output_dir, request, as_json=as_json)
-
-
-def _check_learning(noise: str | None, choices: Mapping[str, object], *, shape: str, widths: str) -> None:
-    """Refuse options of learnt noise if no noise is learnt."""
-    given = {"--noise-shape": shape, "--noise-widths": widths}
-    chosen = [f"{name} {value}" for name, value in given.items() if value != AUTO]
-    gaussian = {
-        "--paper": choices["paper"],
-        "--refine none": choices["refine"] == "none",
-        "--sigma free": choices["sigma"] == "free",
-    }
-    instead = [name for name, is_so in gaussian.items() if is_so]
-    instead += [f"--noise {noise}"] if noise not in (None, AUTO) else []
-    if chosen and instead:
-        raise UsageError(
-            f"{' and '.join(chosen)} needs learnt noise; {instead[0]} uses a Gaussian curve: leave one out"
-        )
 
 
 def _check_paper(context: click.Context) -> None:

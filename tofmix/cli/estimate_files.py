@@ -14,7 +14,7 @@ import click
 
 from tofmix.cli.options import is_quiet, note, progress_bar
 from tofmix.cli.recording_check import check_not_averaged, findings_of_samples, opened_recording
-from tofmix.cli.sensor_choice import AUTO, FILE, Learning, circle_of, noise_choice, sensor_for
+from tofmix.cli.sensor_choice import AUTO, circle_of, noise_choice, noise_of, sensor_for
 from tofmix.errors import ExitCode, StorageError, TofmixError, UsageError, os_error_text
 from tofmix.wording import counted
 
@@ -169,6 +169,7 @@ def _estimate(
     recording: Path, target: Path, request: Request, cluster: "ClusterEngine | None", bar: "tqdm[Any]"
 ) -> tuple[str, dict[str, Any]]:
     """Estimate one recording; return the result as a line and for JSON."""
+    from tofmix.estimation.noise_choice import noise_options
     from tofmix.io.atomic.storage import check_output
     from tofmix.io.layers.journal import WHOLE, Shard
     from tofmix.pipeline.job import plan_job
@@ -184,10 +185,9 @@ def _estimate(
             check_output(target, overwrite=request.overwrite, inputs=(recording,))
         noise = noise_choice(source, request.noise)
         windows = _windows(source, request)
-        given = source.sensor.noise
-        options = _settled(source, request, noise, windows, bar)
-        if noise == FILE and source.sensor.noise is not given:
-            noise = AUTO  # the samples contradicted the file
+        options, from_samples = _settled(source, request, noise, windows, bar)
+        if from_samples:
+            noise = AUTO
         remedy = Remedy(
             recording=str(recording), noise=noise, window_frames=windows.length, windows=windows.count,
             paper=options.paper,
@@ -195,7 +195,10 @@ def _estimate(
         with bar.external_write_mode(file=sys.stderr), announced():
             findings = findings_of_samples(source, source.sensor, options.unambiguous_range_mm, remedy)
         say_findings(recording, findings, say)
-        job = plan_job(source, windows, options, _of_sensor(request, noise))
+        job = plan_job(
+            source, windows, options,
+            noise_options(noise, request.outliers, shape=request.noise_shape, widths=request.noise_widths),
+        )  # fmt: skip
         engine: Engine
         if cluster is not None:
             engine = cluster
@@ -225,43 +228,26 @@ def _estimate(
 
 def _settled(
     source: "RecordingFile", request: Request, noise: str, windows: "Windows", bar: "tqdm[Any]"
-) -> "EstimateOptions":
-    """Give the recording the wanted sensor; return the options with its own unambiguous range."""
+) -> "tuple[EstimateOptions, bool]":
+    """Give the recording its sensor; return the options with its own unambiguous range, and whether noise is learnt."""
     from tofmix.estimation.blocks.sample_span import sensor_with_span
+    from tofmix.estimation.noise_choice import NoiseRequest
 
     options = request.options
     if request.wrap:
         options = replace(options, unambiguous_range_mm=circle_of(source))
     source.sensor = sensor_with_span(source, options.unambiguous_range_mm)
     with bar.external_write_mode(file=sys.stderr):
-        source.sensor = sensor_for(
-            source, noise=noise, outliers=request.outliers, circle_mm=options.unambiguous_range_mm,
-            learning=_learning(request, windows, options),
+        wanted = NoiseRequest(
+            noise=noise_of(source, noise), outliers=request.outliers, asked=request.noise is not None,
+            window_frames=windows.length, stride_frames=windows.stride, shape=request.noise_shape,
+            widths=request.noise_widths, workers=request.workers,
         )  # fmt: skip
+        choice = sensor_for(source, options, wanted)
+        source.sensor = choice.sensor
         if options.unambiguous_range_mm is None and not options.paper:
             source.sensor = replace(source.sensor, no_return_mm=_no_return(source))
-    return options
-
-
-def _of_sensor(request: Request, noise: str) -> dict[str, str | float]:
-    """Options of the sensor for the provenance; those of learning only if they are not the defaults."""
-    said: dict[str, str | float] = {"noise": noise, "outliers": request.outliers}
-    if request.noise_shape != AUTO:
-        said["noise_shape"] = request.noise_shape
-    if request.noise_widths != AUTO:
-        said["noise_widths"] = request.noise_widths
-    return said
-
-
-def _learning(request: Request, windows: "Windows", options: "EstimateOptions") -> Learning | None:
-    """How noise is learnt; None where the options allow a Gaussian only."""
-    if options.paper or options.refine == "none" or options.sigma == "free":
-        return None
-    return Learning(
-        window_frames=windows.length, stride_frames=windows.stride, shape=request.noise_shape,
-        widths=request.noise_widths, min_samples=options.min_samples, workers=request.workers,
-        asked=request.noise is not None, circle_mm=options.unambiguous_range_mm,
-    )  # fmt: skip
+    return options, choice.from_samples
 
 
 def _no_return(source: "RecordingFile") -> float | None:

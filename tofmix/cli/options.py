@@ -1,4 +1,4 @@
-"""What several commands share: options declared once, progress, and values from the shell."""
+"""Options of several commands, progress, and values from the shell."""
 
 import os
 import re

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
     Files = tuple[tuple[str, Path], ...]
 
-_MOST_SAMPLES = 1 << 28  # a gigabyte as they are held
+_MOST_SAMPLES = 1 << 28  # samples held in memory: a gigabyte
 _SAME = 1e-3  # relative difference of numbers of a camera that are written in a file
-_SAME_PLACE = 0.1  # of a pixel
+_SAME_PLACE = 0.1  # part of a pixel: directions that differ by less are the same
 _SAME_RATE = 0.02  # relative difference of frame rates: clocks are not exact
 
 

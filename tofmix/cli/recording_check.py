@@ -60,7 +60,7 @@ def check_not_averaged(recording: "RecordingFile") -> None:
 def findings_of_samples(
     source: "RecordingFile", sensor: "Sensor", circle_mm: float | None, remedy: "Remedy"
 ) -> list["Finding"]:
-    """What some of the samples say against the noise curve of `sensor`, and of drift within a window."""
+    """Doubts from some of the samples: scatter off the noise curve of `sensor`, and drift within a window."""
     from tofmix.estimation.learnt.model import follows_drift
     from tofmix.estimation.noise.consistency import check_consistency
     from tofmix.report.summary.findings import sample_findings

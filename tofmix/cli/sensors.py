@@ -59,7 +59,7 @@ def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
 
 
 def _as_dict(name: str, sheet: "CameraSheet") -> dict[str, Any]:
-    """What is known of a camera, for JSON; None where it is not."""
+    """Properties of a camera for JSON; None if not known."""
     noise = sheet.noise
     return {
         "profile": name, "name": sheet.name, "rows": sheet.rows, "cols": sheet.cols,

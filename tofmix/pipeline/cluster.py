@@ -45,7 +45,7 @@ class Block:
 
 
 def identity() -> dict[str, str]:
-    """What must be the same on both sides for the same bytes: versions, and the kernels' sources."""
+    """Properties that must agree on both sides for equal bytes: versions, and the kernels' sources."""
     from tofmix.jit import cache_folder
 
     versions = {name: version(name) for name in ("numpy", "numba", "llvmlite")}
@@ -156,7 +156,7 @@ class ClusterEngine:
 
 
 def _result(future: Any) -> list[tuple[int, EncodedCell]]:  # noqa: ANN401  distributed's own
-    """What a task returned; its error in good order."""
+    """Result of a task; raises its error as one of tofmix."""
     try:
         result: list[tuple[int, EncodedCell]] = future.result()
     except TofmixError:

@@ -34,7 +34,7 @@ from tofmix.wording import counted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What was made: the output, the job's grid, and the pixels by their number of surfaces.
+    """Result of a run: the output, the job's grid, and the pixels by their number of surfaces.
 
     The grid counts samples; `windows` are its windows in frames. `continued` counts cells that an earlier run had done.
     `mixture` is the law of mixing, where it was measured; of a part it is not known yet.

@@ -121,7 +121,7 @@ def _optics_keys() -> tuple[str, ...]:
 
 
 def _projection(table: TomlTable, base: CameraSheet | None) -> Projection | None:
-    """Where the pixels look; None for equal angles over the field of view."""
+    """The projection; None for equal angles over the field of view."""
     before = None if base is None else base.projection
     name = DEFAULT_PROJECTION if before is None else before.name
     if "projection" in table:

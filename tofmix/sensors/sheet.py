@@ -1,4 +1,4 @@
-"""What is known of a camera: a profile's figures, of which some may be missing.
+"""Known properties of a camera: the numbers of a profile, of which some may be missing.
 
 Use a sheet where a camera is only described: `tofmix sensors`, `tofmix import`. Where one is simulated, or its noise is
 asked for, `CameraSheet.profile` gives the whole `SensorProfile`, or says what is missing.
@@ -12,11 +12,11 @@ from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 from tofmix.sensors.profile import MAX_PIXELS_A_SIDE, SensorProfile
 
 NOISE_KEYS = ("noise", "reference_integration_time_ms", "exponent")
-"""What a noise curve at any integration time takes; they go together."""
+"""Keys of a noise curve at any integration time; each needs the others."""
 
 _MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms", "projection")
 _VIEW = ("fov_horizontal_deg", "fov_vertical_deg")
-"""What a `projection` stands for."""
+"""Keys that a `projection` replaces."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""What a camera returns that integrates on board: the phasor mean of the samples within its integration time.
+"""Range of a camera that integrates on board: the phasor mean of the samples within its integration time.
 
 Use it for ``simulate --averaged``: where a pixel sees several surfaces, the mean
 lies between them, at a range where there is none (the paper's comet tail). The

@@ -46,7 +46,7 @@ def assert_same(read: Any, expected: PointArray, names: tuple[str, ...] = NAMES)
         np.testing.assert_array_equal(np.asarray(read[name]), expected[name], err_msg=name)
 
 
-def test_ply(tmp_path: Path) -> None:
+def test_ply_reads_back_points_and_shares(tmp_path: Path) -> None:
     expected = written(tmp_path / "a.ply", points_of())
     (vertices,) = plyfile.PlyData.read(tmp_path / "a.ply").elements
     assert vertices.name == "vertex"
@@ -55,7 +55,7 @@ def test_ply(tmp_path: Path) -> None:
     assert_same(vertices.data, expected)
 
 
-def test_pcd(tmp_path: Path) -> None:
+def test_pcd_reads_back_points_and_shares(tmp_path: Path) -> None:
     expected = written(tmp_path / "a.pcd", points_of())
     cloud = PointCloud.from_path(tmp_path / "a.pcd")
     assert cloud.fields == NAMES
@@ -63,7 +63,7 @@ def test_pcd(tmp_path: Path) -> None:
     assert_same(cloud.pc_data, expected)
 
 
-def test_csv(tmp_path: Path) -> None:
+def test_csv_reads_back_points_and_shares(tmp_path: Path) -> None:
     expected = written(tmp_path / "a.csv", points_of())
     with (tmp_path / "a.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

@@ -44,7 +44,7 @@ def _checker(program: str) -> StructureChecker:
 
 def test_a_look_that_hangs_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOFMIX_READ_TIMEOUT", "0.2")
-    monkeypatch.setattr("tofmix.io.guard.guard._GRACE_S", 0.1)
+    monkeypatch.setattr("tofmix.io.guard.guard.GRACE_S", 0.1)
     checker = _checker("import sys, time; sys.stdin.readline(); time.sleep(100)")
     with pytest.raises(BadInputError, match=r"a\.h5: its structure could not be read within 0\.2 s; given up"):
         checker.check({}, tmp_path / "a.h5")

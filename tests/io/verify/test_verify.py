@@ -200,7 +200,7 @@ def test_foreign_recordings_are_told_what_they_lack(tmp_path: Path) -> None:
     assert verify(path).lines() == ["range: broken: not below 0 mm (frame 0, row 0, col 0 and 119 more)"]
 
 
-def test_what_cannot_be_opened_is_a_fault(tmp_path: Path) -> None:
+def test_file_that_does_not_open_is_a_fault(tmp_path: Path) -> None:
     (tmp_path / "text.h5").write_text("no")
     (tmp_path / "bad.toml").write_text("[sensor")
     assert verify(tmp_path / "none.h5").lines() == ["file: No such file or directory"]

@@ -17,7 +17,6 @@ from PIL import Image
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.report.figures.noise_figures import curve_figure, shape_figure, width_figure
-from tofmix.report.figures.theme import LIGHT, drawing
 from tofmix.report.page.page import render_page
 from tofmix.report.pixels.single_pixels import single_pixels
 from tofmix.report.sources import LayersSource
@@ -25,6 +24,7 @@ from tofmix.report.summary.noise_numbers import has_more_than_a_curve, noise_num
 from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.report.summary.summary import summarise
 from tofmix.report.summary.tables import COLUMNS, format_table
+from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve, Sensor
 
 IMAGE, FRAMES = (6, 8), 50

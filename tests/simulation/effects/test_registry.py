@@ -133,7 +133,7 @@ def test_bounds_are_refused_with_value_and_bound(kind: str) -> None:
         (table("fixed_pattern", map="a.npy"), "m: [[effect]] 1: map: a model without a file of its own has no maps"),
     ],
 )
-def test_refusals(text: str, message: str) -> None:
+def test_effect_tables_are_refused_with_key_value_and_remedy(text: str, message: str) -> None:
     with pytest.raises(BadInputError, match="^" + re.escape(message)) as caught:
         parse_model(MODEL + text, source="m")
     assert "\n" not in str(caught.value)

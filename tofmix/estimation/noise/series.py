@@ -58,7 +58,7 @@ class Series(NamedTuple):
 
 
 class SeriesStatistics(NamedTuple):
-    """What each series tells, all of the shape (series,).
+    """Statistics of each series, all of the shape (series,).
 
     `valid` samples, of which `kept` are near the trend; `range_mm`, their median; `variance` about the trend, mm^2,
     unbiased for independent samples; `skewness`, `kurtosis` of them (0 and 3 for a Gaussian); `memory`, their

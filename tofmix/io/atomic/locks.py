@@ -21,11 +21,14 @@ from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_
 
 _ENDING = ".tofmix-partial"
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
-_ATTEMPTS = 10
-_PAUSE_S = 0.02
-"""Who clears a folder holds a lock for less."""
+ATTEMPTS = 10
+"""Attempts at a lock before the error."""
 
-_MOST_DESCRIPTORS = 4096  # descriptors that a signal handler looks through
+_PAUSE_S = 0.02
+"""Seconds between attempts; a run that clears a folder holds a lock for less."""
+
+_MOST_DESCRIPTORS = 4096
+"""File descriptors that a signal handler checks: more than a process has by default."""
 
 _cleared: set[Path] = set()
 
@@ -121,7 +124,7 @@ def _machine() -> str:
 
 def _lock(path: Path) -> OutputLock | None:
     """Create and lock a file; None where the disk knows no locks. What a dead run left there is replaced."""
-    for attempt in range(_ATTEMPTS):
+    for attempt in range(ATTEMPTS):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -130,7 +133,7 @@ def _lock(path: Path) -> OutputLock | None:
             if error.errno in _NO_LOCKS:
                 path.unlink(missing_ok=True)  # nobody writes it: all that come here take a name of their own
                 return None
-            if attempt == _ATTEMPTS - 1 or not isinstance(error, BlockingIOError):
+            if attempt == ATTEMPTS - 1 or not isinstance(error, BlockingIOError):
                 raise
             time.sleep(_PAUSE_S)
             continue

@@ -59,7 +59,7 @@ PLANE_WRITERS: dict[str, PlaneWriter] = {".json": planes_json.write, ".obj": pla
 POINTS, IMAGE, EDGES, PLANES = "points", "image", "edges", "planes"
 
 OF_LAYERS: dict[str, tuple[str, ...]] = {POINTS: tuple(POINT_WRITERS), IMAGE: tuple(IMAGE_WRITERS)}
-"""What of a layers file is written, and the ends of names of its formats."""
+"""Contents of a layers file, and the extensions of their formats."""
 
 OF_SURFACES: dict[str, tuple[str, ...]] = {
     EDGES: tuple(EDGE_WRITERS),
@@ -67,7 +67,7 @@ OF_SURFACES: dict[str, tuple[str, ...]] = {
     IMAGE: tuple(IMAGE_WRITERS),
     POINTS: (".ply", ".pcd", ".csv"),
 }
-"""What of a surfaces file is written, and the ends of names of its formats; the first with an end is its default."""
+"""Contents of a surfaces file, and the extensions of their formats; the first with an extension is its default."""
 
 
 def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]]) -> str:

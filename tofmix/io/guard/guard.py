@@ -30,11 +30,11 @@ from tofmix.io.guard.unpacking import BoundedDataset
 from tofmix.io.guard.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
 from tofmix.io.next_command import folder_fault, foreign_fault
 
-_GRACE_S = 2.0  # s beyond the limit until the process is killed
+GRACE_S = 2.0  # s beyond the limit until the process is killed
 _PROGRAM = (sys.executable, "-P", str(Path(__file__).with_name("structure_process.py")))
 
 LIBRARY_FAULTS = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError)
-"""What h5py raises on damaged files; a name that is no UTF-8 is a ValueError."""
+"""Exceptions of h5py on damaged files; a name that is no UTF-8 is a ValueError."""
 
 
 class StructureChecker:
@@ -68,7 +68,7 @@ class StructureChecker:
         with self._lock:
             process = self._started(what)
             line = json.dumps(request | {"limit_s": limit})
-            answer = _exchange(process, line, limit + _GRACE_S)
+            answer = _exchange(process, line, limit + GRACE_S)
             if not answer:
                 code = self._ended()
                 if code == -signal.SIGALRM or code is None:
@@ -125,11 +125,11 @@ def _finish(process: "subprocess.Popen[str]") -> int | None:
         except OSError:  # what was not sent to a process that has gone
             continue
     try:
-        return process.wait(_GRACE_S)
+        return process.wait(GRACE_S)
     except subprocess.TimeoutExpired:
         process.kill()
     with suppress(subprocess.TimeoutExpired):  # one that waits for a dead disk cannot even be killed
-        process.wait(_GRACE_S)
+        process.wait(GRACE_S)
     return None
 
 
@@ -205,7 +205,7 @@ def is_hdf5(path: Path) -> bool:
 
 
 def identity(file: h5py.File) -> list[int]:
-    """What an open file is: device, inode, size, time of the last change."""
+    """Identity of an open file: device, inode, size, time of the last change."""
     status = os.fstat(file.id.get_vfd_handle())
     return [status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns]
 

@@ -22,7 +22,7 @@ STRUCTURE_LIMIT_S = 20.0
 """For a look at a file's structure."""
 
 _VARIABLE = "TOFMIX_READ_TIMEOUT"
-_POLL_S = 0.5  # s between two looks at the clock
+POLL_S = 0.5  # s between two looks at the clock
 
 
 def limit_s(default: float) -> float:
@@ -60,7 +60,7 @@ class Watchdog:
 
     def _watch(self) -> None:
         while True:
-            time.sleep(_POLL_S)
+            time.sleep(POLL_S)
             for since, what, times in list(self._since.values()):
                 limit = times * limit_s(READ_LIMIT_S)
                 if time.monotonic() - since > limit:

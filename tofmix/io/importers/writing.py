@@ -25,7 +25,7 @@ _BYTES_A_SAMPLE = 4  # of float32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """What was written.
+    """Sizes of the written recording, and doubts.
 
     Parameters
     ----------

@@ -157,7 +157,7 @@ def files_of(journal: Path) -> tuple[Path, ...]:
 
 
 def _beside(journal: Path) -> tuple[Path, ...]:
-    """What SQLite keeps beside a database that is in use."""
+    """Files that SQLite keeps beside an open database."""
     return tuple(journal.with_name(journal.name + end) for end in ("-wal", "-shm", "-journal"))
 
 

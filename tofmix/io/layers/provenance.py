@@ -1,4 +1,4 @@
-"""What layers and surfaces were made from and with, as their files and a journal keep it: root attributes of HDF5."""
+"""Source and options of layers and surfaces in their files and in a journal: root attributes of HDF5."""
 
 import json
 import zlib

@@ -123,7 +123,7 @@ class RecordingFile:
 
     @property
     def fill(self) -> float | None:
-        """What stands for no sample beside NaN: `_FillValue`; without one 0 for integers, None for floats."""
+        """Value of invalid samples beside NaN: `_FillValue`; without one 0 for integers, None for floats."""
         if self._fill is not None:
             return float(self._fill[0])
         return None if self._range.dtype.kind == "f" else 0.0

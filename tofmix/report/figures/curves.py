@@ -8,8 +8,8 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from tofmix.arrays import FloatArray
 from tofmix.layers import Layers
-from tofmix.report.figures.theme import LAYER_LINES, RANGE_MAP, Theme
 from tofmix.report.summary.tables import ordinal
+from tofmix.report.theme import LAYER_LINES, RANGE_MAP, Theme
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 

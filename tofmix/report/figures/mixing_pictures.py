@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from tofmix.arrays import ByteArray
 from tofmix.flags import MIXING_MEANINGS, Mixing, mixing_name
 from tofmix.report.figures.rasters import ImagePicture, kinds_uri
-from tofmix.report.figures.theme import DARK, LIGHT, Theme
 from tofmix.report.summary.summary import MixingNumbers
+from tofmix.report.theme import DARK, LIGHT, Theme
 from tofmix.wording import counted
 
 _COLOURS = {

@@ -22,8 +22,8 @@ from tofmix.report.figures.rasters import (
     count_uri,
     range_uri,
 )
-from tofmix.report.figures.theme import DARK, LIGHT
 from tofmix.report.summary.tables import ordinal
+from tofmix.report.theme import DARK, LIGHT
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.wording import counted
 

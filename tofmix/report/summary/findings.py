@@ -1,4 +1,4 @@
-"""What a reader of a layers file should be wary of, in one sentence each.
+"""Warnings on a layers file, in one sentence each.
 
 A finding says what was seen and which command to try. The thresholds are for drawing
 attention, not tests: nothing is refused here. `estimate`, `merge` and `report` print the same ones.
@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tofmix.flags import Status, status_name
+from tofmix.layers import MAX_LAYERS_LIMIT
 
 SIGMA_TOLERANCE = 0.10
 """Relative difference of median sigma and curve that is worth a word."""
@@ -30,11 +31,13 @@ FULL_SHARE = 0.05
 """Share of pixels that use every layer that is worth a word."""
 
 CLOSE_SIGMAS = 5.0
-CLOSE_SHARE = 0.05
-"""Share of pixels with two layers this near to each other, in sigmas, that is worth a word."""
+"""Distance of two layers of a pixel, in sigmas, below which they count as close."""
 
-_MORE_ITERATIONS = 200  # four times the default of --max-iter
-_MOST_LAYERS = 32  # that --max-layers takes
+CLOSE_SHARE = 0.05
+"""Share of pixels with close layers that is worth a warning."""
+
+_MORE_ITERATIONS = 200
+"""Iterations to advise: four times the default of --max-iter."""
 
 MIN_COMPONENTS = 30
 """Fewer components than this say nothing of the curve."""
@@ -181,7 +184,8 @@ def count_findings(
             found.append(Finding(code=status_name(status), text=text, commands=commands))
     full = sum(by_surfaces[max_layers:]) / max(1, pixels)
     if max_layers > 1 and full > FULL_SHARE:
-        more = () if max_layers >= _MOST_LAYERS else (remedy.command("--max-layers", str(min(2 * max_layers, 32))),)
+        most = min(2 * max_layers, MAX_LAYERS_LIMIT)
+        more = () if max_layers >= most else (remedy.command("--max-layers", str(most)),)
         text = f"{100 * full:.1f} % of the pixels use all {max_layers} layers; there may be more."
         found.append(Finding(code="all_layers_used", text=text, commands=more))
     if close / max(1, pixels) > CLOSE_SHARE:

@@ -8,11 +8,13 @@ import textwrap
 
 from tofmix.report.summary.quantiles import Quantiles
 from tofmix.report.summary.summary import LayerSummary, Summary
-from tofmix.wording import counted, number
+from tofmix.wording import counted, number, percent_of
 
 COLUMNS = 80
+"""Characters of a line: the width of a terminal."""
+
 MAX_ROWS = 5
-"""Rows for surfaces and for layers; the rest is put into the last one or counted."""
+"""Rows for surfaces and for layers; the last one holds the rest."""
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
@@ -76,9 +78,9 @@ def _surfaces(summary: Summary) -> list[str]:
     shown = max((n for n in range(MAX_ROWS) if by_surfaces[n] or by_peaks[n]), default=0)
     for n in range(shown + 1):
         name = f"{n} or more" if n == MAX_ROWS - 1 else f"{n}"
-        lines.append(f"{name:<16}{by_surfaces[n]:>10}{_share(by_surfaces[n], summary.pixels):>9}{by_peaks[n]:>12}")
+        lines.append(f"{name:<16}{by_surfaces[n]:>10}{percent_of(by_surfaces[n], summary.pixels):>9}{by_peaks[n]:>12}")
     several = sum(summary.pixels_by_surfaces[2:])
-    lines.append(f"{'more than one':<16}{several:>10}{_share(several, summary.pixels):>9}")
+    lines.append(f"{'more than one':<16}{several:>10}{percent_of(several, summary.pixels):>9}")
     return lines
 
 
@@ -110,7 +112,7 @@ def _status(summary: Summary) -> list[str]:
     lines = [f"{'status':<16}{'pixels':>10}{'share':>9}"]
     for name, count in summary.pixels_by_status.items():
         if count or name == "ok":
-            lines.append(f"{name:<16}{count:>10}{_share(count, summary.pixels):>9}")
+            lines.append(f"{name:<16}{count:>10}{percent_of(count, summary.pixels):>9}")
     return lines
 
 
@@ -126,7 +128,3 @@ def _triple(quantiles: Quantiles, form: str) -> str:
 
 def _number(value: float | None, form: str) -> str:
     return "-" if value is None else number(value, form)
-
-
-def _share(count: int, pixels: int) -> str:
-    return f"{100 * count / max(1, pixels):.1f} %"
