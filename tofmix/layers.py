@@ -15,6 +15,9 @@ from tofmix.sensor import Sensor
 
 MAX_LAYERS_LIMIT = 32  # layers of a pixel that a layers file may hold
 
+LAYER_DIMS = ("window", "row", "col", "layer")
+"""Dimensions of layers; numbers of a pixel have the first three."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerField:
@@ -28,6 +31,11 @@ class LayerField:
     units: str
     long_name: str
     per_layer: bool = False
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of its dimensions."""
+        return LAYER_DIMS if self.per_layer else LAYER_DIMS[:3]
 
 
 LAYER_FIELDS: tuple[LayerField, ...] = (

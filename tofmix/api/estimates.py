@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from tofmix.windows import Windows
 
 FILE, AUTO = "file", "auto"
-_DIMS = ("window", "row", "col", "layer")
 
 
 class Choices(TypedDict, total=False):
@@ -129,7 +128,7 @@ class Estimate(Layers):
             raise ModuleNotFoundError("to_xarray needs xarray: pip install 'tofmix[notebook]'") from error
         variables: dict[str, Any] = {
             spec.name: (
-                _DIMS if spec.per_layer else _DIMS[:3], getattr(self, spec.name),
+                spec.dims, getattr(self, spec.name),
                 {"units": spec.units, "long_name": spec.long_name},
             )
             for spec in self.fields

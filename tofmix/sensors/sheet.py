@@ -15,7 +15,7 @@ NOISE_KEYS = ("noise", "reference_integration_time_ms", "exponent")
 """Keys of a noise curve at any integration time; each needs the others."""
 
 _MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms", "projection")
-_VIEW = ("fov_horizontal_deg", "fov_vertical_deg")
+VIEW_KEYS = ("fov_horizontal_deg", "fov_vertical_deg")
 """Keys that a `projection` replaces."""
 
 
@@ -83,7 +83,7 @@ class CameraSheet:
     def missing(self) -> tuple[str, ...]:
         """Fields that a simulation needs and that are not known; those of the noise as ``noise`` alone."""
         empty = [field.name for field in fields(self) if getattr(self, field.name) is None]
-        not_needed = (*_MAY_BE_LEFT_OUT, *NOISE_KEYS[1:], *(() if self.projection is None else _VIEW))
+        not_needed = (*_MAY_BE_LEFT_OUT, *NOISE_KEYS[1:], *(() if self.projection is None else VIEW_KEYS))
         return tuple(key for key in empty if key not in not_needed)
 
     def profile(self) -> SensorProfile:

@@ -24,6 +24,7 @@ from tofmix.io.layers.provenance import header_image, read_provenance, write_pro
 from tofmix.io.result_file import open_result, typed_dataset
 from tofmix.layers import (
     LAW_TEXTS,
+    LAYER_DIMS,
     LAYER_FIELDS,
     MAX_LAYERS_LIMIT,
     OPTIONAL_FIELDS,
@@ -36,7 +37,6 @@ from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.windows import Windows
 
 FORMAT = "tofmix-layers"
-_DIMS = ("window", "row", "col", "layer")
 
 
 class LayersWriter:
@@ -81,7 +81,7 @@ class LayersWriter:
         temporary: Path | None = None,
     ) -> None:
         self._windows = windows
-        self._dims = dict(zip(_DIMS, (windows.count, *image, max_layers), strict=True))
+        self._dims = dict(zip(LAYER_DIMS, (windows.count, *image, max_layers), strict=True))
         self._tile = tile
         self._provenance = provenance
         self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs, temporary=temporary)
@@ -101,12 +101,12 @@ class LayersWriter:
             if self._provenance.is_unmixed:
                 self._add_law()
             sensor_group.write_sensor(self._root, self._provenance.sensor, image=(self._dims["row"], self._dims["col"]))
-            hdf5.add_nexus_view(self._root, name="layers", signal="range", axes=_DIMS)
+            hdf5.add_nexus_view(self._root, name="layers", signal="range", axes=LAYER_DIMS)
             self._stack = stack.pop_all()
         return self
 
     def _add(self, spec: LayerField) -> None:
-        dims = dict(list(self._dims.items())[: 4 if spec.per_layer else 3])
+        dims = {name: self._dims[name] for name in spec.dims}
         whole = tuple(dims.values())
         chunks = (min(self._tile[0], whole[0]), min(self._tile[1], whole[1]), *whole[2:])
         fill = np.nan if spec.dtype.startswith("f") else None
@@ -189,8 +189,7 @@ class LayersFile:
         self.path = path
         present = (*LAYER_FIELDS, *(spec for spec in OPTIONAL_FIELDS if spec.name in root))
         self._datasets = {
-            spec.name: typed_dataset(root, spec.name, path, dtype=spec.dtype, dims=_DIMS[: 4 if spec.per_layer else 3])
-            for spec in present
+            spec.name: typed_dataset(root, spec.name, path, dtype=spec.dtype, dims=spec.dims) for spec in present
         }
         shape = self._datasets["range"].shape
         self.shape: tuple[int, int, int] = shape[:3]
