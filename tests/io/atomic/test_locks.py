@@ -185,7 +185,7 @@ def test_a_file_whose_temporary_one_was_taken_is_not_named(tmp_path: Path) -> No
         (temporary,) = tmp_path.iterdir()
         temporary.unlink()
         temporary.write_text("another's")
-        with pytest.raises(StorageError, match=r"its temporary file .* has gone"):
+        with pytest.raises(StorageError, match=r"its temporary file .* is missing"):
             file.commit()
     assert names(tmp_path) == [temporary.name]
     assert temporary.read_text() == "another's"
