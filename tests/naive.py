@@ -4,6 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from tofmix.arrays import FloatArray
+from tofmix.geometry import check_view, pixel_angles
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.grid import Grid
 from tofmix.mapping.pose import Pose
@@ -136,3 +138,29 @@ def light(beams: Beams, pose: Pose, grid: Grid, *, rays: int) -> tuple[Array, Ar
             stopped[hit & inside] += part
         passed[hit & (leave <= beams.free_to_mm)] += beams.samples_no_return[row, col] / rays**2
     return stopped, passed
+
+
+def beam_directions(rows: int, cols: int, *, fov_horizontal_deg: float, fov_vertical_deg: float) -> FloatArray:
+    """Unit vectors along the beams of an equiangular pixel grid.
+
+    Parameters
+    ----------
+    rows, cols : int
+        Size of the image.
+    fov_horizontal_deg, fov_vertical_deg : float
+        Full field of view.
+
+    Returns
+    -------
+    (row, col, 3) float64
+        (sin az cos el, sin el, cos az cos el) in the sensor's frame: x right, y down, z forward.
+
+    Raises
+    ------
+    ValueError
+        If the field of view cannot be.
+    """
+    check_view(fov_horizontal_deg, fov_vertical_deg)
+    azimuth, elevation = np.meshgrid(pixel_angles(cols, fov_horizontal_deg), pixel_angles(rows, fov_vertical_deg))
+    level = np.cos(elevation)
+    return np.stack([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level], axis=-1)

@@ -98,7 +98,9 @@ def test_as_many_components_as_samples() -> None:
         ([1.0, 2.0], 1, {"variances": "tied"}, "tied"),
     ],
 )  # fmt: skip
-def test_refusals(samples: list[float], k: int, settings: dict[str, float], text: str) -> None:
+def test_plain_mixture_refuses_invalid_samples_and_numbers(
+    samples: list[float], k: int, settings: dict[str, float], text: str
+) -> None:
     with pytest.raises(ValueError, match=text):
         fit_gaussians(samples, k, **settings)  # type: ignore[arg-type]
 

@@ -21,7 +21,7 @@ def test_folding_takes_out_whole_turns(*, value: float, turns: int) -> None:
     assert min(away, LENGTH - away) < 1e-6
 
 
-def test_what_is_not_finite_stays_invalid_and_zero_stays_a_range() -> None:
+def test_fold_keeps_invalid_values_and_zero() -> None:
     np.testing.assert_array_equal(
         fold([np.nan, np.inf, -np.inf, 0.0, -1e-20, LENGTH], LENGTH), [np.nan] * 3 + [0.0] * 3
     )

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from naive import beam_directions
 
-from tofmix.geometry import beam_directions, largest_angle_deg, pixel_angles, ray_over_depth
+from tofmix.geometry import largest_angle_deg, pixel_angles, ray_over_depth
 from tofmix.pinhole import Pinhole
 from tofmix.projection import beam_directions_of
 from tofmix.sensors import load_profile
@@ -52,7 +53,7 @@ def test_a_view_that_cannot_be_is_refused(view: tuple[float, float]) -> None:
         beam_directions(2, 2, fov_horizontal_deg=view[0], fov_vertical_deg=view[1])
 
 
-def test_what_has_no_depth_is_refused() -> None:
+def test_beams_across_the_axis_have_no_depth_and_are_refused() -> None:
     with pytest.raises(ValueError, match="90 degrees"):
         ray_over_depth(beam_directions(2, 2, fov_horizontal_deg=360.0, fov_vertical_deg=10.0))
 

@@ -39,7 +39,7 @@ def test_consistent_layers_break_no_rule(layers: Layers) -> None:
 
 @pytest.mark.parametrize("sigma", list(SigmaMode))
 @pytest.mark.parametrize("circle", [None, 6000.0])
-def test_what_the_estimator_gives_breaks_no_rule(
+def test_estimated_layers_pass_all_invariants(
     sensor: Sensor, rng: np.random.Generator, sigma: SigmaMode, circle: float | None
 ) -> None:
     samples = rng.normal(2000.0, 30.0, (20, 2, 40, 3)) + np.where(rng.random((20, 2, 40, 3)) < 0.4, 700, 0)

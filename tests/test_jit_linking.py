@@ -83,7 +83,7 @@ def test_a_callee_takes_several_types() -> None:
     assert both(2**60, 0.5) == float(2**61 + 1)
 
 
-def test_what_borrows_leaves_no_array_behind_and_frees_none() -> None:
+def test_borrowing_kernel_neither_leaks_nor_frees_arrays() -> None:
     @borrowing
     def first_half(values: FloatArray) -> float:
         half, out = values[: len(values) // 2], 0.0
@@ -110,7 +110,7 @@ def test_what_borrows_leaves_no_array_behind_and_frees_none() -> None:
     assert sys.getrefcount(values) == held
 
 
-def test_what_borrows_cannot_return_or_make_an_array() -> None:
+def test_borrowing_kernel_may_not_return_or_make_arrays() -> None:
     @borrowing
     def half(values: FloatArray) -> FloatArray:
         return values[: len(values) // 2]

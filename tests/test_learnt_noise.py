@@ -41,7 +41,7 @@ def _values(**other: Any) -> dict[str, Any]:  # noqa: ANN401  fields of LearntNo
         ({"background": (1.0, np.inf)}, "background: two finite numbers above 0"),
     ],
 )
-def test_what_is_out_of_bounds_is_refused_by_name(other: dict[str, Any], text: str) -> None:
+def test_learnt_noise_out_of_bounds_is_refused_by_name(other: dict[str, Any], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         LearntNoise(**_values(**other))
 

@@ -48,6 +48,6 @@ def test_quantile_undoes_cdf_where_density_has_a_corner_or_is_0() -> None:
         (2.0 * Z, stats.norm.pdf(Z), "wide"),
     ],
 )  # fmt: skip
-def test_what_is_no_shape_is_refused_by_name(z: list[float], density: list[float], text: str) -> None:
+def test_invalid_noise_shapes_are_refused_with_the_reason(z: list[float], density: list[float], text: str) -> None:
     with pytest.raises(ValueError, match=text):
         NoiseShape(np.array(z), np.array(density))

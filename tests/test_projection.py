@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from naive import beam_directions
 
 from tofmix.equiangular import Equiangular
-from tofmix.geometry import beam_directions
 from tofmix.pinhole import Pinhole
 from tofmix.projection import (
     PROJECTIONS,
@@ -69,7 +69,7 @@ def test_every_projection_has_its_own_name() -> None:
     assert {name: kind.name for name, kind in PROJECTIONS.items()} == {name: name for name in PROJECTIONS}
 
 
-def test_what_is_missing_or_unknown_is_named() -> None:
+def test_missing_or_unknown_projection_keys_are_named() -> None:
     with pytest.raises(ValueError, match=r"^projection: 'fisheye' is not known; known: equiangular, pinhole$"):
         make_projection("fisheye", {})
     with pytest.raises(ValueError, match=r"^projection: pinhole needs fy, cy$"):

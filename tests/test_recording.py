@@ -7,7 +7,7 @@ from tofmix.recording import ArrayRecording, FrameSpan
 from tofmix.sensor import Sensor
 
 
-def test_it_is_its_own_copy_with_nan_for_invalid(sensor: Sensor) -> None:
+def test_array_recording_copies_samples_and_stores_invalid_as_nan(sensor: Sensor) -> None:
     samples = np.array([[[1.0, np.inf]], [[-np.inf, np.nan]]])
     recording = ArrayRecording(samples, sensor)
     samples[:] = 5

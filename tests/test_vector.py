@@ -27,7 +27,7 @@ def test_exponential_and_logarithm(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.parametrize("n", [0, 1, 3, 4, 7, 8, 101])
-def test_sums(n: int, rng: np.random.Generator) -> None:
+def test_vector_sums_agree_with_numpy(n: int, rng: np.random.Generator) -> None:
     a, b, c = rng.normal(size=(3, n))
     longer = np.append(b, 99.0)
     assert total_of(a) == pytest.approx(a.sum())

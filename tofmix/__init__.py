@@ -45,7 +45,7 @@ _LAZY = {
     "reconcile": ("tofmix.api.simulations", "reconcile"),
     "simulate": ("tofmix.api.simulations", "simulate"),
 }
-"""What `import tofmix` offers: the module that has it, and its name there."""
+"""Names of `import tofmix`: the module of each, and its name there."""
 
 __all__ = [
     "Estimate",

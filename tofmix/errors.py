@@ -2,7 +2,7 @@
 
 Raise one of these wherever the fault lies outside the program: the command line
 prints its text as one line on stderr and leaves with its exit code. Any other
-exception is a bug of ours and exits with 1.
+exception is a bug in tofmix and exits with 1.
 """
 
 from enum import IntEnum
@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 class ExitCode(IntEnum):
-    """What each command of ``tofmix`` returns to the shell."""
+    """The exit codes of every command of ``tofmix``."""
 
     DONE = 0
     BUG = 1
@@ -26,14 +26,14 @@ class ExitCode(IntEnum):
 
 EXIT_CODE_MEANINGS: dict[ExitCode, str] = {
     ExitCode.DONE: "done",
-    ExitCode.BUG: "a bug of ours; please report it",
+    ExitCode.BUG: "a bug in tofmix; please report it",
     ExitCode.USAGE: "usage: an unknown option or value, or an output that exists (pass --overwrite)",
     ExitCode.BAD_INPUT: "bad input: a missing, damaged or unfit recording, layers file or model",
     ExitCode.STORAGE: "disk or I/O: the output cannot be written, or a cluster cannot be reached",
     ExitCode.SOME_FAILED: "some of several recordings failed; the others are done",
     ExitCode.DIFFERENT: "compare: the two results differ",
     ExitCode.INTERRUPTED: "interrupted (Ctrl-C)",
-    ExitCode.CLOSED_PIPE: "the reader of a pipe has gone",
+    ExitCode.CLOSED_PIPE: "the program that reads the output has ended",
     ExitCode.TERMINATED: "terminated (SIGTERM)",
 }
 EXIT_CODE_REMEDIES: dict[ExitCode, str] = {
@@ -42,36 +42,36 @@ EXIT_CODE_REMEDIES: dict[ExitCode, str] = {
     ExitCode.USAGE: "`tofmix COMMAND --help` lists the options. A name that can only be a built-in one is a value "
     "(`sensors`, `--noise`); one that may be a file (`simulate`, `import --sensor`) is bad input where no file has it.",
     ExitCode.BAD_INPUT: "The line on stderr names file, dataset, reason and remedy. No file was changed.",
-    ExitCode.STORAGE: "Free the disk, or choose another folder. `tofmix estimate --resume` goes on from there.",
-    ExitCode.SOME_FAILED: "stderr has a line for each that failed. Run the command again with `--resume`.",
-    ExitCode.DIFFERENT: "The table on stdout says where. `--allow` accepts a share of differing pixels.",
-    ExitCode.INTERRUPTED: "The process dies of SIGINT, so that a shell loop around it stops. `--resume` goes on.",
+    ExitCode.STORAGE: "Free the disk, or choose another folder. `tofmix estimate --resume` continues.",
+    ExitCode.SOME_FAILED: "stderr has a line for each failed recording. Run the command again with `--resume`.",
+    ExitCode.DIFFERENT: "The table on stdout counts the differences. `--allow` accepts a share of differing pixels.",
+    ExitCode.INTERRUPTED: "The process dies of SIGINT, so that a shell loop around it stops. `--resume` continues.",
     ExitCode.CLOSED_PIPE: "Nothing is wrong: `tofmix report ... | head -1` ends so.",
-    ExitCode.TERMINATED: "The process dies of SIGTERM. Unfinished outputs are removed. `--resume` goes on.",
+    ExitCode.TERMINATED: "The process dies of SIGTERM. Partial outputs are removed. `--resume` continues.",
 }
 """The remedy, or a remark, for each exit code: docs/reference/exit-codes.md shows them."""
 
 
 class TofmixError(Exception):
-    """A fault that the user can mend. Its text is one line: what, where, and the remedy."""
+    """A fault that the user can mend. Its text is one line: file, dataset, reason and remedy."""
 
     exit_code = ExitCode.BUG
 
 
 class UsageError(TofmixError):
-    """The call does not fit, for example an output that exists."""
+    """An invalid call, for example an output that exists."""
 
     exit_code = ExitCode.USAGE
 
 
 class BadInputError(TofmixError):
-    """A file that was read is missing, damaged, or not what it must be."""
+    """An input file is missing, damaged, or of the wrong kind."""
 
     exit_code = ExitCode.BAD_INPUT
 
 
 class DoubtWarning(UserWarning):
-    """What is doubtful about samples, their noise or the layers, from `tofmix.open` and `tofmix.estimate`."""
+    """A doubt about samples, their noise or the layers, from `tofmix.open` and `tofmix.estimate`."""
 
 
 class StorageError(TofmixError):

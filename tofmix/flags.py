@@ -21,12 +21,12 @@ STATUS_MEANINGS: dict[Status, str] = {
     Status.TOO_FEW_SAMPLES: "fewer valid samples than --min-samples; nothing was fitted",
     Status.NOT_CONVERGED: "EM stopped at --max-iter; the layers are its last values",
     Status.NO_SURFACE: "the samples show no surface: no return, or outliers alone",
-    Status.DEGENERATE: "the layers stand, but the samples cannot tell their errors (singular information)",
+    Status.DEGENERATE: "the layers are valid, but the samples do not determine their errors (singular information)",
 }
 
 
 class Mixing(IntEnum):
-    """What the samples of a pixel are of (CF flag values)."""
+    """Kind of mixing of a pixel's samples (CF flag values)."""
 
     ONE_SURFACE = 0
     EVENTS = 1

@@ -1,7 +1,7 @@
-"""Where a pixel looks, and how depth along z and range along the beam go together.
+"""Directions of pixels, and the ratio of range along the beam to depth along z.
 
-Ranges in recordings and layers are radial. The grid here is equiangular: equal angles
-between neighbours. `tofmix.projection` has it beside other projections.
+Ranges in recordings and layers are radial. The angles here are of an equiangular grid: equal angles between
+neighbours. `tofmix.projection` has it beside other projections.
 """
 
 import numpy as np
@@ -30,32 +30,6 @@ def check_view(fov_horizontal_deg: float, fov_vertical_deg: float) -> None:
 def pixel_angles(pixels: int, fov_deg: float) -> FloatArray:
     """Angle from the axis of each of `pixels` in a row or column, (pixels,) rad: (i - (n - 1) / 2) fov / n."""
     return np.asarray(np.deg2rad((np.arange(pixels) - (pixels - 1) / 2) * fov_deg / pixels), dtype=np.float64)
-
-
-def beam_directions(rows: int, cols: int, *, fov_horizontal_deg: float, fov_vertical_deg: float) -> FloatArray:
-    """Unit vectors along the beams of an equiangular pixel grid.
-
-    Parameters
-    ----------
-    rows, cols : int
-        Size of the image.
-    fov_horizontal_deg, fov_vertical_deg : float
-        Full field of view.
-
-    Returns
-    -------
-    (row, col, 3) float64
-        (sin az cos el, sin el, cos az cos el) in the sensor's frame: x right, y down, z forward.
-
-    Raises
-    ------
-    ValueError
-        If the field of view cannot be.
-    """
-    check_view(fov_horizontal_deg, fov_vertical_deg)
-    azimuth, elevation = np.meshgrid(pixel_angles(cols, fov_horizontal_deg), pixel_angles(rows, fov_vertical_deg))
-    level = np.cos(elevation)
-    return np.stack([np.sin(azimuth) * level, np.sin(elevation), np.cos(azimuth) * level], axis=-1)
 
 
 def ray_over_depth(directions: FloatArray) -> FloatArray:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from tofmix.windows import Windows
 
-_CELL_PIXELS = 4096
+CELL_PIXELS = 4096
 """Pixels of a cell, each window counted: a few 10 ms of work, and chunks that compress well."""
 
 _CELL_SAMPLES = 1 << 22
@@ -94,7 +94,7 @@ def plan_grid(windows: Windows, image: tuple[int, int], *, row_step: int = 1) ->
         Cells of about 4096 pixels, and one row of one window at least.
     """
     rows, cols = image
-    pixels = max(1, min(_CELL_PIXELS, _CELL_SAMPLES // windows.length))
+    pixels = max(1, min(CELL_PIXELS, _CELL_SAMPLES // windows.length))
     high = max(1, min(rows, pixels // cols))
     if high < rows and row_step <= high:
         high -= high % row_step

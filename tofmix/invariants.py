@@ -1,4 +1,4 @@
-"""What holds in every result, whatever the data: the rules that `tofmix verify` and the property tests apply.
+"""Rules of every result, for any data; `tofmix verify` and the property tests apply them.
 
 Numbers alone; files are read in `tofmix.io.verify.verify`.
 """
@@ -125,7 +125,7 @@ def _statuses(layers: Layers, present: BoolArray, fitted: BoolArray) -> Iterator
 
 
 def _mixing(layers: Layers, mixing: NDArray[np.uint8]) -> Iterator[Rule]:
-    """What the law of mixing says of a pixel goes with its layers."""
+    """The kind of mixing of a pixel agrees with its layers."""
     kinds = [int(kind) for kind in Mixing]
     yield Rule("mixing", f"one of {', '.join(map(str, kinds))}", ~np.isin(mixing, kinds))
     yield Rule("mixing", "phasor has a layer", (mixing == int(Mixing.PHASOR)) & (layers.n_modes == 0))

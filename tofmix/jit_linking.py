@@ -44,7 +44,7 @@ def _counted(kind: Any) -> bool:  # noqa: ANN401  a type of numba
 
 
 class Callee:
-    """What a caller's compiler asks of a kernel: a type for its arguments, and the code to link."""
+    """Interface of a kernel for the compiler of its caller: a type for its arguments, and the code to link."""
 
     def __init__(self, dispatcher: Any, *, borrows: bool) -> None:  # noqa: ANN401  numba's own
         self._borrows = borrows

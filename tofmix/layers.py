@@ -1,4 +1,4 @@
-"""What `estimate` finds: the layers of each pixel, and the names they have in a file.
+"""The result of `estimate`: the layers of each pixel, and their names in a file.
 
 `LAYER_FIELDS` is the one list of datasets. The estimator fills a `Layers`, the
 layers file stores one, the report reads one; all three follow this list.
@@ -15,6 +15,9 @@ from tofmix.sensor import Sensor
 
 MAX_LAYERS_LIMIT = 32  # layers of a pixel that a layers file may hold
 
+LAYER_DIMS = ("window", "row", "col", "layer")
+"""Dimensions of layers; numbers of a pixel have the first three."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerField:
@@ -28,6 +31,11 @@ class LayerField:
     units: str
     long_name: str
     per_layer: bool = False
+
+    @property
+    def dims(self) -> tuple[str, ...]:
+        """Names of its dimensions."""
+        return LAYER_DIMS if self.per_layer else LAYER_DIMS[:3]
 
 
 LAYER_FIELDS: tuple[LayerField, ...] = (
@@ -137,7 +145,7 @@ class Layers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provenance:
-    """What layers were made from and with; nothing here depends on when, where or how many workers.
+    """Source and options of layers; independent of time, machine and number of workers.
 
     `options` holds every option that affects values, by its name on the command line. `targets` is the length of the
     recording's axis of targets, 0 without one: a share is then a share of detections.

@@ -1,4 +1,4 @@
-"""What a recording taught of its pixels' noise beside the noise curve: background, drift, memory, and chance gains.
+"""Learnt noise of the pixels beyond the noise curve: background, drift, memory, and gains by chance.
 
 `tofmix.estimation.learnt` learns it; a sensor carries it, so that whatever has the sensor counts alike: threads,
 shards, clusters, resumed runs.

@@ -41,3 +41,8 @@ class MixingLaw:
         """The same for JSON; None where no pixel tells it."""
         share = None if math.isnan(self.phasor_share) else self.phasor_share
         return {"phasor_share": share, "pixels": self.pixels}
+
+
+def law_over_windows(shares: NDArray[np.floating] | None, pixels: NDArray[np.integer] | None) -> MixingLaw | None:
+    """`MixingLaw.of_windows`; None where it was not measured."""
+    return None if shares is None or pixels is None else MixingLaw.of_windows(shares, pixels)

@@ -69,8 +69,8 @@ class NoiseShape:
         low, middle, high = self.quantile(CENTRAL)
         if abs(middle) > _TOLERANCE or abs(0.5 * (high - low) - 1.0) > _TOLERANCE:
             raise ValueError(
-                f"noise shape: its median is {middle:.3g} and its central 68 % are {0.5 * (high - low):.3g} wide to"
-                " either side; they must be 0 and 1, as a standard Gaussian's"
+                "noise shape: expected median 0 and half width 1 of the central 68 %, as of a standard Gaussian; got"
+                f" {middle:.3g} and {0.5 * (high - low):.3g}"
             )
 
     @classmethod

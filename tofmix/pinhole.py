@@ -26,11 +26,17 @@ MOST_OFF_AXIS = 1000.0
 """Largest tangent of an angle off the axis that a pinhole images: 89.94 degrees."""
 
 _MOST_STEPS = 50
+"""Newton steps of an undistortion; a place that needs more has no undistorted one."""
+
 _STARTS = 4097
+"""Radii in a table of starts for the undistortion."""
+
 _EXACT = 1e-11
 """Largest error of an undistorted place, in focal lengths: 1e-7 of a pixel where the focal length is 10,000."""
 
 _POINTS_AT_ONCE = 1 << 18
+"""Places that are undistorted at once: bounds the memory."""
+
 _NEGLIGIBLE = 1e-30
 """A coefficient below this adds less than 1e-12 at the largest radius, 1000 focal lengths."""
 

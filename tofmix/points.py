@@ -46,7 +46,7 @@ POINT_FIELDS: tuple[PointField, ...] = (
     PointField(name="col", dtype="<u4", units="1", long_name="column of the pixel"),
     PointField(name="window", dtype="<u4", units="1", long_name="window of the layers file"),
 )
-"""What a point carries. What comes from the layers file has its name and its unit there."""
+"""Properties of a point. Those of a layers file have their name and unit there."""
 
 PointArray = NDArray[np.void]
 
@@ -65,7 +65,7 @@ class PointSource(Protocol):
 
     @property
     def fields(self) -> tuple[PointField, ...]:
-        """What a point carries."""
+        """Properties of a point."""
 
     def __iter__(self) -> Iterator[PointArray]:
         """Blocks (point,) of packed records of `fields`."""
@@ -148,7 +148,7 @@ class LayerPoints:
 
     @property
     def fields(self) -> tuple[PointField, ...]:
-        """What a point carries."""
+        """Properties of a point."""
         return POINT_FIELDS
 
     def __iter__(self) -> Iterator[PointArray]:

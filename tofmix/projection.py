@@ -19,7 +19,7 @@ from tofmix.pinhole import Pinhole
 
 
 class Projection(Protocol):
-    """Where each place of an image (rows, cols) looks, in the sensor's frame: x right, y down, z forward.
+    """Direction of each place of an image (rows, cols), in the sensor's frame: x right, y down, z forward.
 
     Places are (row, col) in pixels, the centre of the first pixel at (0, 0); they may lie between pixels.
     """
@@ -39,7 +39,7 @@ class Projection(Protocol):
         """Raise ValueError, a message that begins with a key, if a part of the image looks nowhere."""
 
     def words(self, shape: tuple[int, int]) -> str:
-        """What is seen, in words, such as ``47 x 39 degrees``."""
+        """Field of view in words, such as ``47 x 39 degrees``."""
 
 
 PROJECTIONS: dict[str, type[Equiangular] | type[Pinhole]] = {

@@ -1,4 +1,4 @@
-"""What travels as a recording: its sizes, its sensor, and blocks of samples.
+"""A recording: its sizes, its sensor, and blocks of samples.
 
 Anything with the methods of `SampleSource` can be estimated: a file
 (`tofmix.io.recording.recording_file`), or an array in memory (`ArrayRecording`).

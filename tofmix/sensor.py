@@ -1,4 +1,4 @@
-"""What is known of a camera: its working range, its beam, and its noise curve sigma(r).
+"""Properties of a camera: its working range, its beam, and its noise curve sigma(r).
 
 Everything that reads samples or makes them shares these types. A sensor
 described in a file is read by `tofmix.io`; the built-in ones are in
@@ -20,6 +20,20 @@ from tofmix.projection import Projection
 from tofmix.wording import counted
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4  # p(c_r) where neither file nor option gives one
+
+SENSOR_NUMBERS = (
+    "modulation_frequency_hz",
+    "integration_time_ms",
+    "range_min_mm",
+    "range_max_mm",
+    "fov_horizontal_deg",
+    "fov_vertical_deg",
+    "outlier_probability",
+)
+"""Numbers of a `Sensor` that every file has; NaN there stands for a number that is not known."""
+
+RARE_SENSOR_NUMBERS = ("no_return_mm", "sample_min_mm", "sample_max_mm")
+"""Numbers of a `Sensor` that a file leaves out if they are not known."""
 
 _LEAST_FREQUENCY_HZ, _MOST_FREQUENCY_HZ = 1.0, 1e12  # of modulation; anything else is a wrong unit
 
@@ -266,7 +280,7 @@ class Sensor:
 
     @property
     def optics(self) -> Projection | None:
-        """Where the pixels look: `projection`, or equal angles over the field of view; None if neither is known.
+        """The projection: `projection`, or equal angles over the field of view; None if neither is known.
 
         Raises
         ------

@@ -30,8 +30,10 @@ _TYPE_NAMES = {
 
 
 _MOST_CHARACTERS = 1_000_000
+"""Characters of a TOML file: the parser holds the whole file."""
+
 _MOST_IN_A_LINE = 2000
-"""The parser's memory grows with the square of a dotted key's length, which a line bounds."""
+"""Characters of a line: the parser's memory grows with the square of a dotted key's length."""
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

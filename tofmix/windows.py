@@ -22,7 +22,7 @@ class Windows:
         return Windows(self.length * each, self.stride * each, self.count, self.frames_left_out * each)
 
     def in_frames(self, each: int) -> "Windows":
-        """What `of_samples` made, in frames again."""
+        """The inverse of `of_samples`: the windows in frames."""
         return Windows(self.length // each, self.stride // each, self.count, self.frames_left_out // each)
 
     def start(self, window: int) -> int:

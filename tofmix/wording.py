@@ -1,4 +1,4 @@
-"""Numbers in texts: a count with its noun, and numbers that are never ``-0``."""
+"""Numbers and cells in texts: a count with its noun, numbers that are never ``-0``, shares, cells of Markdown."""
 
 import math
 
@@ -42,3 +42,13 @@ def number(value: float, form: str = "") -> str:
     if not math.isfinite(value) or any(digit in text for digit in "123456789"):
         return text
     return f"{0.0:{form.replace('+', '')}}" if form else text.replace("-", "")
+
+
+def percent_of(count: int, total: int) -> str:
+    """A count as a share of a total, such as ``12.5 %``; 0 of 0 is 0."""
+    return f"{100 * count / max(1, total):.1f} %"
+
+
+def table_cell(text: str) -> str:
+    """A text as the cell of a Markdown table: one line, with bars escaped."""
+    return " ".join(text.split()).replace("|", "\\|")

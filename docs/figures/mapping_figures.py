@@ -29,7 +29,7 @@ from tofmix.mapping.occupancy import FREE_THRESH, OCCUPIED_THRESH, FloorMap, Vox
 from tofmix.mapping.pose import Pose
 from tofmix.recording import ArrayRecording
 from tofmix.report.averaging import average_samples
-from tofmix.report.figures.theme import LIGHT, drawing
+from tofmix.report.theme import LIGHT, drawing
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.render import recording_sensor, render_blocks
 from tofmix.simulation.surface import Surface

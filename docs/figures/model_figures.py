@@ -20,7 +20,7 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
-from tofmix.report.figures.theme import LIGHT, drawing
+from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve
 from tofmix.sensors import load_profile
 from tofmix.simulation.casting.cast import cast_scene

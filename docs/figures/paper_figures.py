@@ -28,8 +28,8 @@ from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.model_file import load_model
 from tofmix.layers import Layers
 from tofmix.projection import beam_directions_of
-from tofmix.report.figures.theme import LIGHT, drawing
-from tofmix.report.pixels.pixel_figures import draw_density, draw_modes, new_figure, style_axes
+from tofmix.report.pixels.pixel_figures import draw_density, draw_modes, style_axes
+from tofmix.report.theme import LIGHT, drawing, new_figure
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.sensors import load_profile
 from tofmix.simulation.casting.cast import cast_scene

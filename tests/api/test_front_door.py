@@ -118,7 +118,7 @@ def test_recording_without_a_curve_is_estimated_with_the_measured_one(tmp_path: 
     found = tm.estimate(path)
     assert found.options["noise"] == "auto"
     assert found.sensor.noise is not None
-    with pytest.raises(BadInputError, match="no noise curve; leave out noise='file'"):
+    with pytest.raises(BadInputError, match="no noise curve; measure it with noise='auto'"):
         tm.estimate(path, noise="file")
 
 
@@ -130,6 +130,26 @@ def test_noise_can_be_a_curve_or_a_built_in_camera(recording: Path) -> None:
     assert tm.estimate(recording, noise="sr3000").sensor.noise is not None
     with pytest.raises(BadInputError, match="not a built-in sensor"):
         tm.estimate(recording, noise="sr9000")
+
+
+def test_options_of_learnt_noise_need_learnt_noise(recording: Path) -> None:
+    with pytest.raises(ValueError, match=r"^noise_widths='own' needs learnt noise; paper=True uses a Gaussian curve"):
+        tm.estimate(recording, noise_widths="own", paper=True)
+    with pytest.raises(ValueError, match=r"^noise_shape='gaussian' needs learnt noise; noise='sr3000' uses"):
+        tm.estimate(recording, noise_shape="gaussian", noise="sr3000")
+    with pytest.raises(ValueError, match=r"^noise_shape: 'round' is not one of gaussian, auto$"):
+        tm.estimate(recording, noise_shape="round")
+
+
+def test_options_of_learnt_noise_give_the_values_of_the_command(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "a.h5", boards(60, rows=12, cols=24))
+    chosen = ("--noise", "auto", "--noise-shape", "gaussian", "--noise-widths", "common", "--outliers", 0.01)
+    _command("estimate", path, "-o", tmp_path / "a.layers.h5", *chosen)
+    written = tm.open(tmp_path / "a.layers.h5")
+    found = tm.estimate(path, noise="auto", noise_shape="gaussian", noise_widths="common", outliers=0.01)
+    assert isinstance(written, tm.Estimate)
+    assert found.options == written.options
+    np.testing.assert_array_equal(found.range, written.range)
 
 
 @pytest.mark.slow
@@ -218,7 +238,7 @@ def test_estimate_warns_of_close_layers_and_of_shares_of_detections(tmp_path: Pa
             root[name] = np.arange(root["range"].shape[axis])
             root[name].make_scale(name)
             root["range"].dims[axis].attach_scale(root[name])
-    with pytest.warns(DoubtWarning, match="a share is a share of detections"):
+    with pytest.warns(DoubtWarning, match="A share is the share of its detections"):
         tm.estimate(path)
 
 

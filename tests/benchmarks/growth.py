@@ -28,7 +28,7 @@ from benchmarks.scale import TALL, Case, measure, scene, write
 
 from tofmix.arrays import Float32Array
 from tofmix.estimation.layering import layer_pixels
-from tofmix.report.figures.theme import LIGHT, drawing
+from tofmix.report.theme import LIGHT, drawing
 
 SAMPLES = (10, 30, 100, 300, 900, 1000, 3000, 10_000, 100_000)
 SURFACES = (1, 2, 3, 4, 5, 6)

@@ -67,7 +67,7 @@ def test_the_page_is_written_and_the_code_stays(tofmix: Tofmix, layers: Path, mo
     assert with_json.err == f"page: {page}\n"
 
 
-def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_compare_refuses_options_and_files_with_their_exit_code(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     assert tofmix("estimate", tmp_path / "a.h5", "-o", tmp_path / "one.layers.h5").code == 0
     (tmp_path / "old.html").write_text("old")
     for arguments, code, text in (

@@ -26,7 +26,7 @@ def _read(path: Path) -> dict[str, Any]:
         return {name: item[...] for name, item in root.items() if isinstance(item, h5py.Dataset)} | dict(root.attrs)
 
 
-def test_surfaces_come_out(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_estimate_finds_the_surfaces_of_the_model(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     outcome = tofmix("estimate", recording)
     assert outcome.code == 0, outcome.err
     found = _read(tmp_path / "a.layers.h5")
@@ -110,7 +110,7 @@ def test_a_profile_stands_in_for_a_missing_curve(tofmix: Tofmix, tmp_path: Path)
 
 
 @pytest.mark.parametrize("shape", [(20, 1, 16), (20, 16, 1), (20, 1, 1), (3, 2, 2), (25, 480, 3)])
-def test_other_sizes_work(tofmix: Tofmix, tmp_path: Path, shape: tuple[int, int, int]) -> None:
+def test_estimate_accepts_other_image_sizes(tofmix: Tofmix, tmp_path: Path, shape: tuple[int, int, int]) -> None:
     path = write_recording(tmp_path / "a.h5", np.full(shape, 1500, "u2"))
     assert tofmix("estimate", path).code == 0
     assert _read(tmp_path / "a.layers.h5")["range"].shape == (1, *shape[1:], 6)
@@ -138,12 +138,14 @@ def test_invalid_samples_are_skipped_and_counted(tofmix: Tofmix, tmp_path: Path)
         (["--memory", "much"], ExitCode.USAGE, "'much' is no size; write 300MB or 1.5GB"),
         (["--memory", "10MB"], ExitCode.USAGE, "'10MB' is too little; at least 250MB"),
         (["--shard", "3/2"], ExitCode.USAGE, "'3/2' is no part I/N"),
-        (["--shard", "1/2", "--scheduler", "tcp://none:1"], ExitCode.USAGE, "does not go with --scheduler"),
-        (["--stride", 5], ExitCode.USAGE, "--stride goes with --window"),
+        (["--shard", "1/2", "--scheduler", "tcp://none:1"], ExitCode.USAGE, "--scheduler exclude each other"),
+        (["--stride", 5], ExitCode.USAGE, "--stride needs --window"),
         (["-o", ""], ExitCode.USAGE, "the path is empty"),
     ],
 )
-def test_refusals(tofmix: Tofmix, recording: Path, tmp_path: Path, extra: list[object], code: int, reason: str) -> None:
+def test_estimate_refuses_options_with_their_exit_code(
+    tofmix: Tofmix, recording: Path, tmp_path: Path, extra: list[object], code: int, reason: str
+) -> None:
     outcome = tofmix("estimate", recording, *extra)
     assert outcome.code == code
     assert reason in outcome.err
@@ -172,7 +174,7 @@ def test_damage_found_half_way_leaves_nothing(tofmix: Tofmix, tmp_path: Path) ->
     assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
 
 
-def test_the_contract_holds(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_layers_file_passes_the_format_checker(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     contract = Path(__file__).parents[3] / "shared" / "check_contract.py"
     if not contract.exists():
         pytest.skip("the contract's checker is not beside this checkout")
@@ -193,4 +195,4 @@ def test_paper_option_writes_the_papers_algorithm_and_refuses_options_that_it_do
     for option in (("--sigma", "tied"), ("--refine", "likelihood"), ("--tol", "0.01"), ("--wrap",)):
         refused = tofmix("estimate", recording, "-o", tmp_path / "no.h5", "--paper", *option)
         assert refused.code == 2
-        assert f"{option[0]} does not go with --paper" in refused.err
+        assert f"{option[0]} and --paper exclude each other" in refused.err

@@ -33,7 +33,7 @@ def test_a_law_of_amplitude_is_told_and_stored(tofmix: Tofmix, tmp_path: Path) -
     assert outcome.code == 0, outcome.err
     told = [line for line in outcome.err.splitlines() if "noise:" in line]
     assert len(told) == 1
-    assert "sigma is measured by range and amplitude; it goes as amplitude^-" in told[0]
+    assert "sigma is measured by range and amplitude; it varies as amplitude^-" in told[0]
     with h5py.File(tmp_path / "a.layers.h5") as root:
         stored = {name: root["sensor"][name][...] for name in root["sensor"]}
         sigma, n_modes = root["sigma"][0, :, :, 0], root["n_modes"][0]
@@ -70,7 +70,7 @@ def test_amplitude_without_effect_is_told_and_changes_nothing(tofmix: Tofmix, tm
     path = write_reflective(tmp_path / "a.h5", 0.0)
     outcome = tofmix("estimate", path, "--noise", "auto")
     assert outcome.code == 0, outcome.err
-    assert "sigma is measured by range alone; amplitude does not tell more" in outcome.err
+    assert "sigma is measured by range only; amplitude adds no information" in outcome.err
     with h5py.File(tmp_path / "a.layers.h5") as root:
         assert sorted(root["sensor"]) == ["noise_range", "noise_sigma"]
     with h5py.File(path, "a") as root:

@@ -115,7 +115,7 @@ def test_ctrl_c_takes_the_work_back_and_leaves_what_is_done(
     running.send_signal(signal.SIGINT)
     _, err = running.communicate(timeout=60)
     assert running.returncode == -signal.SIGINT
-    assert err == "tofmix: interrupted\ntofmix: what is done is kept; --resume goes on from there\n"
+    assert err == "tofmix: interrupted\ntofmix: finished blocks are kept; --resume continues\n"
     count = (
         "import sys, time\nfrom distributed import Client\n"
         "with Client(scheduler_file=sys.argv[1]) as client:\n"
@@ -124,7 +124,7 @@ def test_ctrl_c_takes_the_work_back_and_leaves_what_is_done(
     )
     subprocess.run([sys.executable, "-c", count, cluster.file], check=True, timeout=60)
     resumed = run(recording, output, "--resume")
-    assert "blocks that were there already" in resumed.stderr
+    assert "blocks from the interrupted run" in resumed.stderr
     assert output.read_bytes() == expected
 
 
@@ -168,7 +168,7 @@ def test_the_bytes_are_those_of_a_local_run_though_a_worker_is_killed(
     assert [path.name for path in tmp_path.iterdir()] == ["a.layers.h5"]
 
 
-def test_a_path_that_workers_do_not_see_is_said(cluster: Cluster, recording: Path, tmp_path: Path) -> None:
+def test_path_missing_on_worker_exits_with_3(cluster: Cluster, recording: Path, tmp_path: Path) -> None:
     # The workers' view of the file is that of /proc/self, which is another one in each process.
     with recording.open("rb") as file:
         os.dup2(file.fileno(), 77)

@@ -18,7 +18,7 @@ UNKNOWN = {"range_min_mm": np.nan, "range_max_mm": np.nan}
 
 @pytest.fixture
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr("tofmix.grid._CELL_PIXELS", sized(4096, 128))
+    monkeypatch.setattr("tofmix.grid.CELL_PIXELS", sized(4096, 128))
     samples = boards(200, *sized((16, 20), (2, 5)))
     samples[3, 0, 0], samples[-1, -1, -1] = 90, 21_000  # each end in another block
     return write_recording(tmp_path / "a.h5", samples, attributes=UNKNOWN, chunks=(7, 2, 5))
@@ -76,7 +76,7 @@ def test_finished_run_is_told_by_the_same_samples(tofmix: Tofmix, recording: Pat
     before = (tmp_path / "a.layers.h5").stat()
     again = tofmix("estimate", recording, *WINDOWS, "--resume")
     assert again.code == 0
-    assert "blocks that were there already" in again.err
+    assert "blocks from the interrupted run" in again.err
     assert (tmp_path / "a.layers.h5").stat().st_mtime_ns == before.st_mtime_ns
 
 

@@ -107,7 +107,7 @@ def test_a_recording_marked_as_averaged_is_refused(tofmix: Tofmix, tmp_path: Pat
     assert tofmix("estimate", recording, "--force").code == 0
 
 
-def test_what_simulate_averages_is_refused(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_averaged_recording_is_refused_with_exit_code_3(tofmix: Tofmix, tmp_path: Path) -> None:
     model = tmp_path / "m.toml"
     model.write_text(
         '[sensor]\nprofile = "sr3000"\nintegration_time_ms = 1.2\nrows = 4\ncols = 5\n[recording]\nframes = 12\n'

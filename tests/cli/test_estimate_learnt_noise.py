@@ -20,7 +20,7 @@ FRAMES, ROWS, COLS = 60, 6, 8
 @pytest.fixture
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Skewed noise on background, of whole mm, in two windows; four cells; thresholds of few draws."""
-    monkeypatch.setattr("tofmix.grid._CELL_PIXELS", 24)
+    monkeypatch.setattr("tofmix.grid.CELL_PIXELS", 24)
     fewer = functools.partial(calibrate, draws=100)
     monkeypatch.setattr("tofmix.estimation.learnt.recordings.calibrate", fewer)
     rng = np.random.default_rng(11)
@@ -74,10 +74,10 @@ def test_an_interrupted_run_is_gone_on_with_to_the_same_bytes(
 
     with monkeypatch.context() as patch:
         patch.setattr("os.pwrite", limited)
-        assert "--resume goes on from what is done" in tofmix("estimate", recording, *QUICK).err
+        assert "--resume continues from the finished blocks" in tofmix("estimate", recording, *QUICK).err
     resumed = tofmix("estimate", recording, *QUICK, "--resume")
     assert resumed.code == 0, resumed.err
-    assert "blocks that were there already" in resumed.err
+    assert "blocks from the interrupted run" in resumed.err
     assert (tmp_path / "a.layers.h5").read_bytes() == (tmp_path / "one.h5").read_bytes()
 
 

@@ -46,7 +46,7 @@ def test_one_that_fails_does_not_keep_the_others(tofmix: Tofmix, recordings: lis
     # What is done is left as it is.
     again = tofmix("estimate", *recordings, "--output-dir", tmp_path / "out", "--resume")
     assert again.code == ExitCode.SOME_FAILED
-    assert again.err.count("blocks that were there already: 1 of 1") == 2
+    assert again.err.count("blocks from the interrupted run: 1 of 1") == 2
 
 
 @pytest.mark.slow
@@ -60,7 +60,7 @@ def test_names_come_from_stdin(
     assert tofmix("estimate", "-", "--output-dir", tmp_path / "out").code == ExitCode.USAGE
 
 
-def test_what_cannot_be_is_refused_before_anything_is_done(
+def test_impossible_outputs_are_refused_before_the_first_recording_is_read(
     tofmix: Tofmix, recordings: list[Path], tmp_path: Path
 ) -> None:
     (tmp_path / "other").mkdir()
@@ -69,7 +69,7 @@ def test_what_cannot_be_is_refused_before_anything_is_done(
     (tmp_path / "out" / "c.layers.h5").write_text("old")
     for arguments, reason in (
         ([*recordings], "several recordings need --output-dir"),
-        ([*recordings, "-o", tmp_path / "x"], "-o is for a single recording"),
+        ([*recordings, "-o", tmp_path / "x"], "-o takes a single recording"),
         ([recordings[0], twin, "--output-dir", tmp_path / "out"], "would both become"),
         ([recordings[0], recordings[0], "--output-dir", tmp_path / "out"], "would both become"),
         ([*recordings, "--output-dir", tmp_path / "out"], "c.layers.h5 exists; pass --overwrite"),

@@ -58,7 +58,7 @@ def test_bytes_do_not_depend_on_workers_shards_or_a_resumed_run(tofmix: Tofmix, 
         assert (tmp_path / name).read_bytes() == whole.read_bytes()
 
 
-def test_what_was_found_is_said_and_written(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
+def test_mixing_law_is_printed_and_stored(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
     out = tmp_path / "a.h5"
     done = tofmix("estimate", sums, *WINDOWS, "-o", out, "--json")
     said = json.loads(done.out)

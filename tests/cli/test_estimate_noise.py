@@ -132,13 +132,15 @@ def test_the_bytes_do_not_depend_on_workers_or_chunks(tofmix: Tofmix, tmp_path: 
     [
         (["--noise", "auto"], ExitCode.BAD_INPUT, "at least 100 and 5 are needed to tell one sigma"),
         (["--outliers", "auto"], ExitCode.BAD_INPUT, "4 frames; at least 10"),
-        (["--outliers", "many"], ExitCode.USAGE, "'many' is neither file, auto nor a probability"),
+        (["--outliers", "many"], ExitCode.USAGE, "'many' is not file, auto or a probability"),
         (["--outliers", "1"], ExitCode.USAGE, "probability in [0, 1)"),
         (["--outliers", "nan"], ExitCode.USAGE, "probability in [0, 1)"),
         (["--noise", "Auto"], ExitCode.USAGE, "choose file, auto or one of sr3000"),
     ],
 )
-def test_refusals(tofmix: Tofmix, tmp_path: Path, extra: list[str], code: int, reason: str) -> None:
+def test_estimate_refuses_noise_options_with_their_exit_code(
+    tofmix: Tofmix, tmp_path: Path, extra: list[str], code: int, reason: str
+) -> None:
     path = write_recording(tmp_path / "a.h5", boards(4))
     outcome = tofmix("estimate", path, *extra)
     assert outcome.code == code
@@ -161,5 +163,5 @@ def test_parts_of_a_noise_that_is_not_learnt_are_refused(
     recording = write_recording(tmp_path / "a.h5", samples)
     done = tofmix("estimate", recording, *option, *without)
     assert done.code == ExitCode.USAGE
-    assert f"{' '.join(option)}: goes with noise that is learnt, and with {' '.join(without)} none is" in done.err
+    assert f"{' '.join(option)} needs learnt noise; {' '.join(without)} uses a Gaussian curve" in done.err
     assert not (tmp_path / "a.layers.h5").exists()

@@ -22,7 +22,7 @@ ROWS, COLS = sized((16, 20), (2, 5))
 @pytest.fixture
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     # 39 windows in 4 cells.
-    monkeypatch.setattr("tofmix.grid._CELL_PIXELS", CELL_PIXELS)
+    monkeypatch.setattr("tofmix.grid.CELL_PIXELS", CELL_PIXELS)
     return write_recording(tmp_path / "a.h5", boards(200, ROWS, COLS))
 
 
@@ -56,10 +56,10 @@ def test_a_full_disk_leaves_work_to_go_on_from(
         patch.setattr("os.pwrite", limited)
         outcome = tofmix("estimate", recording, *WINDOWS)
     assert outcome.code == ExitCode.STORAGE
-    assert "No space left on device; --resume goes on from what is done" in outcome.err
+    assert "No space left on device; --resume continues from the finished blocks" in outcome.err
     assert names(tmp_path) == [".a.layers.h5.journal", "a.h5"]
     resumed = tofmix("estimate", recording, *WINDOWS, "--resume")
-    assert "blocks that were there already: 4 of 4" in resumed.err
+    assert "blocks from the interrupted run: 4 of 4" in resumed.err
     assert (tmp_path / "a.layers.h5").read_bytes() == expected
     assert names(tmp_path) == ["a.h5", "a.layers.h5"]
 
@@ -67,7 +67,7 @@ def test_a_full_disk_leaves_work_to_go_on_from(
 def _killed_at(recording: Path, cells: int, number: signal.Signals) -> "subprocess.CompletedProcess[str]":
     """Run the command in a process that gets a signal when some cells are in the journal."""
     program = (
-        f"import os, sys\nimport tofmix.grid\ntofmix.grid._CELL_PIXELS = {CELL_PIXELS}\n"
+        f"import os, sys\nimport tofmix.grid\ntofmix.grid.CELL_PIXELS = {CELL_PIXELS}\n"
         "from tofmix.io.layers.journal import Journal\nadd, count = Journal.add, [0]\n"
         "def counted(self, cell, encoded):\n"
         "    add(self, cell, encoded)\n    count[0] += 1\n"
@@ -91,7 +91,7 @@ def test_a_killed_run_is_gone_on_with(
         assert "--resume goes on from there" in done.stderr
     resumed = tofmix("estimate", recording, *WINDOWS, "--resume")
     assert resumed.code == 0, resumed.err
-    assert "blocks that were there already: 2 of 4" in resumed.err
+    assert "blocks from the interrupted run: 2 of 4" in resumed.err
     assert (tmp_path / "a.layers.h5").read_bytes() == expected
     assert names(tmp_path) == ["a.h5", "a.layers.h5"]
 
@@ -138,7 +138,7 @@ def test_resume_starts_what_was_not_begun_and_leaves_what_is_done(
     written = output.stat().st_mtime_ns
     again = tofmix("estimate", recording, *WINDOWS, "--resume")
     assert again.code == 0
-    assert "blocks that were there already: 4 of 4" in again.err
+    assert "blocks from the interrupted run: 4 of 4" in again.err
     assert "pixels by surfaces" in again.out
     assert output.stat().st_mtime_ns == written
     assert tofmix("estimate", recording, "--window", 20, "--resume").code == ExitCode.USAGE  # another result is there

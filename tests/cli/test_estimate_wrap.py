@@ -100,7 +100,7 @@ def test_a_circle_too_short_for_the_camera_is_refused(tofmix: Tofmix, tmp_path: 
 def test_a_range_max_at_the_fold_leaves_no_c0_and_says_so(tofmix: Tofmix, tmp_path: Path) -> None:
     outcome = tofmix("estimate", _folded(tmp_path / "a.h5", range_max_mm=7490.0), "--wrap", "--mixing", "events")
     assert outcome.code == 0
-    assert "there is no c_0" in outcome.err
+    assert "c_0 is left out" in outcome.err
     assert outcome.err.count("\n") == 1
     found = _read(tmp_path / "a.layers.h5")
     assert (found["weight_no_return"] == 0).all()
@@ -132,7 +132,7 @@ def test_a_simulated_recording_of_the_built_in_camera(tofmix: Tofmix, tmp_path: 
         outcome = tofmix("estimate", recording, "-o", tmp_path / name, *options)
         assert outcome.code == 0, outcome.err
     line, circle = _read(tmp_path / "line.h5"), _read(tmp_path / "circle.h5")
-    assert "there is no c_0" in outcome.err  # range_max is at the fold
+    assert "c_0 is left out" in outcome.err  # range_max is at the fold
     boards = (line["n_modes"] == 1) & (line["range"][..., 0] < 4500) & (line["weight"][..., 0] > 0.99)
     assert boards.sum() > 1000
     np.testing.assert_allclose(circle["range"][boards, 0], line["range"][boards, 0], atol=0.01)

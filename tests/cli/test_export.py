@@ -45,7 +45,7 @@ def test_points_follow_the_layers_file(tofmix: Tofmix, tmp_path: Path) -> None:
             assert 1000 * np.linalg.norm(xyz) == pytest.approx(float(row["range"]), rel=1e-6)
 
 
-def test_filters_and_windows(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_export_applies_filters_and_windows(tofmix: Tofmix, tmp_path: Path) -> None:
     layers = estimated(tofmix, tmp_path, **FOV)
     tofmix("export", layers, "-o", tmp_path / "all.csv")
     shown = tofmix(
@@ -103,7 +103,9 @@ def test_an_image_of_one_layer(tofmix: Tofmix, tmp_path: Path) -> None:
     np.testing.assert_array_equal(counts, expected)
 
 
-def test_refusals(tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_export_refuses_options_and_files_with_their_exit_code(
+    tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     layers = estimated(tofmix, tmp_path, **FOV)
     surfaces = layers.with_name(layers.name.replace(".layers.h5", ".surfaces.h5"))
     before = sorted(tmp_path.iterdir())

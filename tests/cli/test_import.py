@@ -161,11 +161,11 @@ def test_long_sources_are_written_in_blocks(
     assert written == [7, 2]
 
 
-def test_what_is_doubtful_is_pointed_out(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
+def test_import_warns_of_doubtful_ranges(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     np.save(tmp_path / "m.npy", samples() / 1000)
     said = tofmix("import", tmp_path / "m.npy", "-o", tmp_path / "m.h5", "--sensor", sensor)
     assert said.code == ExitCode.BAD_INPUT
-    assert "hardly mm; give --units m, or --units mm if they are" in said.err
+    assert "too small for mm; give --units m, or --units mm if mm is right" in said.err
     said = tofmix("import", tmp_path / "m.npy", "-o", tmp_path / "m.h5", "--sensor", sensor, "--units", "mm")
     assert said.code == 0
     assert "100 % of the samples lie outside the sensor's 650 to 7500 mm; check --units" in said.err
@@ -192,7 +192,7 @@ def test_the_same_source_gives_the_same_bytes(tofmix: Tofmix, tmp_path: Path, se
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
 
 
-def test_nothing_is_left_of_a_source_that_ends_early(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
+def test_truncated_source_leaves_no_output(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     with new_bag(tmp_path, "mcap") as (bag, path):
         for number, image in enumerate(samples()):
             bag.image(DEPTH, image, stamp_ns=10**9 * (number + 1), lost_bytes=2 * (number == 6))
@@ -205,7 +205,7 @@ def test_nothing_is_left_of_a_source_that_ends_early(tofmix: Tofmix, tmp_path: P
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bag_mcap", "camera.toml", "r.h5"]
 
 
-def test_refusals(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
+def test_import_refuses_options_and_sources_with_their_exit_code(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     source, _ = write_source(tmp_path, "npy")
     images, _ = write_source(tmp_path, "png")
     (tmp_path / "no_sensor.toml").write_text("[recording]\nframes = 3\n")
@@ -220,7 +220,7 @@ def test_refusals(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     out = ("-o", tmp_path / "r.h5")
     chosen: tuple[Any, ...] = ("--sensor", sensor)
     for arguments, code, text in (
-        ((source, *out, "--units", "m", "--scale", 1000), ExitCode.USAGE, "both say the unit"),
+        ((source, *out, "--units", "m", "--scale", 1000), ExitCode.USAGE, "both set the unit"),
         ((source, *out, "--fov", "70"), ExitCode.USAGE, "--fov: '70' is not HxV"),
         ((source, *out, "--fov", "70x190"), ExitCode.USAGE, "up to 360x180"),
         ((source, *out, "--fov", "200x90", "--depth-axis", "z"), ExitCode.USAGE, "a pinhole sees less than 180"),

@@ -47,7 +47,7 @@ def test_an_array_needs_no_sensor_and_what_it_does_not_tell_stays_unknown(tofmix
     assert "No range_max_mm" in told.out
 
 
-def test_what_needs_the_unknown_says_what_it_misses(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_commands_name_the_missing_camera_data(tofmix: Tofmix, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", samples((60, 8, 8)))
     tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")
     layers = tmp_path / "a.layers.h5"
@@ -79,7 +79,7 @@ def test_the_field_of_view_of_the_command_line_is_the_recordings(tofmix: Tofmix,
     assert tofmix("estimate", tmp_path / "a.h5").code == 0
     done = tofmix("map", tmp_path / "a.layers.h5", "-o", tmp_path / "map.yaml")
     assert done.code == 0, done.err
-    assert "no range_max_mm: samples without a return leave no space free" in done.err
+    assert "no range_max_mm: samples without a return free no space" in done.err
 
 
 @pytest.mark.parametrize(("units", "mm"), [("mm", 1.0), ("cm", 10.0), ("m", 1000.0)])
@@ -94,7 +94,7 @@ def test_real_numbers_that_look_like_metres_are_refused_and_whole_ones_are_not(t
     refused = tofmix("import", tmp_path / "m.npy", "-o", tmp_path / "m.h5")
     assert refused.code == ExitCode.BAD_INPUT
     assert refused.err.count("\n") == 1
-    assert "give --units m, or --units mm if they are" in refused.err
+    assert "give --units m, or --units mm if mm is right" in refused.err
     assert not (tmp_path / "m.h5").exists()
     np.save(tmp_path / "counts.npy", (samples() / 100).astype("u2"))
     assert tofmix("import", tmp_path / "counts.npy", "-o", tmp_path / "c.h5").code == 0

@@ -169,7 +169,7 @@ def test_a_calibration_file_says_where_the_pixels_look(
         (" " * 1_000_001, "a calibration has no more than"),
     ],
 )
-def test_what_is_no_calibration_is_refused_in_one_line(tofmix: Tofmix, tmp_path: Path, text: str, reason: str) -> None:
+def test_invalid_calibration_is_refused_in_one_line(tofmix: Tofmix, tmp_path: Path, text: str, reason: str) -> None:
     (tmp_path / "lens.yaml").write_text(text)
     np.save(tmp_path / "depth.npy", np.full((3, 4, 6), 2000, dtype=np.uint16))
     arguments = ("import", tmp_path / "depth.npy", "-o", tmp_path / "r.h5", "--intrinsics", tmp_path / "lens.yaml")

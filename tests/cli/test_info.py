@@ -21,7 +21,7 @@ def codes(description: dict[str, list[dict[str, str]]]) -> set[str]:
     return {warning["code"] for warning in description["warnings"]}
 
 
-def test_a_recording(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_info_prints_shape_and_units_of_a_recording(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_recording(tmp_path / "a.h5", boards(30), attributes=FOV)
     with h5py.File(path, "r+") as root:
         root["time"] = np.arange(30) / 25.0
@@ -41,7 +41,7 @@ def test_a_recording(tofmix: Tofmix, tmp_path: Path) -> None:
     assert codes(described) == set()
 
 
-def test_what_a_recording_lacks_is_warned_of(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_info_warns_of_missing_range_max_and_noise(tofmix: Tofmix, tmp_path: Path) -> None:
     path = tmp_path / "bare.h5"
     with h5py.File(path, "w") as root:
         root["range"] = boards(4).astype("f4")
@@ -60,7 +60,7 @@ def test_what_a_recording_lacks_is_warned_of(tofmix: Tofmix, tmp_path: Path) -> 
     assert "time" in refused.err
 
 
-def test_layers(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_info_prints_sizes_options_and_source_of_layers(tofmix: Tofmix, tmp_path: Path) -> None:
     path = tmp_path / "a.layers.h5"
     arguments = ("--window", 20, "--min-samples", 21)
     assert tofmix("estimate", write_recording(tmp_path / "a.h5", boards(45)), *arguments).code == 0
@@ -74,7 +74,7 @@ def test_layers(tofmix: Tofmix, tmp_path: Path) -> None:
     assert codes(described) == {"too_few_samples", "no_surface_anywhere", "no_field_of_view"}
 
 
-def test_models_and_sensors(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_info_prints_models_and_sensors(tofmix: Tofmix, tmp_path: Path) -> None:
     described = json.loads(tofmix("info", "corridor", "--json").out)
     assert described["kind"] == "model"
     assert described["recording"]["frames"] == 100
@@ -104,7 +104,7 @@ def test_control_characters_do_not_reach_the_terminal(tofmix: Tofmix, tmp_path: 
     assert "\x1b" not in tofmix("info", path).out
 
 
-def test_refusals(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_info_refuses_unknown_files_with_exit_code_3(tofmix: Tofmix, tmp_path: Path) -> None:
     (tmp_path / "text.h5").write_text("no")
     (tmp_path / "bad.toml").write_text("[sensor")
     with h5py.File(tmp_path / "other.h5", "w") as root:

@@ -57,7 +57,9 @@ def test_numbers_are_those_of_the_files(tofmix: Tofmix, layers: Path, tmp_path: 
 
 @pytest.mark.parametrize("suffix", [pytest.param("png", marks=pytest.mark.slow), "svg"])
 @pytest.mark.parametrize("over_frames", [False, True])
-def test_figures(tofmix: Tofmix, layers: Path, tmp_path: Path, suffix: str, over_frames: bool) -> None:
+def test_inspect_writes_figures_as_png_and_svg(
+    tofmix: Tofmix, layers: Path, tmp_path: Path, suffix: str, over_frames: bool
+) -> None:
     figure = tmp_path / f"f.{suffix}"
     options = ["--over-frames"] if over_frames else []
     shown = tofmix("inspect", layers, "--pixel", "1,2", "--recording", tmp_path / "a.h5", "-o", figure, *options)
@@ -79,7 +81,9 @@ def test_over_frames_counts_modes(tofmix: Tofmix, layers: Path, tmp_path: Path) 
     assert grown["modes_mm"][-1] == pytest.approx([1200], abs=15)
 
 
-def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_inspect_refuses_options_and_files_with_their_exit_code(
+    tofmix: Tofmix, layers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     other = write_recording(tmp_path / "small.h5", boards(60, 2, 2))
     dark = boards(60)
     dark[:, 0, 0] = 0

@@ -100,7 +100,7 @@ def test_inspect_prints_and_draws_the_mixture(
     assert json.loads(without.out)["pixels"][0]["learnt_noise"]["drift_mm"] is None
 
 
-def test_nothing_of_it_is_said_of_a_gaussian_of_a_curve(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_report_omits_learnt_noise_of_a_gaussian_curve(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = write_recording(tmp_path / "a.h5", boards(30))
     layers = tmp_path / "a.layers.h5"
     assert tofmix("estimate", recording, "--noise", "file").code == 0

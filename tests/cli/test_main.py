@@ -96,7 +96,7 @@ def test_usage_errors_leave_with_2(tofmix: Tofmix, arguments: list[str]) -> None
         (click.ClickException("no\nsuch"), ExitCode.USAGE, "no such"),
     ],
 )
-def test_what_goes_wrong_anywhere_is_one_line_and_a_code(
+def test_any_error_prints_one_line_and_returns_its_exit_code(
     tofmix: Tofmix, monkeypatch: pytest.MonkeyPatch, error: Exception, code: ExitCode, said: str
 ) -> None:
     def fail(*_: object, **__: object) -> None:

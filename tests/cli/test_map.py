@@ -93,7 +93,7 @@ def test_another_recording_is_pointed_out(tofmix: Tofmix, layers: Path, tmp_path
     assert "all its frames are used" in shown.err
 
 
-def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_map_refuses_options_and_files_with_their_exit_code(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     small = write_recording(tmp_path / "small.h5", boards(20, 2, 2), attributes=SEES)
     blind = write_recording(tmp_path / "blind.h5", boards(20))
     assert tofmix("estimate", blind).code == 0

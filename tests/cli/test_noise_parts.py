@@ -180,7 +180,7 @@ def test_unfit_width_spread_is_refused_in_one_line(tofmix: Tofmix, recording: Pa
 def test_reconcile_hands_the_parts_on_with_their_map(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     said = tofmix("reconcile", tmp_path / "model.toml", recording, "-o", tmp_path / "gap", "--effects", "range_offset")
     assert said.code == 0, said.err
-    assert "all by which the noise of a pixel differs from the others' is taken as its width" in said.err
+    assert "every difference between the noise of pixels counts as width" in said.err
     assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "agree"
     np.testing.assert_array_equal(np.load(tmp_path / "gap" / "share.npy"), np.load(tmp_path / "share.npy"))
     assert tofmix("simulate", tmp_path / "gap" / "model.toml", "-o", tmp_path / "b.h5").code == 0

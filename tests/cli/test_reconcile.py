@@ -97,8 +97,8 @@ def test_folder_holds_gap_report_and_a_model_that_runs(
     done = tofmix("reconcile", *files, "-o", folder, "--effects", "fixed_pattern,range_offset,surface_pose", "--json")
     assert done.code == 0
     setting, rate = sorted(done.err.splitlines())
-    assert f"{files[1]}: sensor: integration_time_ms is 7.5, the model's is" in setting
-    assert rate == f"tofmix: {files[1]}: time: 10 Hz, the model's frame_rate_hz is 25"
+    assert f"{files[1]}: sensor: integration_time_ms is 7.5; the model has" in setting
+    assert rate == f"tofmix: {files[1]}: time: 10 Hz; the model has frame_rate_hz 25"
     gap = json.loads((folder / "gap.json").read_text())
     assert json.loads(done.out) == gap
     assert gap["verdict"] == "explained"
@@ -230,7 +230,7 @@ def test_pattern_without_a_map_is_told_and_nothing_else_of_a_pause(
     done = tofmix("reconcile", model, files[1], "-o", tmp_path / "gap", "--json")
     assert json.loads(done.out)["verdict"] == "agree"
     (line,) = done.err.splitlines()
-    assert "the model's fixed_pattern has no map: all that is static is taken as part of it" in line
+    assert "the model's fixed_pattern has no map: every static error counts as part of the pattern" in line
 
 
 def test_model_without_surfaces_is_refused(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
@@ -238,7 +238,7 @@ def test_model_without_surfaces_is_refused(tofmix: Tofmix, files: tuple[Path, Pa
     bare.write_text(MODEL[: MODEL.index("[[surface]]")])
     done = tofmix("reconcile", bare, files[1], "-o", tmp_path / "gap")
     assert done.code == 3
-    assert done.err == f"tofmix: {bare}: surface: the model has none to compare the recording with\n"
+    assert done.err == f"tofmix: {bare}: surface: the model has no surface; add one to compare with the recording\n"
 
 
 def test_folder_that_cannot_be_written_is_refused_before_any_work(
@@ -267,7 +267,7 @@ def test_temperatures_that_are_not_one_a_frame_are_refused(
 
 
 def test_unknown_effect_is_refused(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
-    for named, reason in (("wigling", "wiggling"), (" , ", "no effect is named")):
+    for named, reason in (("wigling", "wiggling"), (" , ", "the list is empty")):
         done = tofmix("reconcile", *files, "-o", tmp_path / "gap", "--effects", named)
         assert done.code == 2
         assert reason in done.err
@@ -287,4 +287,4 @@ def test_different_maps_of_one_name_are_refused(tofmix: Tofmix, files: tuple[Pat
         "--effects", "range_offset",
     )  # fmt: skip
     assert done.code == 3
-    assert "two models of one camera name different maps map.npy" in done.err
+    assert "two models of one camera have different maps with the name map.npy" in done.err

@@ -65,7 +65,7 @@ def test_the_rule_for_environment_variables_holds() -> None:
 
 def test_bounds_choices_and_defaults_are_in_words() -> None:
     page = reference.reference()
-    assert "| `--window` | integer, at least 1 | all | Frames that make one estimate. |" in page
+    assert "| `--window` | integer, at least 1 | all | Frames of one estimate. |" in page
     assert "| `--sigma` | tied\\|prior\\|free | prior |" in page
     assert "| `--memory` | SIZE | 1GB |" in page
 

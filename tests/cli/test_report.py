@@ -52,7 +52,7 @@ def test_another_recording_is_refused(tofmix: Tofmix, layers: Path, tmp_path: Pa
     assert tofmix("report", layers, "--recording", small).code == ExitCode.BAD_INPUT
 
 
-def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_report_refuses_options_and_files_with_their_exit_code(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     (tmp_path / "old.html").write_text("old")
     for arguments, code in (
         ((tmp_path / "none.h5",), ExitCode.BAD_INPUT),

@@ -66,12 +66,12 @@ def test_a_file_with_one_key_is_a_camera_for_import(tofmix: Tofmix, tmp_path: Pa
     assert "largest range" not in done.out
 
 
-def test_refusals(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_unknown_sensors_are_refused_with_their_exit_code(tofmix: Tofmix, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.full((3, 8, 8), 1000, "u2"))
     tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")
     for arguments, code, text in (
         (("sensors", "sr300"), ExitCode.USAGE, 'did you mean "sr3000"'),
-        (("sensors", "--toml"), ExitCode.USAGE, "name it"),
+        (("sensors", "--toml"), ExitCode.USAGE, "give its NAME"),
         (("sensors", "l515", "--toml", "--json"), ExitCode.USAGE, "choose one"),
         (("estimate", tmp_path / "a.h5", "--noise", "l515"), ExitCode.USAGE, "the noise of L515 is not known"),
     ):

@@ -159,7 +159,7 @@ def test_a_bad_model_is_bad_input(tofmix: Tofmix, tmp_path: Path, text: str, rea
     assert [p.name for p in tmp_path.iterdir()] == ["bad.toml"]
 
 
-def test_other_refusals(tofmix: Tofmix, model: Path, tmp_path: Path) -> None:
+def test_simulate_refuses_invalid_models_with_exit_code_3(tofmix: Tofmix, model: Path, tmp_path: Path) -> None:
     (tmp_path / "old.h5").write_text("old")
     for arguments, code in (
         (("no-such-model", "-o", tmp_path / "a.h5"), ExitCode.BAD_INPUT),

@@ -122,7 +122,7 @@ def test_layers_that_do_not_say_where_pixels_look_are_refused(tofmix: Tofmix, tm
     assert not (tmp_path / "blind.surfaces.h5").exists()
 
 
-def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_surfaces_refuses_files_and_outputs_with_their_exit_code(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     before = sorted(tmp_path.iterdir())
     out = ("-o", tmp_path / "x.surfaces.h5")
     for arguments, code, text in (
@@ -140,7 +140,7 @@ def test_refusals(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_what_the_search_cannot_take_is_bad_input_and_leaves_nothing(
+def test_search_error_exits_with_3_and_leaves_no_file(
     tofmix: Tofmix, layers: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
@@ -191,7 +191,7 @@ def test_info_says_what_is_in_the_file(tofmix: Tofmix, three: Path) -> None:
 def test_verify_says_whether_it_is_whole(tofmix: Tofmix, path: Path) -> None:
     shown = tofmix("verify", path)
     assert shown.code == 0
-    assert shown.out == f"{path}: surfaces, 13 datasets read; nothing is wrong\n"
+    assert shown.out == f"{path}: surfaces, 13 datasets read; no fault\n"
     with h5py.File(path, "r+") as root:
         root["n_pixels"][0] += 1
     shown = tofmix("verify", path)
@@ -297,7 +297,7 @@ def test_report_shows_surfaces_of_the_same_layers_alone(tofmix: Tofmix, layers: 
 
     shown = tofmix("report", layers, "--surfaces", surfaces)
     assert shown.code == ExitCode.USAGE
-    assert "--surfaces goes with --html" in shown.err
+    assert "--surfaces needs --html" in shown.err
 
     assert tofmix("estimate", tmp_path / "a.h5", "--window", 20, "-o", tmp_path / "b.layers.h5").code == 0
     shown = tofmix("report", tmp_path / "b.layers.h5", "--surfaces", surfaces, "--html", tmp_path / "b.html")

@@ -53,8 +53,8 @@ def _make(tofmix: Tofmix, folder: Path) -> Path:
     assert "90 frames of 6 x 8 pixels of 3 targets" in imported.out
     estimated = tofmix("estimate", folder / "t.h5")
     assert estimated.code == 0, estimated.err
-    assert "Pixels return up to 3 targets a frame" in estimated.err
-    assert "a share of detections" in estimated.err
+    assert "Each pixel has up to 3 targets a frame" in estimated.err
+    assert "A share is the share of its detections" in estimated.err
     return folder
 
 
@@ -83,12 +83,12 @@ def test_all_valid_targets_are_samples_of_their_pixel(made: Path) -> None:
 def test_every_command_says_what_a_share_is_of(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
     layers, recording = made / "t.layers.h5", made / "t.h5"
     shown = tofmix("inspect", layers, "--pixel", "2,5", "--recording", recording)
-    assert "a share is a share of detections, up to 3 a frame" in shown.out
+    assert "a share is the share of detections, up to 3 a frame" in shown.out
     assert json.loads(tofmix("inspect", layers, "--pixel", "2,5", "--json").out)["targets"] == 3
-    assert "a share of detections" in " ".join(tofmix("report", layers).out.split())
+    assert "share of its detections" in " ".join(tofmix("report", layers).out.split())
     page = tmp_path / "t.html"
     assert tofmix("report", layers, "--recording", recording, "--html", page).code == 0
-    assert "a share of detections" in page.read_text()
+    assert "share of its detections" in page.read_text()
     for path in (layers, recording):
         described = json.loads(tofmix("info", path, "--json").out)
         assert "shares_of_detections" in {warning["code"] for warning in described["warnings"]}
@@ -191,7 +191,7 @@ def test_csv_with_a_column_target(tofmix: Tofmix, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:Pixels return up to 3 targets")
+@pytest.mark.filterwarnings("ignore:Each pixel has up to 3 targets")
 def test_from_python_the_samples_have_the_axis_and_shares_are_the_same(made: Path, tmp_path: Path) -> None:
     recording = tm.open(made / "t.h5")
     assert isinstance(recording, tm.Recording)

@@ -17,12 +17,12 @@ def layers(tofmix: Tofmix, tmp_path: Path) -> Path:
     return tmp_path / "a.layers.h5"
 
 
-def test_whole_files(tofmix: Tofmix, layers: Path) -> None:
+def test_verify_of_valid_files_exits_with_0(tofmix: Tofmix, layers: Path) -> None:
     done = tofmix("verify", layers, layers.with_name("a.h5"))
     assert done.code == ExitCode.DONE
     assert done.out == (
-        f"{layers}: layers, 16 datasets read; nothing is wrong\n"
-        f"{layers.with_name('a.h5')}: recording, 1 dataset read; nothing is wrong\n"
+        f"{layers}: layers, 16 datasets read; no fault\n"
+        f"{layers.with_name('a.h5')}: recording, 1 dataset read; no fault\n"
     )
     assert "range: without checksum" in done.err
 

@@ -21,7 +21,7 @@ def _count() -> int:
     return sum(1 for _ in cache_folder().rglob("*.nbc"))
 
 
-def test_it_prints_the_folder_and_the_number_of_kernels(tofmix: Tofmix) -> None:
+def test_warmup_prints_folder_and_kernel_count(tofmix: Tofmix) -> None:
     before = _count()
     outcome = tofmix("warmup")
     assert outcome.code == 0, outcome.err
@@ -40,7 +40,7 @@ def nothing_compiled() -> Iterator[None]:
 
 @pytest.mark.slow
 @pytest.mark.compiled("there is nothing to compile")
-def test_after_it_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_after_warmup_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     assert tofmix("warmup").code == 0
     recording = write_recording(tmp_path / "a.h5", boards())
     for options in (
@@ -53,7 +53,7 @@ def test_after_it_no_option_of_estimate_compiles_a_kernel(tofmix: Tofmix, tmp_pa
 
 @pytest.mark.compiled("there is nothing to compile")
 @pytest.mark.slow
-def test_after_it_measuring_noise_and_simulating_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_after_warmup_measuring_noise_and_simulating_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     assert tofmix("warmup").code == 0
     recording = write_recording(tmp_path / "a.h5", boards(60, 8, 12))
     with nothing_compiled():
@@ -63,7 +63,7 @@ def test_after_it_measuring_noise_and_simulating_compile_no_kernel(tofmix: Tofmi
 
 @pytest.mark.slow
 @pytest.mark.compiled("there is nothing to compile")
-def test_after_it_edges_maps_and_moving_scenes_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_after_warmup_edges_maps_and_moving_scenes_compile_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     assert tofmix("warmup").code == 0
     model, recording, layers = (tmp_path / name for name in ("model.toml", "a.h5", "a.layers.h5"))
     scene = (
@@ -89,7 +89,7 @@ def test_after_it_edges_maps_and_moving_scenes_compile_no_kernel(tofmix: Tofmix,
 
 @pytest.mark.slow
 @pytest.mark.compiled("there is nothing to compile")
-def test_after_it_reconciling_compiles_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_after_warmup_reconciling_compiles_no_kernel(tofmix: Tofmix, tmp_path: Path) -> None:
     model, measured = tmp_path / "model.toml", tmp_path / "measured.h5"
     model.write_text(
         '[sensor]\nprofile = "sr4000"\nrows = 8\ncols = 10\n[recording]\nframes = 40\n'

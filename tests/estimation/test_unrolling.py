@@ -269,7 +269,7 @@ def test_the_working_range_of_a_circle_is_one_turn() -> None:
     np.testing.assert_array_equal(beam.curve_range, circular_noise(RISING, LENGTH).range_mm)
 
 
-def test_refusals() -> None:
+def test_unrolling_refuses_invalid_lengths_and_curves() -> None:
     with pytest.raises(ValueError, match="unambiguous_range_mm"):
         EstimateOptions(unambiguous_range_mm=0.0)
     with pytest.raises(ValueError, match="not below the unambiguous range"):

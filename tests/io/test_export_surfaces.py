@@ -232,7 +232,7 @@ def test_points_come_in_blocks_of_rows_that_make_no_difference(
     file: SurfacesFile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (whole,) = list(FinePoints(file, [0]))
-    monkeypatch.setattr("tofmix.io.exporters.fine_points._BLOCK", 5 * COLS * FACTOR)
+    monkeypatch.setattr("tofmix.io.exporters.fine_points.BLOCK_PLACES", 5 * COLS * FACTOR)
     blocks = list(FinePoints(file, [0]))
     assert len(blocks) == len(FinePoints(file, [0])) == 5
     np.testing.assert_array_equal(np.concatenate(blocks), whole)
@@ -372,7 +372,7 @@ def test_the_same_surfaces_give_the_same_bytes(three: SurfacesFile, tmp_path: Pa
     assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
-def test_nothing_found_is_written_as_nothing(tmp_path: Path) -> None:
+def test_file_without_surfaces_exports_empty_files(tmp_path: Path) -> None:
     with open_surfaces(write_surfaces(tmp_path / "a.surfaces.h5", nothing_found())) as file:
         for suffix in EDGE_WRITERS:
             export_edges(tmp_path / f"edges{suffix}", edge_lines(file, [0]), title="a test")
@@ -394,7 +394,7 @@ def test_a_file_that_does_not_say_where_pixels_look_is_refused(file: SurfacesFil
 
 
 def test_las_takes_no_points_of_surfaces(file: SurfacesFile, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="LAS takes points of layers"):
+    with pytest.raises(UsageError, match="LAS stores points of layers"):
         export_points(tmp_path / "a.las", FinePoints(file, [0]), title="a test")
     assert {".las", ".laz"} == set(POINT_WRITERS) - set(OF_SURFACES["points"])
 
@@ -408,7 +408,7 @@ def test_las_takes_no_points_of_surfaces(file: SurfacesFile, tmp_path: Path) -> 
         ("a.pcd", None, "points"), ("a.csv", None, "points"), ("a.png", None, "image"), ("a.tif", "image", "image"),
     ],
 )  # fmt: skip
-def test_what_is_written_follows_from_the_name_or_is_asked_for(name: str, what: str | None, expected: str) -> None:
+def test_export_content_follows_the_extension_or_the_option(name: str, what: str | None, expected: str) -> None:
     assert choose_what(Path(name), what, OF_SURFACES) == expected
 
 
@@ -423,7 +423,7 @@ def test_what_is_written_follows_from_the_name_or_is_asked_for(name: str, what: 
         ("a.obj", None, OF_LAYERS, "must end in one of .las"),
     ],
 )
-def test_what_does_not_fit_the_name_is_refused(
+def test_content_that_the_extension_excludes_is_refused(
     name: str, what: str | None, known: dict[str, tuple[str, ...]], text: str
 ) -> None:
     with pytest.raises(UsageError, match=text):

@@ -98,7 +98,7 @@ def _memory(value: object) -> Callable[[h5py.Group], None]:
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (_without("noise_gain_of_first"), "sensor/noise_gain_of_first: missing; what was learnt of the noise goes"),
+        (_without("noise_gain_of_first"), "sensor/noise_gain_of_first: missing; the datasets of learnt noise need"),
         (_without("noise_drift"), "sensor/noise_drift: missing"),
         (_with("noise_background_prior", [1.0, 2.0, 3.0]), r"sensor/noise_background_prior: shape \(3,\); two numbers"),
         (_with("noise_background_prior", [0.0, 2.0]), "background: two finite numbers above 0"),
@@ -111,7 +111,7 @@ def _memory(value: object) -> Callable[[h5py.Group], None]:
         (_memory("much"), "sensor"),
     ],
 )
-def test_what_is_broken_is_refused_with_the_files_and_the_datasets_name(
+def test_damaged_learnt_noise_is_refused_with_file_and_dataset(
     tmp_path: Path, change: Callable[[h5py.Group], None], text: str
 ) -> None:
     path = _written(tmp_path / "a.h5")

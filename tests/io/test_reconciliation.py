@@ -18,7 +18,7 @@ def write(folder: Path, **settings: Any) -> None:  # noqa: ANN401  the writer's 
     write_folder(folder, model_texts=["model"], gap={"verdict": "agree"}, page="page", **({"maps": MAPS} | settings))
 
 
-def test_it_is_written_and_replaced(tmp_path: Path) -> None:
+def test_reconciliation_folder_is_written_and_replaced(tmp_path: Path) -> None:
     folder = tmp_path / "gap"
     for overwrite in (False, True):
         write(folder, overwrite=overwrite)

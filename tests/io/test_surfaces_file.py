@@ -184,7 +184,9 @@ def test_a_full_disk_is_a_storage_error(tmp_path: Path, monkeypatch: pytest.Monk
         ("edge_window", np.zeros(7, "f4"), "edge_window: expected u4"),
     ],
 )
-def test_what_does_not_fit_is_refused_by_name(path: Path, name: str, value: object, reason: str) -> None:
+def test_dataset_of_wrong_shape_or_type_is_refused_with_its_name(
+    path: Path, name: str, value: object, reason: str
+) -> None:
     with h5py.File(path, "r+") as root:
         if name in root:
             del root[name]
@@ -246,7 +248,7 @@ def test_a_changed_byte_in_the_options_is_noticed(path: Path) -> None:
     data = path.read_bytes()
     place = data.index(b'{"factor": 4}') + 11
     path.write_bytes(data[:place] + b"8" + data[place + 1 :])
-    with pytest.raises(BadInputError, match="is damaged: its checksum is another"), open_surfaces(path):
+    with pytest.raises(BadInputError, match="is damaged: its checksum differs"), open_surfaces(path):
         pass
 
 

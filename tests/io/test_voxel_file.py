@@ -50,7 +50,7 @@ def test_the_same_map_has_the_same_bytes_at_any_time() -> None:
     assert encode_voxels(VOXELS, Path("a.ply"), comment="c") == encode_voxels(VOXELS, Path("b.ply"), comment="c")
 
 
-def test_refusals(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_voxel_file_refuses_other_suffixes_and_a_missing_library(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(UsageError, match=r"\.ply or \.npz"):
         check_voxel_path(Path("a.las"))
     monkeypatch.setitem(sys.modules, "plyfile", None)

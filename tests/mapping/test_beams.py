@@ -45,7 +45,7 @@ def test_a_mean_is_one_hit_or_no_return(camera: Sensor) -> None:
     assert beams.near_mm[0, 0, 0] - beams.clear_to_mm[0, 0, 0] == pytest.approx(CLEAR_STDERRS * 10 / 5)
 
 
-def test_refusals(make_layers: MakeLayers, camera: Sensor) -> None:
+def test_beams_refuse_invalid_shapes_and_probabilities(make_layers: MakeLayers, camera: Sensor) -> None:
     layers = make_layers([1000.0], [1.0])
     with pytest.raises(ValueError, match="no field of view"):
         beams_from_layers(layers, replace(camera, fov_vertical_deg=None))

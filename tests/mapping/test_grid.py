@@ -49,7 +49,7 @@ def test_a_band_of_heights(make_layers: MakeLayers, camera: Sensor) -> None:
     assert (higher.first, higher.shape) == ((*grid.first[:2], -3), (*grid.shape[:2], 9))
 
 
-def test_refusals(make_layers: MakeLayers, camera: Sensor) -> None:
+def test_grid_refuses_invalid_cells_and_heights(make_layers: MakeLayers, camera: Sensor) -> None:
     beams = beams_from_layers(make_layers([1000.0], [0.5], no_return=0.5), camera)
     with pytest.raises(ValueError, match="take larger cells"):
         plan_grid(beams, Pose(), cell_mm=1.0)

@@ -25,7 +25,7 @@ def along_the_axis(beams: Beams) -> tuple[Light, np.ndarray, np.ndarray]:
     return light, middle, 100 * (np.arctan(20.0 / (middle - 10.0)) / PIXEL) ** 2  # what meets the nearer face
 
 
-def test_one_surface(make_layers: MakeLayers, camera: Sensor) -> None:
+def test_one_surface_stops_and_passes_light_by_its_share(make_layers: MakeLayers, camera: Sensor) -> None:
     light, middle, full = along_the_axis(beams_from_layers(make_layers([3000.0], [1.0]), camera))
     stopped, passed = light.stopped.ravel(), light.passed.ravel()
     seen = full < 100 * 16  # nearer cells are larger than the quarter of the image that they lie in

@@ -26,7 +26,7 @@ def test_log_odds_are_the_ratio_of_the_two_marginal_likelihoods(stopped: float, 
     assert log_odds(stopped, passed, 1.0, min_share=share) == pytest.approx(expected, abs=1e-5)
 
 
-def test_closed_forms() -> None:
+def test_log_odds_of_hits_and_passes_have_closed_forms() -> None:
     assert log_odds(0.0, 0.0, 0.0) == pytest.approx(0.0, abs=1e-12)
     # All of f samples pass: I = 1 - (1 - m)^(f + 1).
     m, f = 0.05, 20.0

@@ -86,7 +86,7 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("scheduler", ["no.json", "host:port", "tcp://host"])
-def test_what_is_neither_a_file_nor_an_address_is_refused_at_once(scheduler: str) -> None:
+def test_invalid_scheduler_address_is_refused_at_once(scheduler: str) -> None:
     pytest.importorskip("distributed")
     with pytest.raises(StorageError, match="cannot be reached"), cluster.open_cluster(scheduler, memory_bytes=1):
         pass
@@ -104,9 +104,9 @@ class Ended:
 
 def test_errors_of_a_block_are_told_apart() -> None:
     given_up = type("KilledWorker", (Exception,), {"__module__": "distributed.scheduler"})
-    with pytest.raises(StorageError, match="the cluster gave up a block: after 3 tries"):
+    with pytest.raises(StorageError, match="a block failed on several workers: after 3 tries"):
         cluster._result(Ended(given_up("after 3 tries")))
-    with pytest.raises(StorageError, match="the cluster gave up a block: CancelledError"):
+    with pytest.raises(StorageError, match="a block failed on several workers: CancelledError"):
         cluster._result(Ended(type("CancelledError", (Exception,), {})(), status="cancelled"))
     with pytest.raises(BadInputError, match="another file"):
         cluster._result(Ended(BadInputError("another file")))

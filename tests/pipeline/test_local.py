@@ -29,7 +29,7 @@ CHUNKS = (3, 10, 8)
 
 @pytest.fixture
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr("tofmix.grid._CELL_PIXELS", 24)  # cells of 3 rows
+    monkeypatch.setattr("tofmix.grid.CELL_PIXELS", 24)  # cells of 3 rows
     return write_recording(tmp_path / "a.h5", boards(90, 20, 8), chunks=CHUNKS, compression="gzip")
 
 
@@ -62,7 +62,7 @@ def test_little_memory_changes_neither_the_cells_nor_how_often_a_chunk_is_read(r
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
 
-def test_what_never_fits_is_refused_with_what_would_do(recording: Path, tmp_path: Path) -> None:
+def test_too_small_memory_is_refused_with_a_sufficient_size(recording: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"a\.h5: one row of one window takes .* pass --memory 221MB or more"):
         run(recording, tmp_path, PROGRAM_BYTES + 1000)
 
@@ -93,7 +93,7 @@ def test_scratch_holds_the_samples_of_its_part(tmp_path: Path, rng: np.random.Ge
 
 
 def test_a_recording_stored_in_tall_chunks_needs_no_scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tofmix.grid._CELL_PIXELS", 24)
+    monkeypatch.setattr("tofmix.grid.CELL_PIXELS", 24)
     monkeypatch.setattr("tofmix.pipeline.local.on_scratch", None)
     path = write_recording(tmp_path / "a.h5", boards(90, 20, 8), chunks=(90, 3, 8))
     with open_recording(path) as source:

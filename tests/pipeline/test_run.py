@@ -31,7 +31,7 @@ def test_a_change_before_the_end_leaves_nothing(tmp_path: Path, monkeypatch: pyt
         settle(self)
 
     monkeypatch.setattr(RecordingFile, "settle", changed)
-    with pytest.raises(BadInputError, match="has changed while it was read"), open_recording(path) as source:
+    with pytest.raises(BadInputError, match="the file changed during reading"), open_recording(path) as source:
         run(source, target)
     assert not target.exists()
     assert not journal_path(target).exists()

@@ -37,7 +37,7 @@ def test_likelihood_with_an_effect_is_that_of_the_registrys_prediction(
     whole = np.arange(evidence.shape[0]), np.arange(evidence.shape[1])
     found = likelihood.value(replace(likelihood.start(), effects=(effect,)), whole)
     real = replace(model, effects=(effect,))
-    wanted = np.maximum(predict(real, cast_scene(real)).log_probability(evidence.samples), np.log(1e-12)).sum()
+    wanted = np.log(np.maximum(predict(real, cast_scene(real)).probability(evidence.samples), 1e-12)).sum()
     assert found == pytest.approx(wanted, rel=1e-4)  # the density stands for narrow cells
 
 

@@ -19,11 +19,19 @@ from tofmix.reconciliation.profiles import numeric
 from tofmix.reconciliation.refit import latent_states
 from tofmix.reconciliation.searches import problems
 from tofmix.reconciliation.standard_errors import polish, standard_errors
-from tofmix.simulation.effects import Effect
+from tofmix.simulation.effects import EFFECTS, Effect
 from tofmix.simulation.model import Model
 
 FULL = 150.0
 """An amplitude between those of the near board and of the middle one."""
+
+EXACTLY_KNOWN = {"phase_wrapping", "stuck_pixels"}
+"""Kinds without a number that has a standard error."""
+
+
+def test_every_kind_with_errors_is_tried() -> None:
+    tried = {effect.kind for effects in EFFECTS_OF.values() for effect in effects}
+    assert tried | EXACTLY_KNOWN == set(EFFECTS), "add the kind to EFFECTS_OF in tests/reconcile_errors.py"
 
 
 @pytest.mark.parametrize(

@@ -66,6 +66,10 @@ def alone(small: Model, kind: str) -> Reconciliation:
     return reconciled(model, HIDDEN[kind], kinds=tuple(k for k in KINDS if k in {kind, *RIVALS}))
 
 
+def test_every_kind_is_hidden_alone() -> None:
+    assert set(HIDDEN) == set(EFFECTS), "add the kind to HIDDEN, with values that close a clear gap"
+
+
 @pytest.mark.parametrize("kind", EFFECTS)
 def test_effect_hidden_alone_is_named_and_closes_the_gap(small: Model, kind: str) -> None:
     result = alone(small, kind)

@@ -107,7 +107,9 @@ def test_layers_average_by_their_shares(make_layers: Callable[..., Layers]) -> N
         assert image.range_mm[pixel] == pytest.approx(expected, nan_ok=True)
 
 
-def test_nothing_given_is_altered(make_layers: Callable[..., Layers], make_recording: Callable[..., object]) -> None:
+def test_averaging_does_not_alter_its_input(
+    make_layers: Callable[..., Layers], make_recording: Callable[..., object]
+) -> None:
     layers, recording = make_layers(), make_recording()
     before = layers.range.copy(), recording.range_mm.copy(), recording.amplitude.copy()  # type: ignore[attr-defined]
     average_layers(layers)

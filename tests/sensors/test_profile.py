@@ -20,7 +20,7 @@ def test_noise_follows_the_integration_time(profile: SensorProfile) -> None:
     np.testing.assert_array_equal(profile.noise_at(10.0).range_mm, profile.noise.range_mm)
 
 
-def test_the_law_composes(profile: SensorProfile) -> None:
+def test_noise_scaled_in_two_steps_equals_one_step(profile: SensorProfile) -> None:
     other = replace(profile, noise=profile.noise_at(1.2), reference_integration_time_ms=1.2)
     np.testing.assert_allclose(other.noise_at(3.4).sigma_mm, profile.noise_at(3.4).sigma_mm)
 

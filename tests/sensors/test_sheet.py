@@ -23,7 +23,7 @@ def test_a_whole_sheet_is_the_profile_it_comes_from() -> None:
     np.testing.assert_array_equal(mine.sigma_mm, theirs.sigma_mm)
 
 
-def test_nothing_is_known_of_the_unknown_camera() -> None:
+def test_unknown_camera_has_no_values() -> None:
     sensor = UNKNOWN.sensor()
     assert sensor.name == "unknown"
     assert sensor.noise is None
@@ -58,6 +58,6 @@ def test_noise_without_a_time_is_used_only_where_it_does_not_depend_on_time() ->
         {"exponent": 0.5},
     ],
 )
-def test_what_cannot_be_is_refused(change: dict[str, float]) -> None:
+def test_invalid_sensor_values_are_refused(change: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(change)).split("_")[0]):
         CameraSheet(name="a", **change)  # type: ignore[arg-type]

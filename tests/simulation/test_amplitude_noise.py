@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
+from transform import pit
 
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group
@@ -91,9 +92,9 @@ def test_the_prediction_has_the_same_noise() -> None:
         prediction.sigma_mm[0].reshape(8, 12)[0, 0],
         sigma_by_hand(truth.range_true[0, 0, 0], truth.amplitude[0, 0, 0]), rtol=1e-6,
     )  # fmt: skip
-    transform = prediction.pit(samples.reshape(500, -1).astype(np.uint16), np.random.default_rng(3))
+    transform = pit(prediction, samples.reshape(500, -1).astype(np.uint16), np.random.default_rng(3))
     assert stats.kstest(transform.ravel(), "uniform").pvalue > 1e-3
-    plain = predict(model(law="")).pit(samples.reshape(500, -1).astype(np.uint16), np.random.default_rng(3))
+    plain = pit(predict(model(law="")), samples.reshape(500, -1).astype(np.uint16), np.random.default_rng(3))
     assert stats.kstest(plain.ravel(), "uniform").pvalue < 1e-9
 
 

@@ -33,7 +33,7 @@ def test_whole_samples_and_what_is_left_make_up_the_default_time(
 
 
 @pytest.mark.parametrize("tau", [10.0, 12.0])
-def test_nothing_to_average_is_refused(make_model: MakeModel, tau: float) -> None:
+def test_integration_times_below_the_averaged_ones_are_refused(make_model: MakeModel, tau: float) -> None:
     model = make_model(BOARD, integration_time_ms=tau)
     with pytest.raises(BadInputError, match=f"integration_time_ms: {tau:g} ms is not below the 10 ms .* --averaged"):
         recording_sensor(model, averaged=True)

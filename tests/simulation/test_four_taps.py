@@ -263,7 +263,7 @@ def test_the_recording_has_the_distribution_of_the_taps(name: str, case: int) ->
         (effect("flying_pixels", probability=0.7), Errors(all_at_once=0.7)),
     ],
 )
-def test_nothing_in_the_beam_gives_no_light(text: str, errors: Errors) -> None:
+def test_empty_beam_gives_no_light(text: str, errors: Errors) -> None:
     """Without the far board: columns 1 and 2 see gaps, column 3 nothing but one.
 
     Where all light is taken at once, a gap beside a board leaves fewer samples without a return.

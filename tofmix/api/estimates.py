@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 from tofmix.api.recordings import Recording, opened_recording
 from tofmix.errors import BadInputError, DoubtWarning
 from tofmix.layers import LAW_TEXTS, Layers, Provenance
-from tofmix.mixing import MixingLaw
+from tofmix.mixing import MixingLaw, law_over_windows
+from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.version import __version__
 
 if TYPE_CHECKING:
     from xarray import Dataset
 
-    from tofmix.estimation.noise.measurement import MeasuredNoise
+    from tofmix.estimation.noise_choice import NoiseRequest
     from tofmix.estimation.peaks.counters import Counter
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.recording import SampleSource
     from tofmix.windows import Windows
 
 FILE, AUTO = "file", "auto"
-_DIMS = ("window", "row", "col", "layer")
 
 
 class Choices(TypedDict, total=False):
@@ -99,9 +99,7 @@ class Estimate(Layers):
     @property
     def mixing_law(self) -> MixingLaw | None:
         """The law of mixing over all windows; None where it was not measured."""
-        if self.phasor_share is None or self.phasor_pixels is None:
-            return None
-        return MixingLaw.of_windows(self.phasor_share, self.phasor_pixels)
+        return law_over_windows(self.phasor_share, self.phasor_pixels)
 
     def window(self, number: int) -> Layers:
         """Layers of one window, of the leading shape (row, col); arrays are not copied."""
@@ -130,7 +128,7 @@ class Estimate(Layers):
             raise ModuleNotFoundError("to_xarray needs xarray: pip install 'tofmix[notebook]'") from error
         variables: dict[str, Any] = {
             spec.name: (
-                _DIMS if spec.per_layer else _DIMS[:3], getattr(self, spec.name),
+                spec.dims, getattr(self, spec.name),
                 {"units": spec.units, "long_name": spec.long_name},
             )
             for spec in self.fields
@@ -202,6 +200,8 @@ def estimate(
     *,
     noise: str | NoiseCurve | None = None,
     outliers: str | float = FILE,
+    noise_shape: str = AUTO,
+    noise_widths: str = AUTO,
     window: int | None = None,
     stride: int | None = None,
     workers: int | None = None,
@@ -219,6 +219,10 @@ def estimate(
         default the recording's, and where it has none, its samples.
     outliers : {"file", "auto"} or float
         p(c_r): the recording's, counted in its samples, or this share.
+    noise_shape : {"auto", "gaussian"}
+        Shape of the error in measured noise: learnt from the samples, or Gaussian.
+    noise_widths : {"auto", "common", "own"}
+        Width of measured noise: as the samples show, one of all pixels, or one of each pixel.
     window, stride : int, optional
         Frames that make one estimate, and frames from one window to the next; all frames, and the window.
     workers : int, optional
@@ -239,17 +243,18 @@ def estimate(
     ValueError
         If an option is out of its bounds.
     BadInputError
-        If the file cannot be read, is marked as averaged, or its samples do not tell the noise.
+        If the file cannot be read, is marked as averaged, or its samples do not determine the noise.
 
     Warns
     -----
     DoubtWarning
-        If the samples scatter otherwise than the noise curve says, or drift within a window; and where the layers are
-        doubtful, as `tofmix report` says it.
+        If the samples scatter otherwise than by the noise curve, or drift within a window; if a default or a
+        simplification replaces a part of the noise; and for the doubts of `tofmix report`.
     """
     from tofmix.estimation.blocks.sample_span import sensor_with_span
     from tofmix.estimation.blocks.sequence import estimate_windows, settled_mixing
     from tofmix.estimation.noise.no_return import no_return_constant
+    from tofmix.estimation.noise_choice import NoiseRequest, check_parts, noise_options
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.windows import plan_windows
 
@@ -257,20 +262,24 @@ def estimate(
     options = EstimateOptions(**choices)  # type: ignore[arg-type]  # texts become members of their enumerations there
     if source.averaged and not force and options.mixing != "phasor":
         raise BadInputError(
-            f"{source.name}: marked as averaged: its frames are means, in which samples cannot tell surfaces apart;"
-            " mixing='phasor' unmixes them, force=True takes the means for samples"
+            f"{source.name}: marked as averaged: a mean does not separate surfaces;"
+            " mixing='phasor' unmixes them, force=True uses the means as samples"
         )
     windows = plan_windows(source.shape[0], window=window, stride=stride)
+    other = None if noise in (None, AUTO) else noise if isinstance(noise, str) else "NoiseCurve"
+    check_parts(options, shape=noise_shape, widths=noise_widths, other_noise=other, spell=_spell)
+    if isinstance(outliers, str) and outliers not in (FILE, AUTO):
+        raise ValueError(f"outliers: {outliers!r} is not file, auto or a number")
     asked = noise if noise is not None else AUTO if source.sensor.noise is None else FILE
     with source.opened() as samples:
         source = source.with_sensor(sensor_with_span(samples, options.unambiguous_range_mm))
-    sensor = _sensor(source, asked, outliers, options, windows, workers or os.cpu_count() or 1)
+    wanted = NoiseRequest(
+        noise=_named(source, asked), outliers=outliers, asked=noise is not None, window_frames=windows.length,
+        stride_frames=windows.stride, shape=noise_shape, widths=noise_widths, workers=workers or os.cpu_count() or 1,
+    )  # fmt: skip
+    sensor, from_samples = _chosen(source, options, wanted)
+    asked = AUTO if from_samples else asked
     source = source.with_sensor(sensor)
-    if noise is None and asked == FILE:
-        with source.opened() as samples:
-            sensor = _questioned(samples, options, windows, workers or os.cpu_count() or 1)
-        asked = asked if sensor is source.sensor else AUTO
-        source = source.with_sensor(sensor)
     of_samples = windows.of_samples(max(1, source.targets))
     with source.opened() as samples:
         if options.unambiguous_range_mm is None and not options.paper and sensor.no_return_mm is None:
@@ -280,7 +289,8 @@ def estimate(
     with source.opened() as samples:
         options = settled_mixing(options, samples)
         found = estimate_windows(samples, options, windows=of_samples, workers=workers or os.cpu_count() or 1)
-    said = {"noise": asked if isinstance(asked, str) else "given", "outliers": outliers}
+    name = asked if isinstance(asked, str) else "given"
+    said = noise_options(name, outliers, shape=noise_shape, widths=noise_widths)
     provenance = Provenance(
         source=source.name, source_sha256=_checksum(source), version=__version__, sensor=sensor,
         options=options.as_dict() | said | {"window": windows.length, "stride": windows.stride},
@@ -318,78 +328,40 @@ def _arrays(layers: Layers) -> dict[str, Any]:
     return {field.name: getattr(layers, field.name) for field in fields(Layers)}
 
 
-def _knows_gaussian_alone(options: "EstimateOptions") -> bool:
-    """Whether the options leave no room for learnt noise."""
-    return bool(options.paper or options.refine == "none" or options.sigma == "free")
+def _spell(name: str, value: str) -> str:
+    """An option with its value, as in Python; a switch has no value."""
+    return f"{name}={value!r}" if value else f"{name}=True"
 
 
-def _questioned(samples: "SampleSource", options: "EstimateOptions", windows: "Windows", workers: int) -> Sensor:
-    """The camera with the file's noise, or the learnt one where the samples contradict the file's."""
-    from tofmix.estimation.learnt.recordings import calibrated, has_parts, learn_if_contradicted
-    from tofmix.estimation.unrolling import UnrolledSource
+def _named(source: Recording, noise: str | NoiseCurve) -> str | NoiseCurve:
+    """The noise, with the curve of a built-in camera in place of its name."""
+    from tofmix.sensors import noise_of_profile
 
-    sensor, length = samples.sensor, options.unambiguous_range_mm
-    if sensor.noise is None or _knows_gaussian_alone(options):
-        return sensor
-    ranges = samples if length is None else UnrolledSource(samples, length)
-    if has_parts(sensor.noise):
-        return calibrated(ranges, window_frames=windows.length, min_samples=options.min_samples, workers=workers)
-    found = learn_if_contradicted(
-        ranges, window_frames=windows.length, stride_frames=windows.stride, drift=length is None,
-        min_samples=options.min_samples, workers=workers,
-    )  # fmt: skip
-    return sensor if found is None else found.sensor
+    if isinstance(noise, NoiseCurve) or noise in (FILE, AUTO):
+        return noise
+    curve, doubt = noise_of_profile(noise, source.sensor.integration_time_ms)
+    if doubt is not None:
+        warnings.warn(f"{source.name}: {doubt}", DoubtWarning, stacklevel=3)
+    return curve
 
 
-def _learnt(source: Recording, options: "EstimateOptions", windows: "Windows", workers: int) -> Sensor:
-    from tofmix.estimation.learnt.recordings import learn_noise
-    from tofmix.estimation.unrolling import UnrolledSource
+def _chosen(source: Recording, options: "EstimateOptions", request: "NoiseRequest") -> tuple[Sensor, bool]:
+    """The camera of the estimate, and whether its curve is from the samples; its doubts become warnings."""
+    from tofmix.estimation.noise_choice import choose_sensor
 
-    length = options.unambiguous_range_mm
     with source.opened() as samples:
-        try:
-            return learn_noise(
-                samples if length is None else UnrolledSource(samples, length), window_frames=windows.length,
-                stride_frames=windows.stride, drift=length is None, min_samples=options.min_samples, workers=workers,
-            ).sensor  # fmt: skip
-        except ValueError as error:
-            raise BadInputError(f"{source.name}: {error}") from error
 
+        def use(sensor: Sensor) -> "SampleSource":
+            if isinstance(samples, ArrayRecording):
+                return samples.with_sensor(sensor)
+            samples.sensor = sensor  # type: ignore[misc]  # a file that is open has a camera to set
+            return samples
 
-def _sensor(
-    source: Recording,
-    noise: str | NoiseCurve,
-    outliers: str | float,
-    options: "EstimateOptions",
-    windows: "Windows",
-    workers: int,
-) -> Sensor:
-    """The recording's camera with the noise and the p(c_r) that were asked for."""
-    sensor = source.sensor
-    if noise == AUTO and not _knows_gaussian_alone(options):
-        sensor = _learnt(source, options, windows, workers)
-    elif noise == AUTO:
-        sensor = replace(sensor, noise=_measured(source, options.unambiguous_range_mm).curve)
-    if outliers == AUTO:
-        measured = _measured(source, options.unambiguous_range_mm)
-        sensor = replace(sensor, outlier_probability=measured.outlier_probability)
-    if not isinstance(outliers, str):
-        sensor = replace(sensor, outlier_probability=float(outliers))
-    elif outliers not in (FILE, AUTO):
-        raise ValueError(f"outliers: {outliers!r} is neither file, auto nor a number")
-    if isinstance(noise, NoiseCurve):
-        sensor = replace(sensor, noise=noise)
-    elif noise not in (FILE, AUTO):
-        from tofmix.sensors import load_profile
-
-        profile = load_profile(noise)
-        tau_ms = sensor.integration_time_ms or profile.integration_time_ms
-        sensor = replace(sensor, noise=profile.noise_at(tau_ms))
-    if sensor.noise is None:
-        raise BadInputError(f"{source.name}: no noise curve; leave out noise='file', and it is measured")
-    if options.unambiguous_range_mm is not None and sensor.noise.law is not None:
-        sensor = replace(sensor, noise=replace(sensor.noise, law=None))  # on a circle sigma goes by range alone
-    return sensor
+        choice = choose_sensor(source.name, use, source.sensor, options, request, spell=_spell)
+    for note in choice.notes:
+        if note.is_warning:
+            warnings.warn(note.text, DoubtWarning, stacklevel=3)
+    return choice.sensor, choice.from_samples
 
 
 def _say_doubts(
@@ -429,18 +401,6 @@ def _say_findings(layers: Estimate) -> None:
     for finding in find(layers):
         text = f"{finding.text} {_IN_PYTHON.get(finding.code, '')}".strip()
         warnings.warn(text, DoubtWarning, stacklevel=3)
-
-
-def _measured(source: Recording, length: float | None) -> "MeasuredNoise":
-    from tofmix.estimation.noise.measurement import measure_noise
-    from tofmix.estimation.unrolling import UnrolledSource
-    from tofmix.recording import by_target
-
-    with source.opened() as samples:
-        try:
-            return measure_noise(samples if length is None else UnrolledSource(by_target(samples), length))
-        except ValueError as error:
-            raise BadInputError(f"{source.name}: {error}") from error
 
 
 def _checksum(source: Recording) -> str:

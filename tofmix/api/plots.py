@@ -39,8 +39,8 @@ def plot(layers: "Estimate", *, pixel: tuple[int, int] | None = None, window: in
     """
     try:
         from tofmix.report.figures.overview_figure import overview_figure
-        from tofmix.report.figures.theme import LIGHT, drawing
         from tofmix.report.pixels.pixel_figures import neighbours_figure
+        from tofmix.report.theme import LIGHT, drawing
     except ImportError as error:
         raise UsageError("plot needs matplotlib: pip install 'tofmix[report]'") from error
     from tofmix.report.pixels.pixels import learnt_sensor, neighbour_columns, row_samples, view_pixels
@@ -77,7 +77,7 @@ def _shown(figure: "Figure") -> "Figure":
     def as_png() -> bytes:
         from io import BytesIO
 
-        from tofmix.report.figures.theme import LIGHT, drawing
+        from tofmix.report.theme import LIGHT, drawing
 
         buffer = BytesIO()
         with drawing(LIGHT):

@@ -95,7 +95,7 @@ class Recording:
 
     @property
     def truth(self) -> "Truth | None":
-        """What each pixel of a recording from `tofmix.simulate` really sees."""
+        """The true surfaces of each pixel, of a recording from `tofmix.simulate`."""
         return self._truth
 
     def with_sensor(self, sensor: Sensor | None = None, **changes: Any) -> Self:  # noqa: ANN401  fields of several types

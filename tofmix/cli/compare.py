@@ -55,7 +55,7 @@ def compare(
     from tofmix.report.comparison.table import format_comparison
 
     if window is not None and html is None:
-        raise UsageError("--window goes with --html")
+        raise UsageError("--window needs --html")
     with ExitStack() as stack:
         files = [stack.enter_context(open_layers(path)) for path in (a, b)]
         if html is not None:

@@ -1,6 +1,5 @@
 """``tofmix estimate``: a recording in, a layers file out."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -8,7 +7,7 @@ import click
 from click.core import ParameterSource
 
 from tofmix.cli.options import HDF5_PATH, MEMORY, PATH, SHARD, default_workers, examples, json_option, overwrite_option
-from tofmix.cli.sensor_choice import AUTO, circle_choice, outlier_choice
+from tofmix.cli.sensor_choice import AUTO, circle_choice, outlier_choice, spell
 from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
@@ -35,52 +34,52 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 @click.argument("recordings", type=PATH, nargs=-1, required=True)
 @click.option("-o", "--output", type=HDF5_PATH, help="Layers file to write.  [default: RECORDING with .layers.h5]")
 @click.option(
-    "--output-dir", type=PATH, help="Folder for the layers files of several recordings; it is made if it is missing."
+    "--output-dir", type=PATH, help="Folder for the layers files of several recordings; a missing folder is made."
 )
-@click.option("--window", type=click.IntRange(1), help="Frames that make one estimate.  [default: all]")
+@click.option("--window", type=click.IntRange(1), help="Frames of one estimate.  [default: all]")
 @click.option("--stride", type=click.IntRange(1), help="Frames from one window to the next.  [default: the window]")
 @click.option(
     "--sigma",
     type=click.Choice(["tied", "prior", "free"]),
     default="prior",
     show_default=True,
-    help="A surface's sigma: the noise curve's, pulled towards it, or free as in the paper.",
+    help="Sigma of a surface. tied: the noise curve. prior: pulled towards the curve. free: fitted, as in the paper.",
 )
 @click.option(
     "--noise", metavar="file|auto|PROFILE",
-    help="Where the noise curve comes from: the file, its samples (auto), or a built-in sensor such as sr3000."
+    help="Source of the noise curve: the file, its samples (auto), or a built-in sensor such as sr3000."
     "  [default: file; auto where the file has no curve]",
 )  # fmt: skip
 @click.option(
     "--noise-shape", type=click.Choice(["gaussian", "auto"]), default="auto", show_default=True,
-    help="Shape of the error where noise is measured: Gaussian, or learnt from the samples.",
+    help="Shape of the error in measured noise: Gaussian, or learnt from the samples.",
 )  # fmt: skip
 @click.option(
     "--noise-widths", type=click.Choice(["common", "own", "auto"]), default="auto", show_default=True,
-    help="Whether each pixel has its own width where noise is measured; auto decides by the samples.",
+    help="Width of measured noise: one of all pixels (common), of each pixel (own), or as the samples show (auto).",
 )  # fmt: skip
 @click.option(
     "--outliers", default="file", show_default=True, metavar="file|auto|P",
-    help="Share of random values p(c_r): the file's, counted in its samples (auto), or a number.",
+    help="Share of random values p(c_r): from the file, counted in its samples (auto), or a number.",
 )  # fmt: skip
 @click.option(
     "--max-layers", type=click.IntRange(1, 32), default=6, show_default=True, help="Most surfaces in a pixel."
 )
 @click.option(
     "--refine", type=click.Choice(["likelihood", "none"]), default="likelihood", show_default=True,
-    help="Count surfaces by likelihood, starting from the peaks; or count the peaks, as in the paper.",
+    help="likelihood: count surfaces by likelihood, from the peaks on. none: count the peaks, as in the paper.",
 )  # fmt: skip
 @click.option(
     "--false-alarm", type=click.FloatRange(1e-6, 0.1), default=0.001, show_default=True,
-    help="Chance that a pixel of one surface gets more than one; with --refine likelihood.",
+    help="Probability that a pixel with one surface gets more than one; with --refine likelihood.",
 )  # fmt: skip
 @click.option(
     "--counter", type=click.Choice(tuple(COUNTER_OPTIONS)), default="kde", show_default=True,
-    help="Method that finds the peaks: the kernel density, or the paper's two others, for comparison.",
+    help="Method that finds the peaks: the kernel density, or one of the paper's two others, for comparison.",
 )  # fmt: skip
 @click.option(
     "--gamma", type=click.FloatRange(0, 1, max_open=True), default=0.02, show_default=True,
-    help="kde: least share of the samples that makes a peak in the density.",
+    help="kde: smallest share of the samples in a peak of the density.",
 )  # fmt: skip
 @click.option(
     "--epsilon", type=click.FloatRange(0, min_open=True), default=0.01, show_default=True,
@@ -99,19 +98,21 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 )
 @click.option(
     "--level", type=click.FloatRange(0, 1, max_open=True), default=0.1, show_default=True,
-    help="fourier: least share of the samples that makes a peak in the series.",
+    help="fourier: smallest share of the samples in a peak of the series.",
 )  # fmt: skip
 @click.option(
     "--unambiguous-range", type=click.FloatRange(0, min_open=True), metavar="MM",
-    help="Take range as a circle of this length: a surface at the fold is one surface.",
+    help="Unambiguous range, mm. Ranges fold at this length; a surface at the fold counts once.",
 )  # fmt: skip
 @click.option(
-    "--wrap", is_flag=True, help="The same, with the length c / 2f, f being the recording's modulation frequency."
+    "--wrap",
+    is_flag=True,
+    help="Set --unambiguous-range to c / 2f, from the recording's modulation frequency f.",
 )
 @click.option(
     "--mixing", type=click.Choice(["auto", "events", "phasor"]), default="auto", show_default=True,
-    help="Samples of pixels that see several surfaces: of one surface each (events), or phasor sums, which are unmixed "
-    "with the neighbours' help; auto measures it.",
+    help="How surfaces mix in a sample. events: each sample shows one surface. phasor: light adds up, and neighbours"
+    " help to unmix it. auto: measure.",
 )  # fmt: skip
 @click.option(
     "--paper", is_flag=True,
@@ -120,22 +121,24 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 @click.option("--max-iter", type=click.IntRange(1, 65535), default=50, show_default=True, help="Most EM iterations.")
 @click.option(
     "--tol", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=1e-3, show_default=True,
-    help="EM stops when no mean moves by this many sigma, no share by this.",
+    help="EM stops when each mean moves by less than this many sigma, and each share by less than this.",
 )  # fmt: skip
 @click.option(
     "--min-samples", type=click.IntRange(2), default=3, show_default=True,
-    help="Fewest valid samples of a pixel that is fitted.",
+    help="Fewest valid samples of a fitted pixel.",
 )  # fmt: skip
 @click.option(
     "--force",
     is_flag=True,
     allow_from_autoenv=False,
-    help="Take the frames of a recording that is marked as averaged for samples; not needed with --mixing phasor.",
+    help="Use averaged frames as samples; not needed with --mixing phasor.",
 )
-@click.option("--workers", type=click.IntRange(1), help="Threads; results do not depend on it.  [default: all cores]")
+@click.option(
+    "--workers", type=click.IntRange(1), help="Threads; their number changes no result.  [default: all cores]"
+)
 @click.option(
     "--memory", type=MEMORY, default="1GB", show_default=True, metavar="SIZE",
-    help="Limit of the memory, such as 300MB or 1.5GB; results do not depend on it.",
+    help="Limit of the memory, such as 300MB or 1.5GB; the limit changes no result.",
 )  # fmt: skip
 @click.option(
     "--resume", is_flag=True, allow_from_autoenv=False,
@@ -143,7 +146,7 @@ tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
 )  # fmt: skip
 @click.option(
     "--shard", type=SHARD, metavar="I/N",
-    help="Compute part I of N alone, for job arrays; `tofmix merge` joins the parts.",
+    help="Compute only part I of N, for job arrays; `tofmix merge` joins the parts.",
 )  # fmt: skip
 @click.option(
     "--scheduler", metavar="ADDRESS|FILE",
@@ -185,21 +188,23 @@ def estimate(
     --output-dir; - reads their names from stdin, one a line.
     """
     from tofmix.cli.estimate_files import Request, estimate_files
+    from tofmix.estimation.noise_choice import check_parts
     from tofmix.estimation.settings import EstimateOptions
 
     if stride is not None and window is None:
-        raise UsageError("--stride goes with --window")
+        raise UsageError("--stride needs --window")
     if scheduler is not None and shard is not None:
-        raise UsageError("--shard computes alone; it does not go with --scheduler")
+        raise UsageError("--shard and --scheduler exclude each other: a shard is computed on this machine")
     if choices["refine"] == "none" and context.get_parameter_source("false_alarm") is not ParameterSource.DEFAULT:
         raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
     if choices["paper"]:
         _check_paper(context)
-    _check_learning(noise, choices, shape=noise_shape, widths=noise_widths)
     try:
         counter = _counter(context, choices)
         length = circle_choice(unambiguous_range, wrap=wrap)
         options = EstimateOptions(counter=counter, unambiguous_range_mm=length, **choices)  # type: ignore[arg-type]  # click has checked the types
+        other = None if noise in (None, AUTO) else noise
+        check_parts(options, shape=noise_shape, widths=noise_widths, other_noise=other, spell=spell)
     except ValueError as error:
         raise UsageError(str(error)) from error
     request = Request(
@@ -222,28 +227,15 @@ def estimate(
     estimate_files(recordings, output, output_dir, request, as_json=as_json)
 
 
-def _check_learning(noise: str | None, choices: Mapping[str, object], *, shape: str, widths: str) -> None:
-    """Refuse to insist on parts of a noise that is not learnt."""
-    given = {"--noise-shape": shape, "--noise-widths": widths}
-    chosen = [f"{name} {value}" for name, value in given.items() if value != AUTO]
-    gaussian = {
-        "--paper": choices["paper"],
-        "--refine none": choices["refine"] == "none",
-        "--sigma free": choices["sigma"] == "free",
-    }
-    instead = [name for name, is_so in gaussian.items() if is_so]
-    instead += [f"--noise {noise}"] if noise not in (None, AUTO) else []
-    if chosen and instead:
-        raise UsageError(f"{' and '.join(chosen)}: goes with noise that is learnt, and with {instead[0]} none is")
-
-
 def _check_paper(context: click.Context) -> None:
     """Refuse options that the paper's algorithm does not have."""
     for name in (
         "sigma", "refine", "false_alarm", "counter", "epsilon", "max_iter", "tol", "unambiguous_range", "wrap", "mixing"
     ):  # fmt: skip
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
-            raise UsageError(f"--{name.replace('_', '-')} does not go with --paper, which runs the paper's algorithm")
+            raise UsageError(
+                f"--{name.replace('_', '-')} and --paper exclude each other: the paper's algorithm has no such option"
+            )
 
 
 def _counter(context: click.Context, choices: dict[str, Any]) -> "Counter":

@@ -1,4 +1,4 @@
-"""What ``tofmix estimate`` does with its recordings: one after the other, one bar for all, one line each."""
+"""The recordings of ``tofmix estimate``: one after the other, one bar for all, one line each."""
 
 import json
 import sys
@@ -15,7 +15,7 @@ import click
 
 from tofmix.cli.options import is_quiet, note, progress_bar
 from tofmix.cli.recording_check import check_not_averaged, check_phasors, findings_of_samples, opened_recording
-from tofmix.cli.sensor_choice import AUTO, FILE, Learning, circle_of, noise_choice, sensor_for
+from tofmix.cli.sensor_choice import AUTO, circle_of, noise_choice, noise_of, sensor_for
 from tofmix.errors import ExitCode, StorageError, TofmixError, UsageError, os_error_text
 from tofmix.wording import counted
 
@@ -35,17 +35,17 @@ if TYPE_CHECKING:
 _COMPILING_AFTER_S = 4.0  # of work without a result, after which compiling is said to be the cause
 
 _NO_PHASORS = (
-    "mixing: not measured, as the recording has no amplitudes, or no single modulation frequency; each sample counts as"
-    " of one surface"
+    "mixing: not measured: the recording lacks amplitudes or a single modulation frequency; each sample counts as one"
+    " surface"
 )
-"""What is said of a recording whose samples are no phasors."""
+"""The note on a recording whose samples are no phasors."""
 
 _compiling_said = threading.Event()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """What was asked for, for every recording alike; with `wrap`, each has the unambiguous range of its own camera."""
+    """The options of all recordings; with `wrap`, each recording has the unambiguous range of its own camera."""
 
     options: "EstimateOptions"
     wrap: bool
@@ -67,14 +67,14 @@ class Request:
 def estimate_files(
     recordings: Sequence[Path], output: Path | None, output_dir: Path | None, request: Request, *, as_json: bool
 ) -> None:
-    """Estimate recordings, and say what came out on stdout.
+    """Estimate recordings, and print the results on stdout.
 
     Raises
     ------
     UsageError
-        If the outputs do not fit, before anything is done.
+        If the outputs do not fit, before any estimate.
     TofmixError
-        What is wrong with a single recording; of several, the others are still done, and the exit code says so.
+        The fault of a single recording. Of several, the others are done, and the exit code is 5.
     """
     several = len(recordings) > 1 or output_dir is not None or Path("-") in recordings
     pairs = _outputs(_listed(recordings), output, output_dir, request, several=several)
@@ -109,21 +109,21 @@ def _listed(recordings: Sequence[Path]) -> list[Path]:
         else:
             paths.append(path)
     if not paths:
-        raise UsageError("no recording was named on stdin")
+        raise UsageError("stdin has no name of a recording; write one a line")
     return paths
 
 
 def _outputs(
     recordings: Sequence[Path], output: Path | None, output_dir: Path | None, request: Request, *, several: bool
 ) -> list[tuple[Path, Path]]:
-    """Pair each recording with its output; what cannot be is refused before anything is done."""
+    """Pair each recording with its output; invalid outputs are refused before any estimate."""
     from tofmix.io.atomic.storage import check_output, sync_folder
 
     ending = "layers.h5" if request.shard is None else "layers.{}-of-{}.part".format(*request.shard)
     if not several:
         return [(recordings[0], output or recordings[0].parent / f"{recordings[0].stem}.{ending}")]
     if output is not None:
-        raise UsageError("-o is for a single recording; several go to --output-dir")
+        raise UsageError("-o takes a single recording; give --output-dir for several")
     if output_dir is None:
         raise UsageError("several recordings need --output-dir")
     try:
@@ -135,7 +135,7 @@ def _outputs(
     for recording in recordings:
         target = output_dir / f"{recording.stem}.{ending}"
         if target in owner:
-            raise UsageError(f"{owner[target]} and {recording} would both become {target}")
+            raise UsageError(f"{owner[target]} and {recording} would both become {target}; rename one")
         owner[target] = recording
         if not request.resume:
             check_output(target, overwrite=request.overwrite, inputs=tuple(recordings))
@@ -143,7 +143,7 @@ def _outputs(
 
 
 def _pixels(pairs: Sequence[tuple[Path, Path]], request: Request) -> int:
-    """Pixels of all recordings, each window counted; what cannot be opened is told of when its turn comes."""
+    """Pixels of all recordings and windows; a file that cannot be opened is reported at its turn."""
     from tofmix.io.recording.recording_file import open_recording
 
     total = 0
@@ -169,7 +169,8 @@ def _windows(source: "RecordingFile", request: Request) -> "Windows":
 def _estimate(
     recording: Path, target: Path, request: Request, cluster: "ClusterEngine | None", bar: "tqdm[Any]"
 ) -> tuple[str, dict[str, Any]]:
-    """Estimate one recording; return what to say of it, as a line and for JSON."""
+    """Estimate one recording; return the result as a line and for JSON."""
+    from tofmix.estimation.noise_choice import noise_options
     from tofmix.io.atomic.storage import check_output
     from tofmix.io.layers.journal import WHOLE, Shard
     from tofmix.pipeline.job import plan_job
@@ -184,10 +185,9 @@ def _estimate(
             check_output(target, overwrite=request.overwrite, inputs=(recording,))
         noise = noise_choice(source, request.noise)
         windows = _windows(source, request)
-        given = source.sensor.noise
-        options = _settled(source, request, noise, windows, bar)
-        if noise == FILE and source.sensor.noise is not given:
-            noise = AUTO  # the samples contradicted the file
+        options, from_samples = _settled(source, request, noise, windows, bar)
+        if from_samples:
+            noise = AUTO
         remedy = Remedy(
             recording=str(recording), noise=noise, window_frames=windows.length, windows=windows.count,
             paper=options.paper,
@@ -195,7 +195,10 @@ def _estimate(
         with bar.external_write_mode(file=sys.stderr), announced():
             findings = findings_of_samples(source, source.sensor, options.unambiguous_range_mm, remedy)
         say_findings(recording, findings, say)
-        job = plan_job(source, windows, options, _of_sensor(request, noise))
+        job = plan_job(
+            source, windows, options,
+            noise_options(noise, request.outliers, shape=request.noise_shape, widths=request.noise_widths),
+        )  # fmt: skip
         engine: Engine
         if cluster is not None:
             engine = cluster
@@ -215,7 +218,7 @@ def _estimate(
     if outcome.mixture is not None and not is_quiet():
         say(f"{recording}: mixing: {outcome.mixture.words()}")
     if outcome.continued and not is_quiet():
-        say(f"{target}: blocks that were there already: {outcome.continued} of {outcome.cells}")
+        say(f"{target}: blocks from the interrupted run: {outcome.continued} of {outcome.cells}")
     if windows.frames_left_out:
         say(f"{recording}: {counted(windows.frames_left_out, 'frame')} after the last whole window left out")
     if request.shard is None:
@@ -233,43 +236,26 @@ def _check_frames(source: "RecordingFile", request: Request) -> None:
 
 def _settled(
     source: "RecordingFile", request: Request, noise: str, windows: "Windows", bar: "tqdm[Any]"
-) -> "EstimateOptions":
-    """Give the recording the sensor that is asked for; return the options with its own unambiguous range."""
+) -> "tuple[EstimateOptions, bool]":
+    """Give the recording its sensor; return the options with its own unambiguous range, and whether noise is learnt."""
     from tofmix.estimation.blocks.sample_span import sensor_with_span
+    from tofmix.estimation.noise_choice import NoiseRequest
 
     options = request.options
     if request.wrap:
         options = replace(options, unambiguous_range_mm=circle_of(source))
     source.sensor = sensor_with_span(source, options.unambiguous_range_mm)
     with bar.external_write_mode(file=sys.stderr):
-        source.sensor = sensor_for(
-            source, noise=noise, outliers=request.outliers, circle_mm=options.unambiguous_range_mm,
-            learning=_learning(request, windows, options),
+        wanted = NoiseRequest(
+            noise=noise_of(source, noise), outliers=request.outliers, asked=request.noise is not None,
+            window_frames=windows.length, stride_frames=windows.stride, shape=request.noise_shape,
+            widths=request.noise_widths, workers=request.workers,
         )  # fmt: skip
+        choice = sensor_for(source, options, wanted)
+        source.sensor = choice.sensor
         if options.unambiguous_range_mm is None and not options.paper:
             source.sensor = replace(source.sensor, no_return_mm=_no_return(source))
-    return options
-
-
-def _of_sensor(request: Request, noise: str) -> dict[str, str | float]:
-    """Options by which the sensor was chosen, for the record; those of learning where they are not the usual ones."""
-    said: dict[str, str | float] = {"noise": noise, "outliers": request.outliers}
-    if request.noise_shape != AUTO:
-        said["noise_shape"] = request.noise_shape
-    if request.noise_widths != AUTO:
-        said["noise_widths"] = request.noise_widths
-    return said
-
-
-def _learning(request: Request, windows: "Windows", options: "EstimateOptions") -> Learning | None:
-    """How noise is learnt; None where the options know a Gaussian alone."""
-    if options.paper or options.refine == "none" or options.sigma == "free":
-        return None
-    return Learning(
-        window_frames=windows.length, stride_frames=windows.stride, shape=request.noise_shape,
-        widths=request.noise_widths, min_samples=options.min_samples, workers=request.workers,
-        asked=request.noise is not None, circle_mm=options.unambiguous_range_mm,
-    )  # fmt: skip
+    return options, choice.from_samples
 
 
 def _no_return(source: "RecordingFile") -> float | None:
@@ -280,7 +266,7 @@ def _no_return(source: "RecordingFile") -> float | None:
         return source.sensor.no_return_mm
     found = no_return_constant(source)
     if found is not None:
-        note(f"{source.path}: range: {found:g} mm stands for no return; it is taken as a constant without noise")
+        note(f"{source.path}: range: {found:g} mm is the constant of samples without a return")
     return found
 
 
@@ -290,14 +276,14 @@ def _say(bar: "tqdm[Any]", text: str) -> None:
 
 
 def say_findings(path: Path, findings: list["Finding"], say: Callable[[str], object]) -> list["Finding"]:
-    """Say what is doubtful about a file, a line each; return the same."""
+    """Print the doubts about a file, a line each; return them."""
     for finding in findings:
         say(f"{path}: {finding.line}")
     return findings
 
 
 def findings_of(layers: Path, remedy: "Remedy | None" = None) -> list["Finding"]:
-    """What a layers file makes doubtful, as `tofmix report` says it."""
+    """The doubts about a layers file, in the words of `tofmix report`."""
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.report.summary.summary import find
 
@@ -308,7 +294,7 @@ def findings_of(layers: Path, remedy: "Remedy | None" = None) -> list["Finding"]
 def describe(
     outcome: "Outcome", findings: Sequence["Finding"] = (), shard: tuple[int, int] | None = None
 ) -> tuple[str, dict[str, Any]]:
-    """Say what was made, as a line and for JSON."""
+    """Describe the result, as a line and for JSON."""
     (rows, cols), windows = outcome.grid.image, outcome.windows
     undecided = () if outcome.mixture is None else _undecided(outcome.target)
     decided = [count - without for count, without in zip_longest(outcome.tally, undecided, fillvalue=0)]
@@ -348,7 +334,7 @@ def _cluster(request: Request) -> "AbstractContextManager[ClusterEngine | None]"
 
 
 def _compile(options: "EstimateOptions") -> None:
-    """Compile the kernels, or load them from their cache; say so where it takes long."""
+    """Compile the kernels, or load them from their cache; print a line if that takes long."""
     from tofmix.estimation.layering import warm_up
 
     with announced():
@@ -363,7 +349,7 @@ def _say_compiling() -> None:
 
 @contextmanager
 def announced() -> Iterator[None]:
-    """Say in one line on stderr what takes so long, if it does; once in a run."""
+    """Print one line on stderr if compiling takes long; once in a run."""
     timer = threading.Timer(_COMPILING_AFTER_S, _say_compiling)
     if not is_quiet():  # asked here, for the timer's thread knows no command
         timer.start()

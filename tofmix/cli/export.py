@@ -42,23 +42,26 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
 @click.argument("file", type=PATH)
 @click.option(
     "-o", "--output", type=PATH, required=True,
-    help="File to write; its end names the format: .las, .laz, .ply, .pcd, .csv; .png, .tif; .geojson, .json, .obj.",
+    help="File to write; the extension sets the format: .las, .laz, .ply, .pcd, .csv; .png, .tif; .geojson, .json,"
+    " .obj.",
 )  # fmt: skip
 @click.option(
     "--what", type=click.Choice(_WHAT),
-    help="What to write; edges and planes are of a surfaces file.  [default: the first that the name's end fits, as the"
-    " text above has them]",
+    help="Content to write; edges and planes need a surfaces file.  [default: by the extension, in the order edges,"
+    " planes, image, points]",
 )  # fmt: skip
-@click.option("--window", type=click.IntRange(0), help="One window.  [default: all, but the only one as an image]")
-@click.option("--min-weight", type=click.FloatRange(0, 1), help="Points: leave out layers with a smaller share.")
 @click.option(
-    "--min-probability", type=click.FloatRange(0, 1), help="Points: leave out layers with a smaller probability."
+    "--window", type=click.IntRange(0), help="Window to write; an image of several windows needs it.  [default: all]"
 )
+@click.option("--min-weight", type=click.FloatRange(0, 1), help="Points: smallest share of a layer.")
+@click.option("--min-probability", type=click.FloatRange(0, 1), help="Points: smallest probability of a layer.")
 @click.option("--undecided", is_flag=True, help="Write undecided pixels too.")
 @click.option(
-    "--fov", metavar="HxV", help="Points: field of view in degrees, of equal angles.  [default: the layers file's]"
+    "--fov", metavar="HxV", help="Points: field of view in degrees, of equal angles.  [default: from the layers file]"
 )
-@click.option("--layer", type=click.IntRange(1), default=1, show_default=True, help="Images: which layer, 1 = nearest.")
+@click.option(
+    "--layer", type=click.IntRange(1), default=1, show_default=True, help="Images: number of the layer, 1 = nearest."
+)
 @click.option(
     "--scale", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, help="Images: mm of one count."
 )
@@ -147,7 +150,7 @@ def _check_not_of_surfaces(layers: Path, output: Path, what: str | None) -> None
 
 
 def _check_options(given: set[str], what: str, output: Path, *, of_surfaces: bool) -> None:
-    """Refuse options that would do nothing."""
+    """Refuse options without an effect."""
     from tofmix.io.exporters import IMAGE
 
     if of_surfaces:
@@ -166,7 +169,7 @@ def _check_window(file: "LayersFile | SurfacesFile", window: int | None, *, as_i
     if window is not None and window >= count:
         raise UsageError(f"--window {window}: {file.path} has windows 0 to {count - 1}")
     if as_image and window is None and count > 1:
-        raise UsageError(f"{file.path} has {count} windows; choose the image's with --window")
+        raise UsageError(f"{file.path} has {count} windows; choose one with --window")
 
 
 def _export_points(
@@ -186,13 +189,13 @@ def _export_points(
             output, points, title=title, progress=bar.update, overwrite=overwrite, inputs=(file.path,)
         )
     if count == 0:
-        click.echo(f"tofmix: {output}: no layer passed, so there is no point in it", err=True)
+        click.echo(f"tofmix: {output}: no layer passed the filters, so the file has no point", err=True)
     line = f"{output}: {counted(count, 'point', ',')} of {counted(len(windows), 'window')}"
     return line, {"points": count, "windows": len(windows)}
 
 
 def _optics(file: "LayersFile", fov: str | None) -> "Projection":
-    """Where the pixels look: --fov, with equal angles, or as the layers file says."""
+    """The projection: --fov, with equal angles, or from the layers file."""
     from tofmix.cli.import_camera import view_of
     from tofmix.equiangular import Equiangular
 
@@ -266,7 +269,7 @@ def _export_surfaces(
         made = {"surfaces": len(found), "polygons": sum(len(outline.polygons) for outline in found)}
         text = f"{counted(made['surfaces'], 'surface', ',')} with {counted(made['polygons'], 'polygon', ',')}"
     if not any(made.values()):
-        click.echo(f"tofmix: {output}: {file.path} has no surface there, so there is nothing in it", err=True)
+        click.echo(f"tofmix: {output}: {file.path} has no surface there, so the file is empty", err=True)
     return f"{output}: {text}", {"what": what, **made, "windows": len(windows)}
 
 

@@ -46,14 +46,14 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 )  # fmt: skip
 @click.option(
     "--amplitude", metavar="NAME|PATH",
-    help="Topic or array of the amplitudes; for images, .npy and CSV the path of such a source.",
+    help="Topic or array of the amplitudes; for images, .npy and CSV the path of their source.",
 )  # fmt: skip
 @click.option(
     "--camera-info", metavar="TOPIC", help="Bags: topic of the intrinsics.  [default: camera_info beside the depths]"
 )
 @click.option(
     "--depth-axis", type=click.Choice(["z", "ray"]),
-    help="What depths are measured along.  [default: z in images and bags, else ray]",
+    help="Direction of the depths: along z, or along each pixel's ray.  [default: z in images and bags, else ray]",
 )  # fmt: skip
 @click.option(
     "--intrinsics", metavar="FX,FY,CX,CY|FILE",
@@ -74,12 +74,14 @@ tofmix import targets.npy -o targets.h5 --axes frame,row,col,target
 )  # fmt: skip
 @click.option(
     "--axes", metavar="NAMES",
-    help="Order of an array's axes: frame,row,col in any order, with target where a pixel returns several."
+    help="Order of an array's axes: frame,row,col in any order, with target if a pixel returns several."
     "  [default: frame,row,col; .mat by size]",
 )  # fmt: skip
-@click.option("--shape", metavar="ROWSxCOLS", help="Rows and columns of the image, where a frame is one line or axis.")
 @click.option(
-    "--frame-rate", type=click.FloatRange(0, min_open=True), help="Frames per second, where the source stores no time."
+    "--shape", metavar="ROWSxCOLS", help="Image size; needed if the source stores a frame as one line or one axis."
+)
+@click.option(
+    "--frame-rate", type=click.FloatRange(0, min_open=True), help="Frames per second, for a source without times."
 )
 @json_option
 @overwrite_option
@@ -110,8 +112,8 @@ def import_(
     with frame,row,col,range and perhaps target, amplitude, time). Depths of images and
     bags are taken along z and become ranges along each pixel's beam by the intrinsics
     of the bag or of --intrinsics, by --fov, or by the sensor's field of view; others
-    are taken along the beam. What neither SOURCE nor --sensor tells stays unknown, and
-    is listed. Frames are read and written in blocks.
+    are taken along the beam. Properties missing from SOURCE and --sensor stay unknown;
+    the command lists them. Frames are read and written in blocks.
     """
     from tofmix.cli.import_camera import (
         Lens,
@@ -136,7 +138,7 @@ def import_(
         if value is not None and not math.isfinite(value):
             raise UsageError(f"{name}: {value} is not finite")
     if units is not None and scale is not None:
-        raise UsageError("--units and --scale both say the unit; give one of them")
+        raise UsageError("--units and --scale both set the unit; give one of them")
     camera = camera_of(sensor)
     lens = Lens(intrinsics=intrinsics_of(intrinsics), view_deg=view_of(fov))
     unit_mm = scale if units is None else UNITS_MM[units]

@@ -1,4 +1,4 @@
-"""What `tofmix import` knows of the camera: its profile, its field of view, and what depths along z need."""
+"""The camera of `tofmix import`: its profile, its field of view, and the conversion of depths along z."""
 
 import re
 from dataclasses import dataclass, replace
@@ -16,15 +16,17 @@ if TYPE_CHECKING:
     from tofmix.sensor import Sensor
     from tofmix.sensors.sheet import CameraSheet
 
-_INTRINSICS = 4
+_INTRINSICS = 4  # numbers: FX, FY, CX, CY
 _PAIR = re.compile(r"\s*([0-9.eE+-]+)\s*[x,]\s*([0-9.eE+-]+)\s*")
 _MOST_DEG = 360.0, 180.0
+"""Largest field of view, degrees: a whole turn, and from pole to pole."""
+
 _FLAT_DEG = 180.0
-"""A pinhole images less than that."""
+"""A pinhole sees less than this angle, degrees: a half-space."""
 
 
 def camera_of(name: str | None) -> "CameraSheet":
-    """What is known of the camera that ``--sensor`` names; nothing without it.
+    """Properties of the camera of ``--sensor``; empty without it.
 
     Raises
     ------
@@ -132,7 +134,7 @@ def intrinsics_of(text: str | None) -> "Pinhole | Calibration | None":
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lens:
-    """What is said of the lens: intrinsics, and a field of view (horizontal, vertical) in degrees."""
+    """Options of the lens: intrinsics, and a field of view (horizontal, vertical) in degrees."""
 
     intrinsics: "Pinhole | Calibration | None" = None
     view_deg: tuple[float, float] | None = None
@@ -140,7 +142,7 @@ class Lens:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Geometry:
-    """What becomes of depths.
+    """Conversion of depths.
 
     Parameters
     ----------
@@ -196,7 +198,7 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
             return Geometry(factor=None, sensor=sensor, text=f"depths along the beam, taken as ranges{otherwise}")
         if optics is None:
             raise BadInputError(
-                f"{source}: depths along z are no ranges along the beam without the lens: give --intrinsics FX,FY,CX,CY"
+                f"{source}: depths along z become ranges only with a lens: give --intrinsics FX,FY,CX,CY"
                 " or --fov HxV, or --depth-axis ray if they are along the beam"
             )
         factor = ray_factor(optics, shape)
@@ -277,7 +279,7 @@ def _ideal(rows: int, cols: int, view_deg: tuple[float, float]) -> "Pinhole":
 
 
 def not_known(sensor: "Sensor", *, has_optics: bool) -> list[str]:
-    """What a recording does not say of its camera, and what needs it."""
+    """Missing camera data, with the commands that need them."""
     missing = []
     if not has_optics:
         missing.append("field of view (export, map and surfaces need it: import --fov)")

@@ -60,10 +60,10 @@ def inspect(
     Prints each layer's range and share with their standard errors, sigma and
     probability. The figure (-o) shows the fitted components and, with --recording, the
     samples and their density: the paper's Fig. 8, or its Fig. 7 with --over-frames.
-    Under learnt noise the line over the samples is the fitted mixture instead, with the
-    learnt shape, the pixel's own width, its background and its drift. Where the law of
-    mixing was measured, a panel below shows the pixel in the complex plane: its samples'
-    phasors, its neighbours', and the chord or triangle that it was unmixed on.
+    With learnt noise the line over the samples is the fitted mixture, with the learnt
+    shape and the pixel's width, background and drift. If the law of
+    mixing was measured, a second panel shows the pixel in the complex plane: the phasors
+    of its samples and of its neighbours, and the chord or triangle of its unmixing.
     """
     from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
@@ -189,6 +189,6 @@ def _print(
     if why := why_layers_stand(views, made.options):
         click.echo(f"\n{why}")
     if targets:
-        click.echo(f"a share is a share of detections, up to {targets} a frame")
+        click.echo(f"a share is the share of detections, up to {targets} a frame")
     if growth is not None:
         click.echo("\n" + format_growth(growth))

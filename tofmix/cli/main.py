@@ -1,4 +1,4 @@
-"""The command ``tofmix``, and what it returns to the shell."""
+"""The command ``tofmix``, and its exit codes."""
 
 import os
 import signal
@@ -70,10 +70,10 @@ class _InOrder(click.Group):
 def main(context: click.Context, /) -> None:
     """The surfaces in a time-of-flight pixel.
 
-    A pixel of a time-of-flight camera is a cone: where it meets several surfaces,
-    the camera's averaging invents obstacles between them. tofmix reads recorded
-    range sequences and recovers the surfaces in each pixel: how many, how far,
-    what share of the beam, how sure.
+    A pixel of a time-of-flight camera sees a cone. If the cone meets several
+    surfaces, the camera's averaging reports obstacles between them. tofmix reads
+    recorded range sequences and recovers the surfaces in each pixel: their number,
+    ranges, shares of the beam, and errors.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help(), err=True)
@@ -105,7 +105,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
     except TofmixError as error:
         _fail(str(error), error.exit_code)
     except SystemExit as leave:
-        # click leaves with 1 where the reader of a pipe has gone (`| head`); by our table that were a bug of ours.
+        # click leaves with 1 where the reader of a pipe has ended (`| head`); in our table 1 is a bug.
         sys.exit(ExitCode.CLOSED_PIPE if leave.code == 1 else leave.code)
     except OSError as error:
         _discard(sys.stdout)
@@ -144,6 +144,6 @@ def _die(number: int, _: FrameType | None) -> None:
     if number == signal.SIGINT:
         os.write(sys.stderr.fileno(), b"tofmix: interrupted\n")
     if is_resumable():
-        os.write(sys.stderr.fileno(), b"tofmix: what is done is kept; --resume goes on from there\n")
+        os.write(sys.stderr.fileno(), b"tofmix: finished blocks are kept; --resume continues\n")
     signal.signal(number, signal.SIG_DFL)
     os.kill(os.getpid(), number)

@@ -54,38 +54,41 @@ tofmix map boards.layers.h5 -o averaged.yaml --from averaged --recording boards.
 )
 @click.command("map", short_help="Write an occupancy map of the layers.")
 @click.argument("layers", type=PATH)
-@click.option("-o", "--output", type=PATH, help="2-D map to write, .yaml; its image .pgm comes beside it.")
+@click.option("-o", "--output", type=PATH, help="2-D map to write, .yaml; its image .pgm is written beside it.")
 @click.option("--voxels", type=PATH, help="3-D map to write: occupied voxels as .ply, or the whole grid as .npz.")
 @click.option(
     "--from", type=click.Choice([LAYERS, AVERAGED, THIN_BEAM]), default=LAYERS, show_default=True,
-    help="Source of each beam's hits: its layers; for comparison the samples' mean, or one surface fitted to them.",
+    help="Ranges to map. layers: all surfaces. For comparison: averaged (mean of the samples), thin-beam (one fitted"
+    " surface).",
 )  # fmt: skip
 @click.option("--recording", type=PATH, help="The samples, for --from averaged and thin-beam.")
-@click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window that is mapped.")
+@click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="Window to map.")
 @click.option(
     "--cell", type=click.FloatRange(1.0, 10_000.0), default=50.0, show_default=True, help="Edge of a cell, mm."
 )
 @click.option(
     "--height", type=_Numbers("A,B"), metavar="A,B", default="-250,250", show_default=True,
-    help="Heights that the 2-D map shows, mm above the camera; rounded outward to whole cells.",
+    help="Heights in the 2-D map, mm above the camera; rounded outward to whole cells.",
 )  # fmt: skip
 @click.option(
     "--pose", type=_Numbers("X,Y,YAW"), metavar="X,Y,YAW", default="0,0,0", show_default=True,
-    help="The camera in the map: mm, mm, and degrees anticlockwise from x.",
+    help="Pose of the camera in the map: mm, mm, and degrees anticlockwise from x.",
 )  # fmt: skip
 @click.option(
     "--pitch", type=click.FloatRange(-89.0, 89.0), default=0.0, show_default=True,
-    help="Degrees by which the camera looks down.",
+    help="Downward pitch of the camera, degrees.",
 )  # fmt: skip
 @click.option(
     "--min-share", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.05, show_default=True,
-    help="Least share of the light that an obstacle in a cell stops.",
+    help="Smallest share of light that an obstacle blocks; a cell that blocks less is free.",
 )  # fmt: skip
 @click.option(
     "--min-probability", type=click.FloatRange(0, 1), default=0.9999, show_default=True,
     help="Layers with a smaller probability are ignored.",
 )  # fmt: skip
-@click.option("--workers", type=click.IntRange(1), help="Threads; results do not depend on it.  [default: all cores]")
+@click.option(
+    "--workers", type=click.IntRange(1), help="Threads; their number changes no result.  [default: all cores]"
+)
 @json_option
 @overwrite_option
 def map_(
@@ -105,13 +108,13 @@ def map_(
     overwrite: bool,
     **choices: str,
 ) -> None:
-    """Write an occupancy map of what LAYERS, a file that tofmix estimate wrote, shows.
+    """Write an occupancy map of LAYERS, a file that tofmix estimate wrote.
 
     Every layer is a hit with its share of the light. Space in front of it is free;
-    space behind it is free to the share of the light that passes. The 2-D map is
-    for ROS's map_server. One of its cells is occupied if anything within the band
-    of heights is. The camera stands at height 0; with yaw 0, x is ahead of it and y
-    to its left.
+    space behind it counts as free in proportion to the light that passes. The 2-D
+    map is for ROS's map_server. A 2-D cell is occupied if any voxel of its column,
+    within --height, is occupied. The camera stands at height 0; with yaw 0, x is
+    ahead of it and y to its left.
     """
     from tofmix.io.atomic.atomic_group import write_atomic_group
     from tofmix.io.atomic.storage import locked
@@ -134,7 +137,7 @@ def map_(
             comment = _comment(file, source, recording)
             if file.provenance.sensor.range_max_mm is None:
                 click.echo(
-                    f"tofmix: {layers}: sensor: no range_max_mm: samples without a return leave no space free", err=True
+                    f"tofmix: {layers}: sensor: no range_max_mm: samples without a return free no space", err=True
                 )
         try:
             camera = Pose(x_mm=pose[0], y_mm=pose[1], yaw_deg=pose[2], pitch_deg=pitch)
@@ -165,7 +168,7 @@ def _check_call(output: Path | None, voxels: Path | None, source: str, recording
     if source != LAYERS and recording is None:
         raise UsageError(f"--from {source} needs the samples: pass --recording RECORDING")
     if source == LAYERS and recording is not None:
-        raise UsageError("--recording goes with --from averaged or thin-beam")
+        raise UsageError("--recording needs --from averaged or --from thin-beam")
     paths = () if output is None else map_paths(output)
     if voxels is not None:
         check_voxel_path(voxels)

@@ -1,4 +1,4 @@
-"""What several commands share: options declared once, progress, and values from the shell."""
+"""Options of several commands, progress, and values from the shell."""
 
 import os
 import re
@@ -107,13 +107,13 @@ quiet_option = click.option(
 
 
 def is_quiet() -> bool:
-    """Whether the running command was told to be."""
+    """Whether the running command has --quiet."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(_QUIET))
 
 
 def note(text: str) -> None:
-    """Say on stderr what is good to know and no reason to worry; not where --quiet is given."""
+    """Print a note on stderr; --quiet suppresses it."""
     if not is_quiet():
         click.echo(f"tofmix: {text}", err=True)
 

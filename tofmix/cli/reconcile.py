@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
     Files = tuple[tuple[str, Path], ...]
 
-_MOST_SAMPLES = 1 << 28  # a gigabyte as they are held
+_MOST_SAMPLES = 1 << 28  # samples held in memory: a gigabyte
 _SAME = 1e-3  # relative difference of numbers of a camera that are written in a file
-_SAME_PLACE = 0.1  # of a pixel
+_SAME_PLACE = 0.1  # part of a pixel: directions that differ by less are the same
 _SAME_RATE = 0.02  # relative difference of frame rates: clocks are not exact
 
 
@@ -41,21 +41,19 @@ tofmix simulate gap/model.toml -o refined.h5
     help="Another recording of the same camera, with the model of its scene. Repeatable.",
 )  # fmt: skip
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of every random draw.")
-@click.option("--effects", metavar="A,B,...", help="Kinds of effects that are tried.  [default: all]")
-@click.option(
-    "--max-effects", type=click.IntRange(0, 10), default=3, show_default=True, help="Most effects that are added."
-)
+@click.option("--effects", metavar="A,B,...", help="Kinds of effects to try.  [default: all]")
+@click.option("--max-effects", type=click.IntRange(0, 10), default=3, show_default=True, help="Most effects to add.")
 @click.option(
     "--alpha", type=click.FloatRange(0, 0.5, min_open=True), default=0.01, show_default=True,
-    help="Level of the tests, corrected for their number.",
+    help="Significance level of the tests, corrected for their number.",
 )  # fmt: skip
 @click.option(
     "--tolerance", type=click.FloatRange(0, 1), default=0.1, show_default=True,
-    help="Error of the model that is accepted: of poses, in sigma; of sigma, a tenth of this share.",
+    help="Accepted model error: pose errors up to this many sigma, and sigma errors up to a tenth of this share.",
 )  # fmt: skip
 @click.option(
     "--split", type=click.Choice(["frames,pixels", "frames", "pixels"]), default="frames,pixels", show_default=True,
-    help="Data that no fit sees.",
+    help="Data held out from the fit: frames, pixels or both.",
 )  # fmt: skip
 @json_option
 @overwrite_option
@@ -75,11 +73,11 @@ def reconcile(
 ) -> None:
     """Find where a simulation of MODEL and the recording MEASURED disagree, name the missing effect, and add it.
 
-    Compares each sample with the model's prediction, finds the place of the
-    disagreement, fits the known effects, scores them on frames and pixels that no
-    fit has seen, and adds the effects that explain it. The verdict says so where no
-    effect does. Recordings given with --also share the effects' parameters. The
-    page docs/reference/verdicts.md explains the verdicts.
+    The command compares each sample with the model's prediction, locates the
+    disagreement, fits the known effects, scores them on held-out frames and pixels,
+    and adds the effects that explain the disagreement. The verdict states whether
+    any effect does. Recordings given with --also share the effects' parameters.
+    docs/reference/verdicts.md explains the verdicts.
     """
     from tofmix.io.reconciliation import locked_folder, model_names
     from tofmix.reconciliation.way import Settings
@@ -122,7 +120,7 @@ def _kinds(effects: str | None) -> tuple[str, ...]:
         if name not in KINDS:
             raise UsageError(f'--effects: "{name}" is not an effect{nearest(name, KINDS)}')
     if not wanted:
-        raise UsageError("--effects: no effect is named")
+        raise UsageError("--effects: the list is empty; name an effect, or leave the option out")
     return tuple(kind for kind in KINDS if kind in wanted)
 
 
@@ -135,7 +133,7 @@ def _read_all(files: "Files") -> list[tuple["Model", "Evidence"]]:
     models = [load_model(model) for model, _ in files]
     for (name, _), model in zip(files, models, strict=True):
         if not model.surfaces:
-            raise BadInputError(f"{name}: surface: the model has none to compare the recording with")
+            raise BadInputError(f"{name}: surface: the model has no surface; add one to compare with the recording")
     for (name, _), model in zip(files[1:], models[1:], strict=True):
         try:
             check_camera([models[0], model])
@@ -168,23 +166,24 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
         for name in ("modulation_frequency_hz", "integration_time_ms"):
             own, models = getattr(file.sensor, name), getattr(scene.sensor, name)
             if own is not None and models is not None and not math.isclose(own, models, rel_tol=_SAME):
-                click.echo(f"tofmix: {measured}: sensor: {name} is {own:g}, the model's is {models:g}", err=True)
+                click.echo(f"tofmix: {measured}: sensor: {name} is {own:g}; the model has {models:g}", err=True)
         _say_other_optics(measured, file, scene)
     if time_s is not None and time_s[-1] > time_s[0]:
         models = scene.recording.frame_rate_hz
         steps = np.diff(time_s)
         mean, usual = 1.0 / float(steps.mean()), 1.0 / float(np.median(steps[steps > 0]))
         if not any(math.isclose(own, models, rel_tol=_SAME_RATE) for own in (mean, usual)):  # a pause is no other rate
-            click.echo(f"tofmix: {measured}: time: {usual:.4g} Hz, the model's frame_rate_hz is {models:g}", err=True)
+            click.echo(f"tofmix: {measured}: time: {usual:.4g} Hz; the model has frame_rate_hz {models:g}", err=True)
     if any(effect.kind == "fixed_pattern" and getattr(effect, "map", None) is None for effect in scene.effects):
         click.echo(
-            f"tofmix: {measured}: the model's fixed_pattern has no map: all that is static is taken as part of it",
+            f"tofmix: {measured}: the model's fixed_pattern has no map: every static error counts as part of the"
+            " pattern",
             err=True,
         )
     if scene.sensor.noise.width_spread:
         click.echo(
-            f"tofmix: {measured}: the model's width_spread does not say which width each pixel has: all by which the"
-            " noise of a pixel differs from the others' is taken as its width",
+            f"tofmix: {measured}: the model has width_spread without a width for each pixel: every difference"
+            " between the noise of pixels counts as width",
             err=True,
         )
     try:
@@ -194,7 +193,7 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
 
 
 def _say_other_optics(measured: Path, file: "RecordingFile", scene: "Model") -> None:
-    """Say where the recording's pixels look elsewhere than the model's."""
+    """Print a line if the pixels of the recording and of the model look in different directions."""
     from tofmix.errors import BadInputError
     from tofmix.geometry import largest_angle_deg
     from tofmix.projection import beam_directions_of, pixel_extent_rad
@@ -209,8 +208,8 @@ def _say_other_optics(measured: Path, file: "RecordingFile", scene: "Model") -> 
         raise BadInputError(f"{measured}: sensor: {error}") from error
     if off_deg > _SAME_PLACE * math.degrees(float(pixel_extent_rad(models, shape).min())):
         click.echo(
-            f"tofmix: {measured}: sensor: its pixels see {own.words(shape)} and look up to {off_deg:.2g} degrees beside"
-            f" the model's, which see {models.words(shape)}",
+            f"tofmix: {measured}: sensor: its pixels see {own.words(shape)}; the model's see {models.words(shape)} and"
+            f" look up to {off_deg:.2g} degrees elsewhere",
             err=True,
         )
 
@@ -247,6 +246,6 @@ def _maps(result: "Reconciliation") -> "dict[str, FloatArray]":
     maps: dict[str, FloatArray] = {}
     for path, values in found:
         if path in maps and not np.array_equal(maps[path], values, equal_nan=True):
-            raise BadInputError(f"map: two models of one camera name different maps {path}")
+            raise BadInputError(f"map: two models of one camera have different maps with the name {path}; rename one")
         maps[path] = values
     return maps

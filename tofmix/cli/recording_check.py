@@ -54,9 +54,9 @@ def check_not_averaged(recording: "RecordingFile") -> None:
     if recording.attributes().get("averaged", 0) in (0, "0", ""):
         return
     raise BadInputError(
-        f"{recording.path}: marked as averaged: its frames are means, in which samples cannot tell surfaces apart;"
+        f"{recording.path}: marked as averaged: a mean does not separate surfaces;"
         " unmix them with --mixing phasor, record at an integration time that the camera does not average,"
-        " or take the means for samples with --force"
+        " or use the means as samples with --force"
     )
 
 
@@ -87,7 +87,7 @@ def check_phasors(recording: "RecordingFile") -> None:
 def findings_of_samples(
     source: "RecordingFile", sensor: "Sensor", circle_mm: float | None, remedy: "Remedy"
 ) -> list["Finding"]:
-    """What some of the samples say against the noise curve of `sensor`, and of drift within a window."""
+    """Doubts from some of the samples: scatter off the noise curve of `sensor`, and drift within a window."""
     from tofmix.estimation.learnt.model import follows_drift
     from tofmix.estimation.noise.consistency import check_consistency
     from tofmix.report.summary.findings import sample_findings

@@ -11,6 +11,7 @@ import click
 from tofmix.cli.described import PROGRAM, DescribedCommand, described_commands, described_program
 from tofmix.cli.main import main
 from tofmix.errors import EXIT_CODE_MEANINGS, EXIT_CODE_REMEDIES
+from tofmix.wording import table_cell
 
 COMMAND = "python -m tofmix.cli.reference > docs/reference/cli.md"
 
@@ -50,7 +51,7 @@ def reference() -> str:
 
 def exit_codes() -> str:
     """Return the page of exit codes, ending in one newline."""
-    rows = ((int(c), _cell(EXIT_CODE_MEANINGS[c]), _cell(EXIT_CODE_REMEDIES[c])) for c in EXIT_CODE_MEANINGS)
+    rows = ((int(c), table_cell(EXIT_CODE_MEANINGS[c]), table_cell(EXIT_CODE_REMEDIES[c])) for c in EXIT_CODE_MEANINGS)
     return _EXIT_CODES_HEAD + "".join(f"| {code} | {text} | {remedy} |\n" for code, text, remedy in rows)
 
 
@@ -62,7 +63,7 @@ def _program() -> Iterator[str]:
     yield "| command | |\n|---|---|"
     for command in described_commands(main):
         anchor = command.path.replace(" ", "-")
-        yield f"| [`{command.path}`](#{anchor}) | {_cell(command.summary)} |"
+        yield f"| [`{command.path}`](#{anchor}) | {table_cell(command.summary)} |"
     yield ""
     yield from _options(program)
     yield from _examples(program)
@@ -80,7 +81,7 @@ def _options(command: DescribedCommand) -> Iterator[str]:
     yield _TABLE_HEAD
     for option in command.options:
         names = ", ".join(f"`{name}`" for name in option.names)
-        yield f"| {names} | {_cell(option.value)} | {_cell(option.default)} | {_cell(option.text)} |"
+        yield f"| {names} | {table_cell(option.value)} | {table_cell(option.default)} | {table_cell(option.text)} |"
     yield ""
 
 
@@ -94,7 +95,7 @@ def _exit_codes() -> Iterator[str]:
     yield "## Exit codes\n"
     yield "| code | |\n|---|---|"
     for code, text in EXIT_CODE_MEANINGS.items():
-        yield f"| {int(code)} | {_cell(text)} |"
+        yield f"| {int(code)} | {table_cell(text)} |"
     yield ""
 
 
@@ -104,11 +105,6 @@ def _paragraphs(command: DescribedCommand) -> str:
 
 def _fenced(text: str) -> str:
     return f"```sh\n{text}\n```\n"
-
-
-def _cell(text: str) -> str:
-    """Return a text that a table's cell shows as it is."""
-    return " ".join(text.split()).replace("|", "\\|")
 
 
 if __name__ == "__main__":

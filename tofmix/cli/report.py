@@ -25,11 +25,11 @@ tofmix report boards.layers.h5 --surfaces boards.surfaces.h5 --html boards.html
 tofmix report boards.layers.h5 --json | python -m json.tool
 """
 )
-@click.command(short_help="Show what an estimate found.")
+@click.command(short_help="Summarise a layers file.")
 @click.argument("layers", type=PATH)
-@click.option("--recording", type=PATH, help="The recording of these layers; the page then shows its samples too.")
+@click.option("--recording", type=PATH, help="Recording of these layers; adds its samples to the page.")
 @click.option(
-    "--surfaces", type=PATH, help="Their surfaces file; the page then shows surfaces, edges, and finer ranges."
+    "--surfaces", type=PATH, help="Surfaces file of these layers; adds surfaces, edges and finer ranges to the page."
 )
 @click.option("--html", type=PATH, help="Write a self-contained page with pictures.")
 @click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window that the page shows.")
@@ -52,7 +52,7 @@ def report(
     from tofmix.report.summary.tables import format_table
 
     if surfaces is not None and html is None:
-        raise UsageError("--surfaces goes with --html: surfaces are shown in pictures")
+        raise UsageError("--surfaces needs --html: only the page shows surfaces")
     inputs = tuple(path for path in (layers, recording, surfaces) if path is not None)
     with ExitStack() as stack:
         file = stack.enter_context(open_layers(layers))

@@ -24,22 +24,22 @@ tofmix sensors --json
 @click.command(short_help="List the built-in cameras, or print one.")
 @click.argument("name", required=False)
 @click.option(
-    "--toml", "as_toml", is_flag=True, help="Print the camera's file, to start one of your own for --sensor.",
+    "--toml", "as_toml", is_flag=True, help="Print the file of the camera, as a start for your own --sensor file.",
     allow_from_autoenv=False,
 )  # fmt: skip
 @json_option
 def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
-    """List the built-in cameras, or print what is known of the camera NAME and where each number is from.
+    """List the built-in cameras, or print the data of the camera NAME with the source of each number.
 
     tofmix import --sensor and the profile of a model take these names. Unknown
     numbers of a camera are left out. --noise NAME, and a model with a profile
-    alone, need a camera with a noise curve.
+    only, need a camera with a noise curve.
     """
     from tofmix.sensors import PROFILES, load_sheet
 
     if name is None:
         if as_toml:
-            raise UsageError("--toml prints one camera; name it")
+            raise UsageError("--toml prints one camera; give its NAME")
         sheets = {key: load_sheet(key) for key in PROFILES}
         click.echo("\n".join(json.dumps(_as_dict(*item)) for item in sheets.items()) if as_json else _table(sheets))
         return
@@ -62,7 +62,7 @@ def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
 
 
 def _as_dict(name: str, sheet: "CameraSheet") -> dict[str, Any]:
-    """What is known of a camera, for JSON; None where it is not."""
+    """Properties of a camera for JSON; None if not known."""
     noise = sheet.noise
     return {
         "profile": name, "name": sheet.name, "rows": sheet.rows, "cols": sheet.cols,

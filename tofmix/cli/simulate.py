@@ -44,10 +44,10 @@ tofmix simulate my_scene.toml -o my_scene.h5 --repeat 3
     "--averaged",
     is_flag=True,
     allow_from_autoenv=False,
-    help="Write frames as the camera's on-board averaging returns them.",
+    help="Write the means that the camera's on-board averaging returns.",
 )
 @click.option(
-    "--print-model", is_flag=True, allow_from_autoenv=False, help="Print the model as TOML, to start your own from."
+    "--print-model", is_flag=True, allow_from_autoenv=False, help="Print the model as TOML, as a start for your own."
 )
 @click.option(
     "--explain", is_flag=True, allow_from_autoenv=False,
@@ -83,7 +83,7 @@ def simulate(
     cameras (docs/reference/effects.md). The recording carries the truth.
     """
     if as_json and (print_model or explain):
-        raise click.UsageError("--json is for recordings that are written, not for --print-model or --explain")
+        raise click.UsageError("--json describes written recordings; leave out --print-model and --explain")
     if print_model:
         from tofmix.io.model_file import load_model_text
 

@@ -1,4 +1,4 @@
-"""Where ``tofmix`` begins: Ctrl-C is in order before anything is imported, which takes a while."""
+"""Start of ``tofmix``: Ctrl-C is handled before the imports, which take a while."""
 
 import signal
 from typing import NoReturn

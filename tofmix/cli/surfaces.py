@@ -31,18 +31,19 @@ tofmix export boards.surfaces.h5 -o boards.obj --what planes
 @click.option("-o", "--output", type=HDF5_PATH, help="Surfaces file to write.  [default: LAYERS with .surfaces.h5]")
 @click.option(
     "--factor", type=click.IntRange(2, 32), default=8, show_default=True,
-    help="Parts along each side of a pixel in the fine range image.",
+    help="Subdivision of a pixel in the fine range image: FACTOR x FACTOR parts.",
 )  # fmt: skip
 @json_option
 @overwrite_option
 def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, overwrite: bool) -> None:
     """Find the surfaces in LAYERS, a file that tofmix estimate wrote.
 
-    Layers of neighbouring pixels that continue each other are one surface; planes
-    are fitted to surfaces. The shares tell where each surface ends within a pixel:
-    lines with their standard errors, and a range image with FACTOR x FACTOR parts a
-    pixel. Each window is independent. The layers file must say where its pixels
-    look. docs/how-to/surfaces.md shows how other programs read the file.
+    The command joins layers of neighbouring pixels into surfaces, and fits a plane
+    to each. The shares locate the edge of each surface within a pixel. The result
+    has edge lines with their standard errors, and a range image with FACTOR x
+    FACTOR parts a pixel. Each window is independent. The layers file must have the
+    camera's field of view. docs/how-to/surfaces.md shows how other programs read
+    the file.
     """
     from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
@@ -96,7 +97,7 @@ def _reconstruct(file: "LayersFile", window: int, factor: int) -> "WindowSurface
 
 
 class _Tally:
-    """What was found in all windows."""
+    """Counts over all windows."""
 
     def __init__(self) -> None:
         self._surfaces = self._lines = 0

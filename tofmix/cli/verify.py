@@ -56,7 +56,7 @@ def _show(path: Path, findings: "Findings") -> None:
         note(f"{path}: {_printable(text)}")
     if findings.ok:
         read = f", {counted(findings.checked, 'dataset')} read" if findings.checked else ""
-        click.echo(f"{path}: {findings.kind}{read}; nothing is wrong")
+        click.echo(f"{path}: {findings.kind}{read}; no fault")
 
 
 def _printable(text: str) -> str:

@@ -17,10 +17,10 @@ NUMBA_CACHE_DIR=/opt/tofmix-kernels tofmix warmup
 @click.command(short_help="Compile all kernels ahead, for container images.")
 @json_option
 def warmup(*, as_json: bool) -> None:
-    """Compile the kernels of all commands and options, and keep them.
+    """Compile the kernels of all commands and options, and store them.
 
     Later runs compile nothing. The command prints the folder: in the package, or in
-    the user's cache where the package is read-only. NUMBA_CACHE_DIR chooses another
+    the user's cache if the package is read-only. NUMBA_CACHE_DIR sets another
     folder, for later runs too.
     """
     from tofmix.cli.estimate_files import announced

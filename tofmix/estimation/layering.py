@@ -27,6 +27,7 @@ from tofmix.estimation.mixture.components import (
     Components,
     Scratch,
     remove_surface,
+    sort_surfaces,
 )
 from tofmix.estimation.mixture.counting import (
     Rules,
@@ -192,17 +193,6 @@ def _fit_pixel(
         k = left
 
 
-@borrowing
-def _sort_surfaces(k: int, fit: Components) -> None:
-    """Put the surfaces in order, near to far."""
-    for i in range(1, k):
-        for j in range(i, 0, -1):
-            if fit[MEAN, j - 1] <= fit[MEAN, j]:
-                break
-            for row in (MEAN, SIGMA, WEIGHT, SUPPORT, GAIN):
-                fit[row, j - 1], fit[row, j] = fit[row, j], fit[row, j - 1]
-
-
 @jit
 def _layer_block(
     block: SortedSamples,
@@ -235,7 +225,7 @@ def _layer_block(
         )
         k, kept, iterations, fitted = _fit_pixel(data, place, height, found, work, beam, options, rules)
         surface_gains(data, k, work, beam)
-        _sort_surfaces(k, fit)
+        sort_surfaces(k, fit)
         known = standard_errors(data, k, fit, beam, options.mode, work.scratch, range_errors, weight_errors)
         n_modes[pixel], n_peaks[pixel] = k, kept
         n_iter[pixel] = abs(iterations)

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.mixture.beam import Beam, beam_of, is_no_return
-from tofmix.estimation.mixture.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT
+from tofmix.estimation.mixture.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT, sort_surfaces
 from tofmix.estimation.mixture.counting import new_workspace, surface_gains
 from tofmix.estimation.mixture.em import ROOT_TWO_PI, log_likelihood
 from tofmix.estimation.mixture.false_alarms import chance_of, gain_table
@@ -163,17 +163,6 @@ def _iterate(values: FloatArray, n: int, k: int, fit: FloatArray, beam: Beam, su
     return known
 
 
-@borrowing
-def _in_order(k: int, fit: FloatArray) -> None:
-    """Put the surfaces in order, near to far: EM may have moved one past another."""
-    for i in range(1, k):
-        for j in range(i, 0, -1):
-            if fit[MEAN, j - 1] <= fit[MEAN, j]:
-                break
-            for row in (MEAN, SIGMA, WEIGHT, SUPPORT):
-                fit[row, j - 1], fit[row, j] = fit[row, j], fit[row, j - 1]
-
-
 @jit
 def _with_sigma_0(beam: Beam, sigma_0: float) -> Beam:
     """The same beam with another spread of c_0, mm."""
@@ -221,7 +210,7 @@ def _paper_block(
             for _ in range(ITERATIONS):
                 known = _iterate(values, n, k, fit, beam, sums[: k + 1]) and known
             n_iter[pixel] = ITERATIONS
-        _in_order(k, fit)
+        sort_surfaces(k, fit)
         data = gather(values, n, beam.curve_range, beam.curve_sigma, value, times)
         fitted = _with_sigma_0(beam, fit[SIGMA, -1])
         likelihood[pixel] = log_likelihood(data, k, fit, fitted, work.scratch)

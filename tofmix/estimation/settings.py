@@ -1,4 +1,4 @@
-"""What a caller chooses: the options of the estimator, and how the kernels read them."""
+"""Options of the estimator, and their form for the kernels."""
 
 import math
 from dataclasses import dataclass, field, fields
@@ -15,7 +15,7 @@ LEAST_SAMPLES = 2
 
 
 class Refine(StrEnum):
-    """What is done with the peaks of step 1."""
+    """Use of the peaks of step 1."""
 
     LIKELIHOOD = "likelihood"
     NONE = "none"

@@ -63,7 +63,7 @@ def _crowding(values: FloatArray, place: float, reach: float, length: float) -> 
 
 @jit
 def _emptiest(values: FloatArray, beam: Beam, length: float) -> float:
-    """Where to cut the circle of sorted readings: the fold if it is empty, else the first of the emptiest places."""
+    """Place to cut the circle of sorted readings: the fold if it is empty, else the first of the emptiest places."""
     n = len(values)
     best = _crowding(values, 0.0, CUT_SIGMAS * sigma_at(0.0, beam.curve_range, beam.curve_sigma), length)
     place = 0.0

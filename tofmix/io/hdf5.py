@@ -1,4 +1,4 @@
-"""What all HDF5 files of tofmix have in common: named dimensions, attributes, formats. `sensor_group` has the camera.
+"""Common parts of all HDF5 files of tofmix: named dimensions, attributes, formats. `sensor_group` has the camera.
 
 Files written here follow HDF5 dimension scales and CF-1.11, so that xarray and
 netCDF-4 open them with named dimensions, and NeXus, so that its viewers find a
@@ -33,7 +33,7 @@ _COMMANDS = {
     _LAYERS: ("layers file", "report"),
     _SURFACES: ("surfaces file", "export"),
 }
-"""What a file of each format is, and the command that takes it."""
+"""Kind of file of each format, and the command that reads it."""
 
 
 @contextmanager

@@ -63,7 +63,7 @@ def load_model(name: str) -> Model:
 
 
 def maps_beside(file: Path) -> MapReader:
-    """What reads the maps that a model or a camera's file names."""
+    """Reader of the maps of a model or of a camera's file."""
 
     def read_map(path: str, shape: tuple[int, int] | None) -> Float32Array:
         return _read_map(file.parent, path, shape)

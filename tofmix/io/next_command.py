@@ -26,7 +26,7 @@ def next_command(name: str, path: Path, *options: str) -> str:
 
 
 def folder_fault(path: Path) -> str:
-    """What is said of a folder in the place of an HDF5 file: what it is, as far as it shows, and what takes it."""
+    """Error for a folder in the place of an HDF5 file: its kind, and the command that reads it."""
     try:
         names = [entry.name.lower() for entry in path.iterdir()]
     except OSError:
@@ -41,7 +41,7 @@ def folder_fault(path: Path) -> str:
 
 
 def foreign_fault(path: Path) -> str | None:
-    """What is said of a file whose ending says that `tofmix import` makes a recording of it; else nothing."""
+    """Error for a file with an extension of `tofmix import`; None for others."""
     suffix = path.suffix.lower()
     for suffixes, kind in ((_ARRAYS, "an array"), (_TABLES, "a table"), (_IMAGES, "an image"), (_BAGS, "a bag")):
         if suffix in suffixes:

@@ -22,23 +22,17 @@ from tofmix.projection import (
     projection_values,
 )
 from tofmix.recording import MOST_PIXELS_A_SIDE
-from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, AmplitudeLaw, NoiseCurve, Sensor
+from tofmix.sensor import (
+    DEFAULT_OUTLIER_PROBABILITY,
+    RARE_SENSOR_NUMBERS,
+    SENSOR_NUMBERS,
+    AmplitudeLaw,
+    NoiseCurve,
+    Sensor,
+)
 
 _MOST_POINTS = 100_000  # of a list in the group `sensor`
 _MOST_COEFFICIENTS = 64  # of a lens; OpenCV has up to 14
-
-_SENSOR_NUMBERS = (
-    "modulation_frequency_hz",
-    "integration_time_ms",
-    "range_min_mm",
-    "range_max_mm",
-    "fov_horizontal_deg",
-    "fov_vertical_deg",
-    "outlier_probability",
-)
-
-_SENSOR_EXTRAS = ("no_return_mm", "sample_min_mm", "sample_max_mm")
-"""Numbers that are left out where they are not known."""
 
 _LAW = {
     "noise_reference_amplitude": "reference",
@@ -69,10 +63,10 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
     """Write the group `sensor` of an image (rows, cols); a number that is not known is NaN."""
     group = add_group(root, "sensor")
     group.attrs["name"] = sensor.name
-    for key in _SENSOR_NUMBERS:
+    for key in SENSOR_NUMBERS:
         value = getattr(sensor, key)
         group.attrs[key] = np.nan if value is None else float(value)
-    for key in _SENSOR_EXTRAS:
+    for key in RARE_SENSOR_NUMBERS:
         extra = getattr(sensor, key)
         if extra is not None:
             group.attrs[key] = float(extra)
@@ -124,7 +118,7 @@ def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
             with guard.reading(path, f"sensor/{name}"):
                 arrays[name] = np.asarray(group[name], dtype=np.float64)
         elif name != _PRIOR:
-            raise BadInputError(f"{path}: sensor/{name}: missing; what was learnt of the noise goes together")
+            raise BadInputError(f"{path}: sensor/{name}: missing; the datasets of learnt noise need each other")
     prior = arrays.pop(_PRIOR, None)
     if prior is not None and prior.shape != (2,):
         raise BadInputError(f"{path}: sensor/{_PRIOR}: shape {prior.shape}; two numbers are expected")
@@ -172,7 +166,7 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
         return Sensor(name="unknown")
     if not isinstance(group, h5py.Group):
         raise BadInputError(f"{path}: sensor: expected a group, got a dataset")
-    numbers = {key: _number(group, key, path) for key in (*_SENSOR_NUMBERS, *_SENSOR_EXTRAS)}
+    numbers = {key: _number(group, key, path) for key in (*SENSOR_NUMBERS, *RARE_SENSOR_NUMBERS)}
     # NaN: not known; inf: no such limit, as for a stereo camera's [686, inf).
     known = {key: value for key, value in numbers.items() if value is not None and np.isfinite(value)}
     known.setdefault("outlier_probability", DEFAULT_OUTLIER_PROBABILITY)
@@ -187,7 +181,7 @@ def read_sensor(root: h5py.File, path: Path) -> Sensor:
 
 
 def _read_projection(group: h5py.Group, path: Path) -> Projection | None:
-    """Where the pixels look; None for equal angles over the field of view."""
+    """The projection; None for equal angles over the field of view."""
     if "projection" not in group.attrs:
         return None
     name = text_attribute(group, "projection") or ""

@@ -22,6 +22,7 @@ from tofmix.io import hdf5, sensor_group
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.guard import guard
 from tofmix.io.layers.provenance import read_surfaces_provenance, write_surfaces_provenance
+from tofmix.io.result_file import open_result, typed_dataset
 from tofmix.layers import MAX_LAYERS_LIMIT
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.surfaces.found import NO_SURFACE, Edges, Planes, SurfacesProvenance, WindowSurfaces
@@ -258,7 +259,9 @@ class SurfacesFile:
     def __init__(self, root: h5py.File, path: Path) -> None:
         self.path = path
         specs = [spec for spec in FIELDS if not spec.of_windows or spec.name in root]
-        self._datasets = {spec.name: _checked(root, spec, path) for spec in specs}
+        self._datasets = {
+            spec.name: typed_dataset(root, spec.name, path, dtype=spec.dtype, dims=spec.dims) for spec in specs
+        }
         images = self._datasets["surface"].shape
         self.shape: tuple[int, int, int] = images[:3]
         self.max_layers = int(images[3])
@@ -418,20 +421,8 @@ def open_surfaces(path: Path) -> Iterator[SurfacesFile]:
     BadInputError
         If the file is missing, not HDF5 or cut short, or is no surfaces file.
     """
-    with guard.open_for_reading(path) as root:
-        with guard.reading(path, "header"):
-            hdf5.check_format(root, path, kind=FORMAT, required=True)
-            surfaces = SurfacesFile(root, path)
+    with open_result(path, kind=FORMAT, make=SurfacesFile) as surfaces:
         yield surfaces
-
-
-def _checked(root: h5py.File, spec: SurfaceField, path: Path) -> h5py.Dataset:
-    dataset = guard.checked_dataset(root, spec.name, path)
-    if dataset.ndim != len(spec.dims) or dataset.dtype != np.dtype(spec.dtype):
-        raise BadInputError(
-            f"{path}: {spec.name}: expected {spec.dtype} {spec.dims}, got {dataset.dtype} of shape {dataset.shape}"
-        )
-    return dataset
 
 
 def _factor(dataset: h5py.Dataset, path: Path) -> int:

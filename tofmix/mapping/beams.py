@@ -1,4 +1,4 @@
-"""What each pixel's beam says to a map: where light stops, how much of it, and how surely.
+"""Beams for a map: the ranges at which light stops, its amount, and the probability of each.
 
 `beams_from_layers` takes every surface of a pixel with its share. `beams_from_ranges`
 takes one range a pixel, as a camera's averaging gives it: for comparison.
@@ -78,7 +78,7 @@ class Beams:
         """
         if not isinstance(self.optics, Equiangular):
             raise TypeError(f"projection: {self.optics.name}: its pixels differ in size")
-        return _equal_angles(self.optics, self.shape)
+        return self.optics.pixel_size_rad(self.shape)
 
     @property
     def reach_mm(self) -> float:
@@ -214,7 +214,7 @@ def _beams(
         )
     rows, cols = samples_no_return.shape
     if isinstance(optics, Equiangular):
-        half_width = range_mm * max(_equal_angles(optics, (rows, cols))) / 2
+        half_width = range_mm * max(optics.pixel_size_rad((rows, cols))) / 2
     else:
         half_width = range_mm * pixel_extent_rad(optics, (rows, cols))[..., np.newaxis] / 2
     half_depth = half_width * math.tan(math.radians(MAX_INCIDENCE_DEG))
@@ -229,8 +229,3 @@ def _beams(
         free_to_mm=_free_to_mm(sensor) if has_limit else 0.0,
         optics=optics,
     )
-
-
-def _equal_angles(optics: Equiangular, shape: tuple[int, int]) -> tuple[float, float]:
-    rows, cols = shape
-    return math.radians(optics.fov_horizontal_deg) / cols, math.radians(optics.fov_vertical_deg) / rows

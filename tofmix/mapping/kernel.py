@@ -96,7 +96,7 @@ def _look_at_cell(
     near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray, probability: FloatArray,
     no_return: FloatArray, free_to: float, work: FloatArray, light: FloatArray,
 ) -> None:  # fmt: skip
-    """Add up what the pixels say that see the cell, each by the part of it that the cell covers."""
+    """Sum the light of all pixels that see the cell, weighted by the area of the pixel in the cell."""
     rows, cols = no_return.shape
     left = angles[0] / width + 0.5 * cols
     right = angles[1] / width + 0.5 * cols

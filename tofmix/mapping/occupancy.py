@@ -45,7 +45,7 @@ _TINY = 1e-300  # keeps the logarithm of a vanished tail finite; it is clipped a
 
 
 class State(IntEnum):
-    """What a map says of a cell.
+    """State of a cell.
 
     Compare arrays with ``int(member)``: NumPy takes a member for a number of 64 bits, and casts the whole array.
     """

@@ -1,4 +1,4 @@
-"""Where the camera stands in the map, and how it looks.
+"""Position and direction of the camera in the map.
 
 Map frame (as in ROS): x and y level, z up. The camera is at height 0 of the map;
 with yaw 0 it looks along x, and y is to its left.

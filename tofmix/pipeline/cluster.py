@@ -45,7 +45,7 @@ class Block:
 
 
 def identity() -> dict[str, str]:
-    """What must be the same on both sides for the same bytes: versions, and the kernels' sources."""
+    """Properties that must agree on both sides for equal bytes: versions, and the kernels' sources."""
     from tofmix.jit import cache_folder
 
     versions = {name: version(name) for name in ("numpy", "numba", "llvmlite")}
@@ -156,14 +156,14 @@ class ClusterEngine:
 
 
 def _result(future: Any) -> list[tuple[int, EncodedCell]]:  # noqa: ANN401  distributed's own
-    """What a task returned; its error in good order."""
+    """Result of a task; raises its error as one of tofmix."""
     try:
         result: list[tuple[int, EncodedCell]] = future.result()
     except TofmixError:
         raise
     except Exception as error:
         if future.status == "cancelled" or type(error).__module__.startswith(("distributed", "dask", "concurrent")):
-            raise StorageError(f"the cluster gave up a block: {str(error) or type(error).__name__}") from error
+            raise StorageError(f"a block failed on several workers: {str(error) or type(error).__name__}") from error
         raise
     return result
 

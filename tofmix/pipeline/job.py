@@ -1,4 +1,4 @@
-"""What is to be done with one recording, and who does it."""
+"""The job on one recording, and the engine that does it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ class Job:
         return (*self.grid.step, self.grid.image[1])
 
     def header(self) -> bytes:
-        """What tells this job from others: equal for jobs with equal results."""
+        """Key of the job: equal for jobs with equal results."""
         return header_image(self.provenance, self.grid)
 
 

@@ -17,7 +17,7 @@ from tofmix.pipeline.job import Job
 from tofmix.recording import SampleSource
 
 PROGRAM_BYTES = 220_000_000
-"""What the interpreter, the libraries and the kernels take, whatever the recording."""
+"""Memory of the interpreter, the libraries and the kernels, bytes; any recording adds to it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

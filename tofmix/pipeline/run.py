@@ -34,7 +34,7 @@ from tofmix.wording import counted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What was made: the output, the job's grid, and the pixels by their number of surfaces.
+    """Result of a run: the output, the job's grid, and the pixels by their number of surfaces.
 
     The grid counts samples; `windows` are its windows in frames. `continued` counts cells that an earlier run had done.
     `mixture` is the law of mixing, where it was measured; of a part it is not known yet.
@@ -146,7 +146,7 @@ def _left_as_fits(journal: Journal) -> Iterator[None]:
         raise
     except StorageError as error:
         if journal.has_cells:
-            raise StorageError(f"{error}; --resume goes on from what is done") from error
+            raise StorageError(f"{error}; --resume continues from the finished blocks") from error
         journal.remove()
         raise
     except BaseException:
@@ -175,7 +175,7 @@ def _open(path: Path, header: bytes, shard: Shard, *, resume: bool, say: Callabl
     if not resume and (done or journal.header != header or journal.shard != shard):
         say(
             f"{path}: an interrupted run left {done} of {counted(len(shard.cells(_grid(journal).count)), 'block')};"
-            " starting afresh; --resume would have gone on from there"
+            " starting afresh; --resume would have continued it"
         )
         journal.remove()
         return open_journal(path, header, shard)

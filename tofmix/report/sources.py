@@ -1,4 +1,4 @@
-"""What the report needs of a layers file, whoever provides it.
+"""Interface of a layers file for the report.
 
 `tofmix.io` has the files; anything else with these members does as well.
 """
@@ -33,7 +33,7 @@ class LayersSource(Protocol):
 
     @property
     def provenance(self) -> Provenance:
-        """What the layers were made from and with."""
+        """Source and options of the layers."""
 
     @property
     def mixing_law(self) -> MixingLaw | None:

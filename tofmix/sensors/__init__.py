@@ -6,7 +6,14 @@ camera up here to read one.
 """
 
 from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.registry import PROFILES, load_profile, load_sheet, profile_text, profiles_with_noise
+from tofmix.sensors.registry import (
+    PROFILES,
+    load_profile,
+    load_sheet,
+    noise_of_profile,
+    profile_text,
+    profiles_with_noise,
+)
 from tofmix.sensors.sheet import CameraSheet
 
 __all__ = [
@@ -15,6 +22,7 @@ __all__ = [
     "SensorProfile",
     "load_profile",
     "load_sheet",
+    "noise_of_profile",
     "profile_text",
     "profiles_with_noise",
 ]

@@ -136,7 +136,7 @@ class SensorProfile:
 
     @property
     def optics(self) -> Projection:
-        """Where the pixels look: `projection`, or equal angles over the field of view.
+        """The projection: `projection`, or equal angles over the field of view.
 
         Raises
         ------

@@ -14,13 +14,12 @@ from tofmix.noise_shape import NoiseShape
 from tofmix.projection import DEFAULT_PROJECTION, PROJECTIONS, Projection, list_keys, make_projection, number_keys
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors.profile import SensorProfile
-from tofmix.sensors.sheet import CameraSheet
+from tofmix.sensors.sheet import VIEW_KEYS, CameraSheet
 from tofmix.toml_table import MapReader, TomlTable, nearest, parse_toml
 
 _WHOLE = ("rows", "cols")
-_VIEW = ("fov_horizontal_deg", "fov_vertical_deg")
 _NUMBERS = (
-    *_VIEW,
+    *VIEW_KEYS,
     "range_min_mm",
     "range_max_mm",
     "integration_time_ms",
@@ -81,7 +80,7 @@ def read_sheet(
         settings["noise"] = _noise_curve(noise, settings.get("noise"), _background(noise, image, read_map))
     settings["projection"] = _projection(table, base)
     if settings["projection"] is not None:
-        settings |= dict.fromkeys(_VIEW)  # it says where the pixels look; a field of view beside it says nothing
+        settings |= dict.fromkeys(VIEW_KEYS)  # it says where the pixels look; a field of view beside it says nothing
     try:
         return CameraSheet(**settings)
     except ValueError as error:
@@ -121,7 +120,7 @@ def _optics_keys() -> tuple[str, ...]:
 
 
 def _projection(table: TomlTable, base: CameraSheet | None) -> Projection | None:
-    """Where the pixels look; None for equal angles over the field of view."""
+    """The projection; None for equal angles over the field of view."""
     before = None if base is None else base.projection
     name = DEFAULT_PROJECTION if before is None else before.name
     if "projection" in table:
@@ -148,7 +147,7 @@ def _projection(table: TomlTable, base: CameraSheet | None) -> Projection | None
 
 def _refuse_missing(table: TomlTable, noise: TomlTable, *, seen: bool) -> None:
     """Refuse a table that leaves out a key; the field of view is not needed where the optics are `seen` without."""
-    missing = [key for key in (*_WHOLE, *_NUMBERS) if key not in table and not (seen and key in _VIEW)]
+    missing = [key for key in (*_WHOLE, *_NUMBERS) if key not in table and not (seen and key in VIEW_KEYS)]
     missing += [f"noise.{key}" for key in (*_NOISE_LISTS, *_NOISE_NUMBERS) if key not in noise]
     if missing:
         raise table.error(f'missing {", ".join(missing)}; give them, or profile = "sr3000" for what is left out')
@@ -192,7 +191,7 @@ def _background(noise: TomlTable, image: tuple[int, int] | None, read_map: MapRe
         return np.array(noise.number("background"))
     path = noise.text("background")
     if read_map is None:
-        raise noise.error("a camera without a file of its own has no map beside it; give a number", "background")
+        raise noise.error("a camera without a file has no folder for a map; give a number", "background")
     try:
         return read_map(path, image).astype(np.float64)
     except ValueError as error:

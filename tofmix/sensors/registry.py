@@ -4,6 +4,7 @@ from functools import cache
 from importlib.resources import files
 
 from tofmix.errors import BadInputError
+from tofmix.sensor import NoiseCurve
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.profile_toml import parse_profile
 from tofmix.sensors.sheet import CameraSheet
@@ -83,3 +84,40 @@ def load_profile(name: str) -> SensorProfile:
 def profiles_with_noise() -> tuple[str, ...]:
     """Names of the cameras whose profile has a noise curve."""
     return tuple(name for name in PROFILES if load_sheet(name).noise is not None)
+
+
+def noise_of_profile(name: str, integration_time_ms: float | None) -> tuple[NoiseCurve, str | None]:
+    """Noise curve of a built-in camera at a recording's integration time.
+
+    Parameters
+    ----------
+    name : str
+        A key of `PROFILES`.
+    integration_time_ms : float or None
+        Of the recording; None stands for the camera's default.
+
+    Returns
+    -------
+    curve : NoiseCurve
+        sigma(r), mm.
+    doubt : str or None
+        A sentence if the default integration time was used.
+
+    Raises
+    ------
+    BadInputError
+        If there is no camera of this name.
+    ValueError
+        If its noise is not known.
+    """
+    sheet = load_sheet(name)
+    if sheet.noise is None:
+        raise ValueError(
+            f"the noise of {sheet.name} is not known; auto measures it, {', '.join(profiles_with_noise())} have a curve"
+        )
+    profile = sheet.profile()
+    doubt = None
+    if integration_time_ms is None:
+        default = f"{profile.integration_time_ms:g} ms"
+        doubt = f"sensor: no integration_time_ms; the curve of {name} is taken at its default, {default}"
+    return profile.noise_at(integration_time_ms or profile.integration_time_ms), doubt

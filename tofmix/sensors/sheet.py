@@ -1,4 +1,4 @@
-"""What is known of a camera: a profile's figures, of which some may be missing.
+"""Known properties of a camera: the numbers of a profile, of which some may be missing.
 
 Use a sheet where a camera is only described: `tofmix sensors`, `tofmix import`. Where one is simulated, or its noise is
 asked for, `CameraSheet.profile` gives the whole `SensorProfile`, or says what is missing.
@@ -12,11 +12,11 @@ from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 from tofmix.sensors.profile import MAX_PIXELS_A_SIDE, SensorProfile
 
 NOISE_KEYS = ("noise", "reference_integration_time_ms", "exponent")
-"""What a noise curve at any integration time takes; they go together."""
+"""Keys of a noise curve at any integration time; each needs the others."""
 
 _MAY_BE_LEFT_OUT = ("modulation_frequency_hz", "default_integration_time_ms", "projection")
-_VIEW = ("fov_horizontal_deg", "fov_vertical_deg")
-"""What a `projection` stands for."""
+VIEW_KEYS = ("fov_horizontal_deg", "fov_vertical_deg")
+"""Keys that a `projection` replaces."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,7 +83,7 @@ class CameraSheet:
     def missing(self) -> tuple[str, ...]:
         """Fields that a simulation needs and that are not known; those of the noise as ``noise`` alone."""
         empty = [field.name for field in fields(self) if getattr(self, field.name) is None]
-        not_needed = (*_MAY_BE_LEFT_OUT, *NOISE_KEYS[1:], *(() if self.projection is None else _VIEW))
+        not_needed = (*_MAY_BE_LEFT_OUT, *NOISE_KEYS[1:], *(() if self.projection is None else VIEW_KEYS))
         return tuple(key for key in empty if key not in not_needed)
 
     def profile(self) -> SensorProfile:

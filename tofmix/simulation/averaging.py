@@ -1,4 +1,4 @@
-"""What a camera returns that integrates on board: the phasor mean of the samples within its integration time.
+"""Range of a camera that integrates on board: the phasor mean of the samples within its integration time.
 
 Use it for ``simulate --averaged``: where a pixel sees several surfaces, the mean
 lies between them, at a range where there is none (the paper's comet tail). The
@@ -137,7 +137,7 @@ def average_frame(
 
 
 class MeanNoise:
-    """Noise of a mean's amplitude: those of its samples' phasors add in quadrature, whatever their phases.
+    """Noise of a mean's amplitude: the noise of the samples' phasors adds in quadrature at any phase.
 
     Each sample's noise is the same in both directions, so along the mean it is A sigma 2 pi / d_u too. The range of
     the mean has the samples' range noise alone.

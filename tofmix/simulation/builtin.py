@@ -33,7 +33,7 @@ def builtin_text(name: str) -> str:
 
 
 def builtin_description(name: str) -> str:
-    """What a built-in model is, in one line: the first comment of its file.
+    """Description of a built-in model in one line: the first comment of its file.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The distribution of each pixel's next sample: a mixture over stored values.
 
-`Prediction.cdf`, `Prediction.log_probability` and `Prediction.pit` (probability integral transform) speak of the values
-that a recording stores, whole millimetres and invalid samples. `tofmix.simulation.prediction.predict` makes one.
+`Prediction.cdf` and `Prediction.probability` describe the values that a recording stores, whole millimetres and invalid
+samples. `tofmix.simulation.prediction.predict` makes one.
 """
 
 import math
@@ -146,37 +146,6 @@ class Prediction(Echoes):
         inside = np.nan_to_num(np.maximum(self.cdf(upper) - self.cdf(lower), 0.0)) * (1.0 - self.invalid)
         working = np.where(stored > 0, inside, self.invalid)
         return np.where(self._stuck, np.asarray(self._is_stuck_value(stored), dtype=np.float64), working)
-
-    def log_probability(self, stored_mm: NDArray[np.generic]) -> FloatArray:
-        """Natural logarithm of `probability`; -inf for what the model rules out."""
-        with np.errstate(divide="ignore"):
-            logarithm: FloatArray = np.log(self.probability(stored_mm))
-        return logarithm
-
-    def pit(self, stored_mm: NDArray[np.generic], rng: np.random.Generator) -> FloatArray:
-        """Probability integral transform of stored values, uniform in [0, 1] if the model is right.
-
-        A stored value stands for a cell of ranges: the transform is drawn uniformly between those of its ends.
-
-        Parameters
-        ----------
-        stored_mm : (n, pixel)
-            Whole mm; 0 stands for an invalid sample.
-        rng : numpy.random.Generator
-            Advanced by one uniform a value.
-
-        Returns
-        -------
-        (n, pixel) float64
-            NaN for invalid samples, and for values that the model cannot store.
-        """
-        stored = np.asarray(stored_mm)
-        lower, upper = self.cell(stored)
-        low, high = self.cdf(lower), self.cdf(upper)
-        drawn = rng.random(stored.shape)
-        transform = np.where(self._stuck, drawn, low + drawn * (high - low))
-        possible = np.where(self._stuck, self._is_stuck_value(stored), (stored > 0) & (lower < upper))
-        return np.where(possible, transform, np.nan)
 
     @property
     def _stuck(self) -> BoolArray:

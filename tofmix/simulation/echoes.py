@@ -133,7 +133,7 @@ class FrameSamples(Echoes):
         self.measured_mm = np.where(self.outlier, self.outlier_mm, measured)
 
     def stored(self) -> NDArray[np.uint16]:
-        """What a recording stores: the nearest whole mm, 1 to 65,534, and 0 where invalid."""
+        """Stored ranges: the nearest whole mm, 1 to 65,534, and 0 if invalid."""
         lost = self.lost & ~self.outlier & ~self.stuck
         stored: NDArray[np.uint16] = np.where(lost, np.uint16(0), stored_range(self.measured_mm))
         return stored

@@ -178,7 +178,7 @@ def draw(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drawn:
-    """What chance decides in one frame of equation (1).
+    """Random draws of one frame of equation (1).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a model will simulate, in plain words, effect by effect: for ``simulate --explain``."""
+"""Description of a simulation in words, effect by effect, for ``simulate --explain``."""
 
 import math
 from collections.abc import Iterator

@@ -27,7 +27,7 @@ from tofmix.simulation.truth import Truth
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StillScene:
-    """What one cast of the scene gives to every frame that sees it.
+    """One cast of the scene, for every frame that sees it.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class Exposer:
             model.placed(self._time(n_frames - 1))  # refused now, not after thousands of frames
 
     def scene(self, frame: int) -> StillScene:
-        """What a frame sees."""
+        """The scene of a frame."""
         if self._caster is None:
             return self._still
         return self._scene(self._caster.cast(self._time(frame)), self._time(frame))
@@ -109,7 +109,7 @@ class Exposer:
         )
 
     def _expect(self, truth: Truth, time_s: float) -> tuple[Any, ...]:
-        """What light effects expect of the scene: each after those before it."""
+        """Expectations of light effects on the scene: each after those before it."""
         expected: list[Any] = [None] * len(self._effects)
         if any(type(effect).expect is not Effect.expect for effect in self._effects):
             prediction = equation_1(truth, self._model)
@@ -122,7 +122,7 @@ class Exposer:
         return tuple(expected)
 
     def draw(self, frame: int, scene: StillScene) -> Drawn:
-        """What chance decides in a frame, before any effect."""
+        """Random draws of a frame, before any effect."""
         return draw_events(scene.table, rng=frame_generator(self._seed, frame))
 
     def noise(self, frame: int, drawn: Drawn) -> FloatArray:
@@ -236,7 +236,7 @@ def _read(range_mm: FloatArray, amplitude: Float32Array, turn_mm: float) -> Fram
 
 
 def drawn_truth(model: Model, *, seed: int, n_frames: int) -> tuple[EffectTruth, ...]:
-    """What is drawn once for a recording of this seed and length: patterns, defects, bursts, pixels' own widths."""
+    """Draws of a recording of this seed and length: patterns, defects, bursts, pixels' own widths."""
     start = Context(sensor=model.sensor, surfaces=tuple(surface.name for surface in model.surfaces), seed=seed)
     shape = {"row": model.sensor.rows, "col": model.sensor.cols, "frame": n_frames}
     drawn = [truth for effect in model.acting() for truth in effect.truth(effect.prepare(start, n_frames))]

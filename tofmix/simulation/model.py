@@ -1,4 +1,4 @@
-"""What is simulated: a camera, flat rectangles before it, and how it records.
+"""The model of a simulation: a camera, flat rectangles before it, and the recording.
 
 Use these types to build a scene in code. A model file is read by
 `tofmix.simulation.model_toml`; what a pixel sees of a model is worked out by

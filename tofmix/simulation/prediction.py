@@ -1,4 +1,4 @@
-"""What a model says of each pixel's next sample.
+"""Prediction of each pixel's next sample by a model.
 
 Use `predict` to hold a recording against a model. The outcome is the marginal distribution of one sample: what links
 samples (memory, bursts of frames, neighbours) is named by each effect and not here.

@@ -1,4 +1,4 @@
-"""What every pixel of a scene sees: the truth that a recording carries and that samples are drawn from."""
+"""Surfaces of every pixel of a scene: the truth of a recording, from which samples are drawn."""
 
 from dataclasses import dataclass, replace
 from typing import Self, TypeVar

@@ -60,7 +60,7 @@ def test_every_sample_is_read_once_whatever_is_stored_together(
     assert (recording.reads == 1).all()
 
 
-def test_what_is_no_sample_is_no_end() -> None:
+def test_invalid_samples_do_not_extend_the_range() -> None:
     samples = np.array([np.nan, np.inf, -np.inf, 2e9, -2e9, 700.0, 900.0], dtype=np.float32)
     assert sample_span(ArrayRecording(samples.reshape(-1, 1, 1), ENDLESS)) == (700.0, 900.0)
     assert sample_span(ArrayRecording(np.full((4, 1, 1), np.nan), ENDLESS)) is None
@@ -113,7 +113,7 @@ def test_cells_alone_and_all_together_have_the_same_interval() -> None:
     recording, windows = ArrayRecording(samples, ENDLESS), plan_windows(80, window=20)
     whole = estimate_layers(recording, windows=windows)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tofmix.grid._CELL_PIXELS", 6)
+        patch.setattr("tofmix.grid.CELL_PIXELS", 6)
         grid = plan_grid(windows, (6, 3))
     assert grid.count > 1
     for cell in grid.cells():

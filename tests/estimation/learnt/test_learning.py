@@ -159,7 +159,7 @@ def test_few_pixels_tell_one_sigma_and_a_gaussian(name: str, rng: np.random.Gene
     assert lesson.noise.curve.sigma_mm[0] == pytest.approx(SIGMA_MM, rel=0.15)
 
 
-def test_what_is_barred_is_not_learnt_and_what_is_insisted_on_is(rng: np.random.Generator) -> None:
+def test_forbidden_parts_are_skipped_and_required_parts_are_learnt(rng: np.random.Generator) -> None:
     width = np.exp(0.3 * rng.standard_normal(90))
     samples = surfaces(rng, (40, 90), (2000.0,), errors=KNOWN["skewed"].draw, width=width)
     assert _parts(_lesson(samples, shape=False, widths=False, drift=False)) <= {"background", "memory"}

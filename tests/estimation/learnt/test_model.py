@@ -12,7 +12,7 @@ from tofmix.estimation.learnt.model import SURE_SAMPLES, PixelNoise, follows_dri
 FULL = pixel_noise("skewed", background=(1.0, 9.0), width_spread=0.3, drift_mm=(5.0, 0.0, 2.0), memory=0.4)
 
 
-def test_what_a_sensor_carries_comes_back() -> None:
+def test_pixel_noise_round_trips_through_the_sensor() -> None:
     back = PixelNoise.of(camera_with(FULL))
     assert back.curve is FULL.curve
     assert (back.background, back.memory, back.p_outlier) == (FULL.background, FULL.memory, FULL.p_outlier)

@@ -67,7 +67,7 @@ def test_sigma_of_any_shape_is_that_of_its_differences(name: str, rng: np.random
     ],
     ids=["no sample", "a constant", "one sample a pixel", "one frame"],
 )
-def test_what_has_no_differences_tells_no_sigma(samples: Float32Array) -> None:
+def test_equal_samples_give_no_sigma(samples: Float32Array) -> None:
     assert sigma_from_differences(np.ascontiguousarray(samples, dtype=np.float32)) is None
 
 

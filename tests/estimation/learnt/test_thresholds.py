@@ -126,7 +126,7 @@ def test_false_alarms_are_as_rare_as_promised_on_fresh_pixels(name: str, rng: np
 
 @pytest.mark.slow
 @pytest.mark.compiled("thousands of pixels")
-def test_nothing_but_background_is_no_surface_more_often_than_promised(rng: np.random.Generator) -> None:
+def test_background_alone_gives_surfaces_at_most_at_the_requested_rate(rng: np.random.Generator) -> None:
     noise = pixel_noise(background=(1.0, 4.0))
     sensor = camera_with(noise, _calibrated(noise, (60, 100), 4000))
     layers = layer_pixels(rng.uniform(LOW_MM, TOP_MM, (80, 8000)), sensor)

@@ -16,9 +16,7 @@ from tofmix.sensor import Sensor
 
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", [MODE_TIED, MODE_PRIOR, MODE_FREE])
-def test_it_ends_at_a_fixed_point_of_em_as_high_as_em_itself(
-    mode: int, rng: np.random.Generator, sensor: Sensor
-) -> None:
+def test_acceleration_converges_to_the_likelihood_of_em(mode: int, rng: np.random.Generator, sensor: Sensor) -> None:
     beam = beam_of(sensor)
     block = draw(rng, sensor, ranges_mm=[1500, 1560, 3500], shares=[0.4, 0.3, 0.2], n=150, pixels=sized(40, 4))
     sooner = []
@@ -42,7 +40,7 @@ def test_it_ends_at_a_fixed_point_of_em_as_high_as_em_itself(
     assert np.mean(sooner) > sized(0.9, 0.7)
 
 
-def test_it_says_when_it_has_not_arrived(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_acceleration_returns_negative_iterations_without_convergence(rng: np.random.Generator, sensor: Sensor) -> None:
     samples = readings_of(draw(rng, sensor, ranges_mm=[1500, 1540], shares=[0.5, 0.5], n=100, pixels=1))
     fit = new_components(2)
     start_at(np.array([1400.0, 1700.0]), np.ones(2), 2, 0.0, fit, beam_of(sensor))

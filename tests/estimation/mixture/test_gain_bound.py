@@ -48,9 +48,7 @@ def test_a_surface_that_gains_enough_has_a_bound_above_the_threshold(rng: np.ran
 
 
 @pytest.mark.slow
-def test_it_cannot_tell_where_surfaces_overlap_or_samples_lie_elsewhere(
-    rng: np.random.Generator, sensor: Sensor
-) -> None:
+def test_gain_bound_is_infinite_where_surfaces_overlap(rng: np.random.Generator, sensor: Sensor) -> None:
     near = draw(rng, sensor, ranges_mm=[1500, 1560], shares=[0.5, 0.5], n=100, pixels=1)[:, 0]
     data, beam, work = _fitted(near, [1490.0, 1570.0], sensor)
     assert gain_bound_of_clear(data, 2, work.fit, beam, work.scratch, math.inf) == math.inf
@@ -60,7 +58,7 @@ def test_it_cannot_tell_where_surfaces_overlap_or_samples_lie_elsewhere(
 
 
 @pytest.mark.slow
-def test_it_agrees_with_the_search_that_looks_everywhere(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_gain_bound_agrees_with_the_exhaustive_search(rng: np.random.Generator, sensor: Sensor) -> None:
     block = draw(rng, sensor, ranges_mm=[1200, 3000], shares=[0.5, 0.5], n=200, pixels=sized(200, 30))
     both = []
     for column in block.T:

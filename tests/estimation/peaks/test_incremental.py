@@ -105,7 +105,7 @@ def test_a_jagged_noise_curve_reaches_every_place() -> None:
     np.testing.assert_allclose(density.density()[0], expected, atol=1e-5 * expected.max())
 
 
-def test_what_it_returns_is_the_callers_own() -> None:
+def test_density_returns_a_copy() -> None:
     density = IncrementalDensity(CAMERA, 1)
     density.add([[1000.0]])
     before = density.n_samples
@@ -121,7 +121,7 @@ def test_other_shapes_are_refused(shape: tuple[int, ...]) -> None:
         IncrementalDensity(CAMERA, 3).add(np.zeros(shape))
 
 
-def test_refusals_of_its_own() -> None:
+def test_incremental_density_refuses_invalid_options_and_samples() -> None:
     with pytest.raises(ValueError, match="pixels"):
         IncrementalDensity(CAMERA, 0)
     with pytest.raises(ValueError, match="gamma"):

@@ -45,7 +45,7 @@ def another_run(path: Path) -> Iterator["subprocess.Popen[str]"]:
 @pytest.fixture(autouse=True)
 def _fresh(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(locks, "_cleared", set())
-    monkeypatch.setattr(locks, "_ATTEMPTS", 2)
+    monkeypatch.setattr(locks, "ATTEMPTS", 2)
 
 
 def names(folder: Path) -> list[str]:
@@ -56,7 +56,7 @@ def test_the_second_run_is_refused_at_once_and_the_first_is_not_hurt(tmp_path: P
     path = tmp_path / "out.h5"
     with another_run(path) as first:
         for overwrite in (False, True):
-            with pytest.raises(UsageError, match=r"out\.h5: another run is writing it; wait for that"):
+            with pytest.raises(UsageError, match=r"out\.h5: another run is writing it; wait for its end"):
                 write_text(path, "second", overwrite=overwrite)
             with pytest.raises(UsageError, match="another run"), locked(path, overwrite=overwrite):
                 pass
@@ -67,7 +67,7 @@ def test_the_second_run_is_refused_at_once_and_the_first_is_not_hurt(tmp_path: P
     assert names(tmp_path) == ["other.h5", "out.h5"]
 
 
-def test_what_a_killed_run_left_is_removed_by_the_next_one_in_that_folder(tmp_path: Path) -> None:
+def test_temporary_file_of_killed_run_is_removed(tmp_path: Path) -> None:
     with another_run(tmp_path / "out.h5") as first:
         first.send_signal(signal.SIGKILL)
         first.wait()
@@ -77,7 +77,7 @@ def test_what_a_killed_run_left_is_removed_by_the_next_one_in_that_folder(tmp_pa
     assert names(tmp_path) == ["other.h5"]
 
 
-def test_what_a_killed_run_left_is_no_hindrance_to_the_same_output(tmp_path: Path) -> None:
+def test_temporary_file_of_killed_run_does_not_block_the_output(tmp_path: Path) -> None:
     path = tmp_path / "out.h5"
     with another_run(path) as first:
         first.send_signal(signal.SIGKILL)
@@ -185,7 +185,7 @@ def test_a_file_whose_temporary_one_was_taken_is_not_named(tmp_path: Path) -> No
         (temporary,) = tmp_path.iterdir()
         temporary.unlink()
         temporary.write_text("another's")
-        with pytest.raises(StorageError, match=r"its temporary file .* has gone"):
+        with pytest.raises(StorageError, match=r"its temporary file .* is missing"):
             file.commit()
     assert names(tmp_path) == [temporary.name]
     assert temporary.read_text() == "another's"

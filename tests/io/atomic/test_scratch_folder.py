@@ -27,17 +27,17 @@ with scratch_folder() as folder:
 @pytest.fixture(autouse=True)
 def _here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setattr(module, "_YOUNG_S", 0.0)
+    monkeypatch.setattr(module, "YOUNG_S", 0.0)
 
 
-def test_it_goes_with_its_block(tmp_path: Path) -> None:
+def test_scratch_folder_is_removed_at_exit(tmp_path: Path) -> None:
     with scratch_folder() as folder:
         (folder / "a").write_text("x")
         assert folder.parent == tmp_path
     assert list(tmp_path.iterdir()) == []
 
 
-def test_it_goes_with_a_dying_process(tmp_path: Path) -> None:
+def test_scratch_folder_is_removed_after_sigterm(tmp_path: Path) -> None:
     with scratch_folder() as folder:
         (folder / "a").write_text("x")
         discard_partial_outputs()
@@ -62,7 +62,7 @@ def test_a_killed_run_s_is_removed_by_the_next_one_and_a_live_one_s_never(tmp_pa
 
 
 def test_a_young_one_may_not_be_locked_yet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_YOUNG_S", 60.0)
+    monkeypatch.setattr(module, "YOUNG_S", 60.0)
     (tmp_path / "tofmix-scratch-new").mkdir()
     with scratch_folder():
         assert (tmp_path / "tofmix-scratch-new").exists()

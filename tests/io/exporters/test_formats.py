@@ -46,7 +46,7 @@ def assert_same(read: Any, expected: PointArray, names: tuple[str, ...] = NAMES)
         np.testing.assert_array_equal(np.asarray(read[name]), expected[name], err_msg=name)
 
 
-def test_ply(tmp_path: Path) -> None:
+def test_ply_reads_back_points_and_shares(tmp_path: Path) -> None:
     expected = written(tmp_path / "a.ply", points_of())
     (vertices,) = plyfile.PlyData.read(tmp_path / "a.ply").elements
     assert vertices.name == "vertex"
@@ -55,7 +55,7 @@ def test_ply(tmp_path: Path) -> None:
     assert_same(vertices.data, expected)
 
 
-def test_pcd(tmp_path: Path) -> None:
+def test_pcd_reads_back_points_and_shares(tmp_path: Path) -> None:
     expected = written(tmp_path / "a.pcd", points_of())
     cloud = PointCloud.from_path(tmp_path / "a.pcd")
     assert cloud.fields == NAMES
@@ -63,7 +63,7 @@ def test_pcd(tmp_path: Path) -> None:
     assert_same(cloud.pc_data, expected)
 
 
-def test_csv(tmp_path: Path) -> None:
+def test_csv_reads_back_points_and_shares(tmp_path: Path) -> None:
     expected = written(tmp_path / "a.csv", points_of())
     with (tmp_path / "a.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -172,7 +172,7 @@ def test_las_holds_fifteen_returns_and_two_kilometres(tmp_path: Path) -> None:
     assert export_points(path, LayerPoints(LayersInMemory(layers), **VIEW), title="15") == 30
     assert sorted(set(np.asarray(laspy.read(path).return_number).tolist())) == list(range(1, 16))
     layers.n_modes[...], layers.range[..., 15] = 16, 3000.0
-    with pytest.raises(BadInputError, match="16 layers, LAS has room for 15"):
+    with pytest.raises(BadInputError, match="16 layers, LAS stores 15"):
         export_points(tmp_path / "b.las", LayerPoints(LayersInMemory(layers), **VIEW), title="16")
     far = made_up_layers((1, 1, 1), 1)
     far.n_modes[...], far.range[...] = 1, 3.0e6

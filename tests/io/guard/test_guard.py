@@ -44,7 +44,7 @@ def _checker(program: str) -> StructureChecker:
 
 def test_a_look_that_hangs_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOFMIX_READ_TIMEOUT", "0.2")
-    monkeypatch.setattr("tofmix.io.guard.guard._GRACE_S", 0.1)
+    monkeypatch.setattr("tofmix.io.guard.guard.GRACE_S", 0.1)
     checker = _checker("import sys, time; sys.stdin.readline(); time.sleep(100)")
     with pytest.raises(BadInputError, match=r"a\.h5: its structure could not be read within 0\.2 s; given up"):
         checker.check({}, tmp_path / "a.h5")
@@ -128,7 +128,7 @@ def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path: Path) -> None
             with path.open("ab") as file:
                 file.write(b"more")
 
-    with pytest.raises(BadInputError, match=r"a\.h5: it has changed while it was read"):
+    with pytest.raises(BadInputError, match=r"a\.h5: the file changed during reading"):
         read()
 
 
@@ -141,7 +141,7 @@ def test_once_all_is_read_a_change_hurts_no_more(tmp_path: Path) -> None:
     write_recording(path, boards())
     with open_recording(path) as source:
         path.write_bytes(b"")
-        with pytest.raises(BadInputError, match="it has changed while it was read"):
+        with pytest.raises(BadInputError, match="the file changed during reading"):
             source.settle()
         source.settled = True  # or the end would say it once more
 
@@ -159,7 +159,7 @@ def test_a_file_that_is_replaced_is_read_as_it_was(tmp_path: Path) -> None:
 def test_another_file_than_was_looked_at_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_recording(tmp_path / "a.h5", boards())
     monkeypatch.setattr(guard._checker, "check", lambda *_: [0, 0, 0, 0])
-    with pytest.raises(BadInputError, match="another file now than a moment ago"), open_recording(path):
+    with pytest.raises(BadInputError, match="the file was replaced between check and opening"), open_recording(path):
         pass
 
 

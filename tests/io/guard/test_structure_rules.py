@@ -87,7 +87,7 @@ def _filtered(*filters: tuple[int, tuple[int, ...]]) -> Change:
         (_dataset((1,), dtype="S2000000"), "x: one value takes 2 MB"),
     ],
 )  # fmt: skip
-def test_what_a_header_claims_is_refused_wherever_it_stands(tmp_path: Path, change: Change, reason: str) -> None:
+def test_excessive_header_values_are_refused_at_any_depth(tmp_path: Path, change: Change, reason: str) -> None:
     path = write_recording(tmp_path / "r.h5", boards())
     with open_recording(path):
         pass
@@ -138,7 +138,7 @@ def test_chunks_outside_of_the_file_are_refused(tmp_path: Path) -> None:
         check_structure(root, 5000)
 
 
-def test_what_foreign_files_hold_beside_is_no_fault(tmp_path: Path) -> None:
+def test_extra_objects_of_foreign_files_are_accepted(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "r.h5", boards())
     with h5py.File(path, "r+") as root:
         root["texts"] = ["a", "b"]

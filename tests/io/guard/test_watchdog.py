@@ -29,13 +29,13 @@ def test_a_read_that_hangs_ends_the_program(tmp_path: Path) -> None:
         env={"TOFMIX_READ_TIMEOUT": "0.3", "PYTHONPATH": ":".join(sys.path)} | coverage_environment(),
     )  # fmt: skip
     assert done.returncode == ExitCode.STORAGE
-    assert done.stderr == "tofmix: a.h5: range: reading gave nothing for 0.3 s; given up\n"
+    assert done.stderr == "tofmix: a.h5: range: reading returned no data for 0.3 s; given up\n"
     assert list(tmp_path.iterdir()) == []
 
 
 def test_reads_that_end_in_time_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOFMIX_READ_TIMEOUT", "0.2")
-    monkeypatch.setattr("tofmix.io.guard.watchdog._POLL_S", 0.01)
+    monkeypatch.setattr("tofmix.io.guard.watchdog.POLL_S", 0.01)
     told: list[tuple[str, float]] = []
     gone = threading.Event()
 

@@ -127,7 +127,7 @@ def test_objects_are_never_unpickled(tmp_path: Path) -> None:
     "array",
     [np.zeros((0, 4, 5)), np.zeros(7), np.zeros((2, 2, 2, 2)), np.zeros((2, 3, 4), complex), np.array([["a", "b"]])],
 )
-def test_what_is_no_sequence_of_images_is_refused(tmp_path: Path, array: NDArray[Any]) -> None:
+def test_arrays_of_other_dimensions_are_refused(tmp_path: Path, array: NDArray[Any]) -> None:
     np.save(tmp_path / "a.npy", array)
     np.savez(tmp_path / "a.npz", a=array)
     for name in ("a.npy", "a.npz"):
@@ -203,7 +203,7 @@ def test_a_full_disk_while_a_mat_is_unpacked_is_no_fault_of_the_file(tmp_path: P
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))  # the child inherits it
     try:
         with (
-            pytest.raises(StorageError, match=r"a\.mat is unpacked there"),
+            pytest.raises(StorageError, match=r"a\.mat is unpacked in this folder"),
             open_source(path, Request(axes=FRAMES_FIRST)),
         ):
             pass

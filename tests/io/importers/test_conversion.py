@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from naive import beam_directions
 from numpy.typing import NDArray
 
-from tofmix.geometry import beam_directions, ray_over_depth
+from tofmix.geometry import ray_over_depth
 from tofmix.io.importers.conversion import Conversion
 from tofmix.pinhole import Pinhole
 from tofmix.projection import beam_directions_of
@@ -36,14 +37,14 @@ def test_metres_become_millimetres_with_one_rounding() -> None:
 
 
 @pytest.mark.parametrize(("dtype", "invalid"), [("u2", 65535.0), ("i4", -1.0), ("f4", 0.1), ("f8", 9999.5)])
-def test_what_is_no_sample(dtype: str, invalid: float) -> None:
+def test_invalid_values_become_nan(dtype: str, invalid: float) -> None:
     depth = np.array([[0, 7, invalid]], dtype=dtype)
     out = Conversion(dtype=depth.dtype, invalid=(invalid, 12345.678))(depth)
     valid = out != 0 if out.dtype == np.uint16 else np.isfinite(out)
     assert valid.tolist() == [[False, True, False]]
 
 
-def test_what_is_not_finite_is_no_sample() -> None:
+def test_infinite_values_become_nan() -> None:
     depth = np.array([[np.nan, np.inf, -np.inf, 1e38, 1.0]], dtype="f4")
     out = Conversion(dtype=depth.dtype, unit_mm=1000.0)(depth)
     assert np.isfinite(out).tolist() == [[False, False, False, False, True]]

@@ -51,7 +51,7 @@ def test_a_killed_process_loses_nothing_that_was_added(path: Path) -> None:
 
 
 def test_two_processes_never_have_it_at_once(path: Path) -> None:
-    with open_journal(path, b"header"), pytest.raises(UsageError, match="another run has it"):
+    with open_journal(path, b"header"), pytest.raises(UsageError, match="another run is using it"):
         open_journal(path, b"header")
     open_journal(path, b"header").close()
 
@@ -100,7 +100,7 @@ def test_damage_is_noticed(path: Path) -> None:
         journal.cell(1)
 
 
-def test_what_is_no_journal_is_refused(path: Path) -> None:
+def test_other_files_are_refused_as_journal(path: Path) -> None:
     path.write_bytes(b"not a database, and long enough to be taken for one" * 99)
     with pytest.raises(BadInputError, match="not a journal"):
         open_journal(path, b"header")
@@ -127,7 +127,7 @@ def test_a_folder_that_cannot_be_written_is_a_storage_error(tmp_path: Path) -> N
         open_journal(tmp_path / "none" / "journal", b"header")
 
 
-def test_what_a_lost_journal_left_is_not_taken_for_a_new_ones(path: Path) -> None:
+def test_leftovers_of_a_lost_journal_are_not_read_by_a_new_one(path: Path) -> None:
     for other in files_of(path)[:-1]:
         other.write_bytes(b"stale")
     with open_journal(path, b"header") as journal:

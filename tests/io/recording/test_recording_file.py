@@ -134,7 +134,9 @@ def _attribute(item: str, name: str, value: Any) -> Callable[[h5py.File], None]:
         (_attribute("/", "format", "tofmix-layers"), "is a layers file, not a recording"),
     ],
 )
-def test_what_does_not_fit_is_refused_by_name(tmp_path: Path, change: Callable[[h5py.File], None], reason: str) -> None:
+def test_dataset_of_wrong_shape_or_type_is_refused_with_its_name(
+    tmp_path: Path, change: Callable[[h5py.File], None], reason: str
+) -> None:
     path = write_recording(tmp_path / "r.h5", boards())
     with h5py.File(path, "r+") as root:
         if reason.startswith("range: expected a dataset"):
@@ -194,7 +196,7 @@ def test_a_later_format_is_refused(tmp_path: Path) -> None:
         pass
 
 
-def test_what_is_no_hdf5_is_refused(tmp_path: Path) -> None:
+def test_file_of_another_kind_is_refused(tmp_path: Path) -> None:
     text, empty, folder = tmp_path / "text.h5", tmp_path / "empty.h5", tmp_path / "folder.h5"
     text.write_text("not a recording")
     empty.touch()

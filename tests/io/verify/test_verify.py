@@ -146,7 +146,7 @@ def test_whole_files_have_no_fault(layers: Path, recording: Path) -> None:
         (without_checksum, "weight: 1 stored chunks have no checksum, the others have"),
         (emptied, "n_samples: 5 stored chunks are missing"),
         (attribute("/", "format_version", "9.0"), "format_version '9.0'"),
-        (attribute("/", "options", "["), "attribute options, .*: its checksum is another"),
+        (attribute("/", "options", "["), "attribute options, .*: its checksum differs"),
         (options("["), "attribute options: not JSON"),
         (options('{"window": 7}'), "window_stop: windows are not of 7 frames"),
         (lambda root: root.move("sigma", "sigmas"), "no dataset sigma"),
@@ -200,7 +200,7 @@ def test_foreign_recordings_are_told_what_they_lack(tmp_path: Path) -> None:
     assert verify(path).lines() == ["range: broken: not below 0 mm (frame 0, row 0, col 0 and 119 more)"]
 
 
-def test_what_cannot_be_opened_is_a_fault(tmp_path: Path) -> None:
+def test_file_that_does_not_open_is_a_fault(tmp_path: Path) -> None:
     (tmp_path / "text.h5").write_text("no")
     (tmp_path / "bad.toml").write_text("[sensor")
     assert verify(tmp_path / "none.h5").lines() == ["file: No such file or directory"]
@@ -246,7 +246,7 @@ def test_folders_of_reconcile(tmp_path: Path, gap: object, line: str | None) -> 
     folder.mkdir()
     (folder / "model.toml").write_text(builtin_text("three-boards"))
     (folder / "gap.json").write_text(gap if isinstance(gap, str) else json.dumps(gap))
-    assert verify(folder).lines() == ["report.html: missing; the folder is not a whole reconciliation"]
+    assert verify(folder).lines() == ["report.html: missing; the output of reconcile is incomplete"]
     (folder / "report.html").write_text("")
     found = verify(folder).lines()
     assert found == [] if line is None else len(found) == 1 and line in found[0]

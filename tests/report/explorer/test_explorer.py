@@ -83,7 +83,7 @@ def test_large_pages_hold_the_windows_around_the_chosen_one(
     assert list(windows_around(source, 5, with_samples=True, most_samples=2 * 50 * 99)) == [4, 5]
 
 
-def test_what_is_left_out_is_told(
+def test_explorer_states_omitted_samples(
     make_layers: Callable[..., Layers],
     make_source: Callable[..., LayersSource],
     make_recording: Callable[..., SampleSource],

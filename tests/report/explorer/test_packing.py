@@ -36,6 +36,6 @@ def test_numbers_beyond_all_bounds_are_cut_off() -> None:
     assert low < -2e7
 
 
-def test_nothing_is_packed_as_nothing() -> None:
+def test_empty_arrays_are_packed_as_empty_text() -> None:
     specs, text = pack_numbers({"a": (np.empty(0), 1.0)})
     assert unpack({"arrays": specs, "data": text}) == {"a": []}

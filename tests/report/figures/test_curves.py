@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from tofmix.layers import Layers
 from tofmix.report.figures.curves import range_histogram, sigma_figure, weight_histogram
-from tofmix.report.figures.theme import LIGHT, drawing
+from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve
 
 CURVE = NoiseCurve(np.array([500.0, 7500.0]), np.array([9.0, 430.0]))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tofmix.report.figures.images import category_image, colour_scale, gap_image
-from tofmix.report.figures.theme import DARK, LIGHT, Theme, drawing
+from tofmix.report.theme import DARK, LIGHT, Theme, drawing
 
 
 @pytest.mark.parametrize("shape", [(144, 176), (1, 176), (40, 1), (1, 1), (3, 500)])

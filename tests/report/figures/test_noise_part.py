@@ -17,7 +17,6 @@ from PIL import Image
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.report.figures.noise_figures import curve_figure, shape_figure, width_figure
-from tofmix.report.figures.theme import LIGHT, drawing
 from tofmix.report.page.page import render_page
 from tofmix.report.pixels.single_pixels import single_pixels
 from tofmix.report.sources import LayersSource
@@ -25,6 +24,7 @@ from tofmix.report.summary.noise_numbers import has_more_than_a_curve, noise_num
 from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.report.summary.summary import summarise
 from tofmix.report.summary.tables import COLUMNS, format_table
+from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve, Sensor
 
 IMAGE, FRAMES = (6, 8), 50
@@ -178,7 +178,7 @@ def test_pages_without_a_pixel_of_one_layer_are_made(make_source: MakeSource) ->
     recording = ArrayRecording(case.samples_mm.astype(np.float32), case.sensor)
     for recorded in (recording, None):
         said = text_of(render_page(source, recording=recorded))
-        assert "no pixel of one layer tells of it" in said
+        assert "no pixel has exactly one layer to compare with" in said
         assert "Shape of the error" in said
         assert "Widths of the pixels" not in said
 

@@ -16,7 +16,7 @@ from tofmix.report.figures.rasters import (
     range_shades,
     range_uri,
 )
-from tofmix.report.figures.theme import DARK, LIGHT
+from tofmix.report.theme import DARK, LIGHT
 
 
 def pixels(uri: str) -> list[list[str]]:
@@ -55,7 +55,7 @@ def test_count_colours_differ_and_grow_lighter() -> None:
         assert lightness == sorted(lightness)
 
 
-def test_labels() -> None:
+def test_labels_name_counts_and_ranges() -> None:
     assert [count_label(n) for n in (0, 1, 2, 6, 7)] == [
         "no surface",
         "1 surface",

@@ -18,10 +18,9 @@ from tofmix.estimation.blocks.sequence import estimate_windows
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
-from tofmix.report.figures.theme import LIGHT, drawing
 from tofmix.report.pixels.phasor_figure import draw_plane
 from tofmix.report.pixels.phasor_plane import PhasorEnd, PhasorPlane, SamplesAround, phasor_plane, read_around
-from tofmix.report.pixels.pixel_figures import new_figure
+from tofmix.report.theme import LIGHT, drawing, new_figure
 from tofmix.sensor import Sensor
 
 K_MM = 299_792_458_000.0 / (2.0 * 20.0e6) / (2.0 * math.pi)

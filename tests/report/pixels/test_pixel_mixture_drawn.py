@@ -10,10 +10,10 @@ from scipy.integrate import trapezoid
 
 from tofmix.arrays import FloatArray
 from tofmix.layers import Layers, Provenance
-from tofmix.report.figures.theme import LIGHT, drawing
 from tofmix.report.pixels.pixel_figures import neighbours_figure
 from tofmix.report.pixels.pixels import PixelView, learnt_sensor, view_pixels
 from tofmix.report.pixels.table import format_pixels
+from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import Sensor
 
 FRAMES = 60

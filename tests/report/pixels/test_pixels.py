@@ -14,10 +14,10 @@ from scipy.stats import norm
 
 from tofmix.estimation.peaks.modes import find_modes
 from tofmix.report.figures.figures import pixel_figure
-from tofmix.report.figures.theme import LIGHT, drawing
 from tofmix.report.pixels.pixel_figures import growth_figure, neighbours_figure
 from tofmix.report.pixels.pixels import PixelView, grow_density, neighbour_columns, view_pixels
 from tofmix.report.pixels.table import format_growth, format_pixels
+from tofmix.report.theme import LIGHT, drawing
 from tofmix.sensor import NoiseCurve, Sensor
 
 SHAPE, MAX_LAYERS = (1, 3, 6), 3

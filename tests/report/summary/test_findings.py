@@ -62,7 +62,7 @@ def test_close_layers_of_the_papers_procedure_name_the_default_one() -> None:
     paper = Remedy(recording="a.h5", window_frames=40, paper=True)
     found = count_findings(pixels=10, by_status={}, by_surfaces=[0, 9, 1], max_layers=4, close=1, remedy=paper)
     assert found[0].commands == ("tofmix estimate a.h5 --overwrite",)
-    assert "the paper's procedure" in found[0].text
+    assert "--paper causes them too" in found[0].text
     assert paper.shorter() == "tofmix estimate a.h5 --paper --window 13 --overwrite"
 
 

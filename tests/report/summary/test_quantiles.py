@@ -45,7 +45,7 @@ def test_single_value_is_every_quantile(value: float) -> None:
     assert counts.quantiles(0.0, 0.5, 1.0) == [float(np.float32(value))] * 3
 
 
-def test_nothing_finite_gives_none() -> None:
+def test_quantiles_without_finite_values_are_none() -> None:
     counts = ValueCounts()
     counts.add(np.array([np.nan, np.inf, -np.inf], dtype=np.float32))
     assert counts.quantiles(0.5) == [None]

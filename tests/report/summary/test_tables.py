@@ -48,7 +48,7 @@ def test_a_million_pixels_keep_the_columns_apart(make_source: Callable[..., Laye
     assert "  1200000" in text
 
 
-def test_nothing_fitted_shows_dashes(make_source: Callable[..., LayersSource]) -> None:
+def test_table_without_fitted_pixels_shows_dashes(make_source: Callable[..., LayersSource]) -> None:
     layers = Layers.empty((1, 1), 3)
     layers.status[...] = Status.TOO_FEW_SAMPLES
     text = format_table(summarise(make_source(layers)))

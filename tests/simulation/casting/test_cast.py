@@ -223,7 +223,7 @@ def test_outlier_probability_takes_its_share_of_all(make_model: MakeModel) -> No
 
 def test_too_many_surfaces_are_refused(make_model: MakeModel, monkeypatch: pytest.MonkeyPatch) -> None:
     count = sized(400, 6)
-    monkeypatch.setattr(cast, "_MAX_LAYERS", sized(255, 3))
+    monkeypatch.setattr(cast, "MAX_LAYERS", sized(255, 3))
     slats = [
         Surface(name=f"{k}", center_mm=(8.0 / count * k - 4, 0, 2000 + k), size_mm=(4.0 / count, 500))
         for k in range(count)

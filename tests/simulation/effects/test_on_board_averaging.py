@@ -56,7 +56,7 @@ def test_read_out_acts_on_the_mean(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("kind", sorted(REFUSED))
-def test_what_has_no_meaning_is_refused(bench: Bench, kind: str) -> None:
+def test_effects_without_meaning_in_averaged_frames_are_refused(bench: Bench, kind: str) -> None:
     model = bench.boards(effect(kind, **neutral_values(EFFECTS[kind])), frames=1).model
     message = rf"\[\[effect\]\] 1: kind: {kind} is not simulated in a camera that averages on board; .* --averaged"
     with pytest.raises(BadInputError, match=message):

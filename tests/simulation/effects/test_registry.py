@@ -61,7 +61,8 @@ def table(kind: str, **values: object) -> str:
 
 
 def test_the_contracts_kinds_and_parameters() -> None:
-    assert set(EFFECTS) == set(CONTRACT), "add the kind to CONTRACT, with its parameters"
+    text = "add the kind to CONTRACT, with its parameters; to NOT_ZERO, where a needed one may not be 0 or has no unit"
+    assert set(EFFECTS) == set(CONTRACT), text
     assert {kind: " ".join(cls.parameters()) for kind, cls in EFFECTS.items()} == CONTRACT
 
 
@@ -132,7 +133,7 @@ def test_bounds_are_refused_with_value_and_bound(kind: str) -> None:
         (table("fixed_pattern", map="a.npy"), "m: [[effect]] 1: map: a model without a file of its own has no maps"),
     ],
 )
-def test_refusals(text: str, message: str) -> None:
+def test_effect_tables_are_refused_with_key_value_and_remedy(text: str, message: str) -> None:
     with pytest.raises(BadInputError, match="^" + re.escape(message)) as caught:
         parse_model(MODEL + text, source="m")
     assert "\n" not in str(caught.value)

@@ -113,7 +113,7 @@ def estimate_cells(
 
 
 class _Work(Generic[T]):
-    """What a worker does with a cell."""
+    """Work on one cell."""
 
     def __init__(
         self, sensor: Sensor, grid: Grid, options: EstimateOptions, finish: Callable[..., T], *, phasors: bool

@@ -77,3 +77,14 @@ def remove_surface(k: int, index: int, fit: Components) -> int:
         for i in range(index, k - 1):
             fit[row, i] = fit[row, i + 1]
     return k - 1
+
+
+@borrowing
+def sort_surfaces(k: int, fit: Components) -> None:
+    """Put the surfaces in order, near to far: EM may have moved one past another."""
+    for i in range(1, k):
+        for j in range(i, 0, -1):
+            if fit[MEAN, j - 1] <= fit[MEAN, j]:
+                break
+            for row in (MEAN, SIGMA, WEIGHT, SUPPORT, GAIN):
+                fit[row, j - 1], fit[row, j] = fit[row, j], fit[row, j - 1]

@@ -49,11 +49,13 @@ COUNT_TOL = 1.0e-2
 """A trial may stop this far, in sigmas, from its end: the likelihood is flat there."""
 
 MIN_SUPPORT = 1.5
-"""Samples that a surface must hold: less is one sample and what others lend it, and one sample is c_r's."""
+"""Least support of a surface, samples: a single sample counts as an outlier (c_r)."""
 
 CERTAIN_SUPPORT = 5.0
+"""Samples of a surface that need no trial: 5 of them, `CERTAIN_SIGMAS` from all else, are worth more than 50 nats."""
+
 CERTAIN_SIGMAS = 5.0
-"""A surface of 5 samples, 5 sigma from all else, is missed by more than 50 nats: no need to try."""
+"""Distance of such a surface from all others, in sigmas."""
 
 UNEXPLAINED_SIGMAS = 3.0
 """Samples that only c_r explains are gathered when they lie within this many sigma of one of them."""
@@ -65,10 +67,13 @@ MOVED_SHARE = 0.9
 """Part of c_0 that a trial gives to a surface in its place: EM moves a share of 0 no more."""
 
 ALONE_SIGMAS = 4.0
+"""Distance from all other surfaces, in sigmas, from which a surface may be a chance group of outliers."""
+
 SCAN_SIGMAS = 4.0
+"""Distance from such a surface, in sigmas, within which its samples are counted."""
+
 MOST_BY_CHANCE = 12.0
-"""A surface this far from all others may be outliers that fell together, if it holds fewer samples than that;
-those of one surface lie within `SCAN_SIGMAS`."""
+"""Samples from which a surface is no chance group of outliers."""
 
 
 _STEEPEST, _SPLIT, _MOVED = 0, 1, 2  # starts of one surface more

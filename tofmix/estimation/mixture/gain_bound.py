@@ -23,8 +23,10 @@ OWN_SIGMAS = 4.0
 """Samples this near to a surface are its own, where none other is within twice that."""
 
 _STEP = 0.75
+"""Distance between the places of a trial surface, in sigmas."""
+
 _STEPS = 6
-"""Places tried: up to 4.5 sigma on either side, three quarters of a sigma apart."""
+"""Places on either side: up to 4.5 sigma."""
 
 _HEAVY = 0.5
 """Where one sample has such a part in a new surface, the score statistic falls short, and the gain is worked out."""

@@ -1,4 +1,4 @@
-"""Where one more surface would help a mixture, and by how much at most.
+"""Place of one more surface of a mixture, and a bound of its gain.
 
 D(theta) = sum_j p(r_j | surface at theta) / p(r_j) - N is the slope of the log
 likelihood as share moves to a surface at theta. No mixture of the same kind, with
@@ -48,7 +48,11 @@ _REACH = 5.0
 """A surface lends samples farther away than this, in sigmas, less than 4e-6 of its peak."""
 
 _NEWTON_STEPS = 6
+"""Newton steps of the best share at the place that is taken: the share is then exact to rounding."""
+
 _QUICK_STEPS = 3
+"""Newton steps of the best share at each place that is compared: the order of places needs no more."""
+
 _LEAST_NORM = 1.0e-6
 """Below this, by sample, a direction is no direction: its information is rounding."""
 

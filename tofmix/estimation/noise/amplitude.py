@@ -37,7 +37,7 @@ _MOST_SERIES = 20_000  # series that are fitted, spread over all
 _ENDS = (0.005, 0.995)  # quantiles of the amplitudes between which a law is told
 _SEED = 20080923  # of the split into folds, so that the same recording gives the same law
 _ROUNDS = 30  # most scoring steps
-_SETTLED = 1e-4  # of log sigma
+_CONVERGED = 1e-4  # largest step of log sigma in the last round: 0.01 % of sigma
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -168,7 +168,7 @@ def _fit(series: SpreadSeries, groups: int, mixtures: Mixtures, knots: FloatArra
         new = np.clip(exponents + fall, *EXPONENTS)
         moved = max(float(np.abs(shift).max()), float(np.abs(new - exponents).max(initial=0.0)))
         exponents = new
-        if step % 3 and moved < _SETTLED:
+        if step % 3 and moved < _CONVERGED:
             break
     return _Fit(level, exponents, best)
 

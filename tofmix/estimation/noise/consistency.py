@@ -51,7 +51,7 @@ _ENDS = 3  # the change over a window is that from its first third to its last
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Consistency:
-    """What the samples of pixels that see one surface show; None where there are too few to tell.
+    """Statistics of pixels that see one surface; None if there are too few.
 
     Parameters
     ----------

@@ -63,7 +63,7 @@ LEAST_FITTING = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasuredNoise:
-    """What a recording tells of its camera's noise.
+    """Noise of a camera, measured from a recording.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def _pixels(curve: NoiseCurve, points: Sequence[Point], pixel: IntArray) -> IntA
 
 
 def disagreement(measured: MeasuredNoise, curve: NoiseCurve) -> tuple[float, float]:
-    """Where a curve and the recording differ most: range, mm, and the curve's sigma over the measured one.
+    """Largest difference of a curve and the recording: range, mm, and the curve's sigma over the measured one.
 
     Only the ranges at which the recording tells sigma count.
 

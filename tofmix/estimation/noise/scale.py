@@ -35,7 +35,7 @@ _PRIOR_GROUPS = 1.0  # weight of equal chances for all mixtures, in groups
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Located:
-    """What `locate` found.
+    """Result of `locate`.
 
     `log_sigma` and its standard error `error`, both (group,); `chances` (mixture,) of the shares, excesses and
     dispersions that were tried, learned from all groups, for `single_share`.

@@ -21,11 +21,14 @@ from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_
 
 _ENDING = ".tofmix-partial"
 _NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
-_ATTEMPTS = 10
-_PAUSE_S = 0.02
-"""Who clears a folder holds a lock for less."""
+ATTEMPTS = 10
+"""Attempts at a lock before the error."""
 
-_MOST_DESCRIPTORS = 4096  # descriptors that a signal handler looks through
+_PAUSE_S = 0.02
+"""Seconds between attempts; a run that clears a folder holds a lock for less."""
+
+_MOST_DESCRIPTORS = 4096
+"""File descriptors that a signal handler checks: more than a process has by default."""
 
 _cleared: set[Path] = set()
 
@@ -92,7 +95,7 @@ def lock_output(target: Path) -> OutputLock:
         lock = _lock(own) or _without_locks(target)
         note_partial_output(lock.path, resumable=False)
     except BlockingIOError as error:
-        raise UsageError(f"{target}: another run is writing it; wait for that, or choose another output") from error
+        raise UsageError(f"{target}: another run is writing it; wait for its end, or choose another output") from error
     except OSError as error:
         raise StorageError(os_error_text(error, target)) from error
     finally:
@@ -121,7 +124,7 @@ def _machine() -> str:
 
 def _lock(path: Path) -> OutputLock | None:
     """Create and lock a file; None where the disk knows no locks. What a dead run left there is replaced."""
-    for attempt in range(_ATTEMPTS):
+    for attempt in range(ATTEMPTS):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -130,7 +133,7 @@ def _lock(path: Path) -> OutputLock | None:
             if error.errno in _NO_LOCKS:
                 path.unlink(missing_ok=True)  # nobody writes it: all that come here take a name of their own
                 return None
-            if attempt == _ATTEMPTS - 1 or not isinstance(error, BlockingIOError):
+            if attempt == ATTEMPTS - 1 or not isinstance(error, BlockingIOError):
                 raise
             time.sleep(_PAUSE_S)
             continue
@@ -139,7 +142,7 @@ def _lock(path: Path) -> OutputLock | None:
                 return OutputLock(path, descriptor)
             path.unlink()  # and not truncated: its content may have another name, too
         os.close(descriptor)
-    raise BlockingIOError(errno.EAGAIN, "others claim it again and again")
+    raise BlockingIOError(errno.EAGAIN, "other runs lock it again and again; try again later")
 
 
 def _without_locks(target: Path) -> OutputLock:

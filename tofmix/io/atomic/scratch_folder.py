@@ -17,7 +17,7 @@ from tofmix.errors import StorageError, os_error_text
 from tofmix.io.atomic.partial_output import forget_partial_output, note_partial_output
 
 _PREFIX = "tofmix-scratch-"
-_YOUNG_S = 60.0
+YOUNG_S = 60.0
 """A folder may be this old and not locked yet."""
 
 
@@ -62,7 +62,7 @@ def _clear(root: Path) -> None:
         try:
             status = folder.lstat()
             ours = stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid()
-            if not ours or time.time() - status.st_ctime < _YOUNG_S:
+            if not ours or time.time() - status.st_ctime < YOUNG_S:
                 continue
             descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
         except OSError:

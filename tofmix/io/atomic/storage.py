@@ -175,7 +175,7 @@ class AtomicFile:
             os.fsync(lock.descriptor)
             check_output(self.path, overwrite=self._overwrite)
             if not lock.is_there():
-                raise StorageError(f"{self.path}: its temporary file {lock.path.name} has gone; nothing was written")
+                raise StorageError(f"{self.path}: its temporary file {lock.path.name} is missing; nothing was written")
             lock.path.replace(self._target)
             sync_folder(self._target.parent)
         except OSError as error:

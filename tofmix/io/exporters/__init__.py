@@ -59,7 +59,7 @@ PLANE_WRITERS: dict[str, PlaneWriter] = {".json": planes_json.write, ".obj": pla
 POINTS, IMAGE, EDGES, PLANES = "points", "image", "edges", "planes"
 
 OF_LAYERS: dict[str, tuple[str, ...]] = {POINTS: tuple(POINT_WRITERS), IMAGE: tuple(IMAGE_WRITERS)}
-"""What of a layers file is written, and the ends of names of its formats."""
+"""Contents of a layers file, and the extensions of their formats."""
 
 OF_SURFACES: dict[str, tuple[str, ...]] = {
     EDGES: tuple(EDGE_WRITERS),
@@ -67,7 +67,7 @@ OF_SURFACES: dict[str, tuple[str, ...]] = {
     IMAGE: tuple(IMAGE_WRITERS),
     POINTS: (".ply", ".pcd", ".csv"),
 }
-"""What of a surfaces file is written, and the ends of names of its formats; the first with an end is its default."""
+"""Contents of a surfaces file, and the extensions of their formats; the first with an extension is its default."""
 
 
 def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]]) -> str:
@@ -93,10 +93,10 @@ def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]])
         ends = dict.fromkeys(end for of_one in known.values() for end in of_one)
         more = ""
         if known is OF_LAYERS and any(suffix in of_one for of_one in OF_SURFACES.values()):
-            more = f"; {suffix} is for edges and planes, which tofmix surfaces finds"
+            more = f"; {suffix} is a format of edges and planes; tofmix surfaces finds them"
         raise UsageError(f"{path}: the name must end in one of {', '.join(ends)}{more}")
     if what is not None and what not in known:
-        raise UsageError(f"--what {what} is of surfaces files, which tofmix surfaces writes; this is a layers file")
+        raise UsageError(f"--what {what} needs a surfaces file, written by tofmix surfaces; this is a layers file")
     if what is not None and what not in fitting:
         raise UsageError(f"--what {what} does not go with {suffix}; its formats: {', '.join(known[what])}")
     return what or fitting[0]

@@ -22,7 +22,7 @@ FIELDS: tuple[PointField, ...] = (
     PointField(name="line", dtype="<i4", units="1", long_name="line that the point belongs to"),
     PointField(name="window", dtype="<u4", units="1", long_name="window of the layers file"),
 )
-"""What a point of an edge carries."""
+"""Properties of a point of an edge."""
 
 
 def write(file: AtomicFile, lines: Sequence[EdgeLine], title: str) -> None:

@@ -18,9 +18,9 @@ FIELDS: tuple[PointField, ...] = (
     PointField(name="col", dtype="<f4", units="pixel", long_name="column in the image"),
     PointField(name="window", dtype="<u4", units="1", long_name="window of the layers file"),
 )
-"""What a point carries."""
+"""Properties of a point."""
 
-_BLOCK = 1 << 18
+BLOCK_PLACES = 1 << 18
 """Parts of pixels in a block of points: some tens of megabytes while they are placed."""
 
 
@@ -45,11 +45,11 @@ class FinePoints:
         self._file = file
         self._windows = windows
         self._fine = file.shape[1] * file.factor, file.shape[2] * file.factor
-        self._step = max(1, _BLOCK // self._fine[1])
+        self._step = max(1, BLOCK_PLACES // self._fine[1])
 
     @property
     def fields(self) -> tuple[PointField, ...]:
-        """What a point carries."""
+        """Properties of a point."""
         return FIELDS
 
     def __iter__(self) -> Iterator[PointArray]:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
 
-_LARGEST = 65535  # of uint16
+_LARGEST = 65535  # largest count that a 16-bit image stores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,5 +52,5 @@ class RangeImage:
         return np.where(known, counts, 0).astype(np.uint16)
 
     def description(self) -> str:
-        """What a count is, in one line for the file's own header."""
+        """Meaning of a count, in one line for the header of the file."""
         return f"{self.title}; radial range, 1 count = {self.scale_mm:.9g} mm, 0 = {self.none}"

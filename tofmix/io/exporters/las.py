@@ -43,7 +43,7 @@ def write_laz(file: AtomicFile, points: PointSource, title: str, written: Callab
 def _write(file: AtomicFile, points: PointSource, title: str, written: Callable[[], None], *, compress: bool) -> int:
     laspy = need("laspy", extra="export", what="LAZ" if compress else "LAS")
     if points.fields != POINT_FIELDS:
-        raise UsageError(f"{file.path}: LAS takes points of layers; choose .ply, .pcd or .csv")
+        raise UsageError(f"{file.path}: LAS stores points of layers only; choose .ply, .pcd or .csv")
     count = 0
     try:
         header = _header(laspy, title)
@@ -80,7 +80,7 @@ def _record(laspy: Any, header: Any, block: PointArray, file: AtomicFile) -> Any
     most = int(block["number_of_returns"].max())
     if most > MOST_RETURNS:
         raise BadInputError(
-            f"{file.path}: a pixel has {most} layers, LAS has room for {MOST_RETURNS} returns;"
+            f"{file.path}: a pixel has {most} layers, LAS stores {MOST_RETURNS} returns at most;"
             " choose .ply, .pcd or .csv"
         )
     farthest = max(float(np.abs(block[axis]).max()) for axis in _COORDINATES)

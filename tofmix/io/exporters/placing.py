@@ -15,7 +15,7 @@ from tofmix.surfaces.found import plane_ranges
 
 
 def optics_of(file: SurfacesFile) -> Projection:
-    """Where the pixels of a surfaces file look.
+    """The projection of a surfaces file.
 
     Raises
     ------

@@ -30,15 +30,15 @@ from tofmix.io.guard.unpacking import BoundedDataset
 from tofmix.io.guard.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
 from tofmix.io.next_command import folder_fault, foreign_fault
 
-_GRACE_S = 2.0  # s beyond the limit until the process is killed
+GRACE_S = 2.0  # s beyond the limit until the process is killed
 _PROGRAM = (sys.executable, "-P", str(Path(__file__).with_name("structure_process.py")))
 
 LIBRARY_FAULTS = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError)
-"""What h5py raises on damaged files; a name that is no UTF-8 is a ValueError."""
+"""Exceptions of h5py on damaged files; a name that is no UTF-8 is a ValueError."""
 
 
 class StructureChecker:
-    """The process that looks at files first.
+    """The process that checks the structure of files first.
 
     Parameters
     ----------
@@ -68,17 +68,19 @@ class StructureChecker:
         with self._lock:
             process = self._started(what)
             line = json.dumps(request | {"limit_s": limit})
-            answer = _exchange(process, line, limit + _GRACE_S)
+            answer = _exchange(process, line, limit + GRACE_S)
             if not answer:
                 code = self._ended()
                 if code == -signal.SIGALRM or code is None:
                     reason = f"its structure could not be read within {limit:g} s; given up, the file is damaged"
                 elif code == -signal.SIGKILL:
-                    raise StorageError(f"{what}: the process that looks at files was killed; is the memory used up?")
+                    raise StorageError(
+                        f"{what}: the structure checker was killed, perhaps for want of memory; close other programs"
+                    )
                 elif code < 0:
                     reason = "cannot be read: the HDF5 library crashed on it; the file is damaged"
                 else:
-                    raise StorageError(f"{what}: the process that looks at files ended with {code}")
+                    raise StorageError(f"{what}: the structure checker ended with {code}; please report it")
                 raise BadInputError(f"{what}: {reason}")
         found = json.loads(answer)
         if "no_memory" in found:
@@ -97,7 +99,7 @@ class StructureChecker:
                     start_new_session=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
                 )  # fmt: skip
             except OSError as error:
-                raise StorageError(f"{what}: {os_error_text(error, 'the process that looks at files')}") from error
+                raise StorageError(f"{what}: {os_error_text(error, 'the structure checker')}") from error
             self._owner = os.getpid()
         return self._process
 
@@ -123,11 +125,11 @@ def _finish(process: "subprocess.Popen[str]") -> int | None:
         except OSError:  # what was not sent to a process that has gone
             continue
     try:
-        return process.wait(_GRACE_S)
+        return process.wait(GRACE_S)
     except subprocess.TimeoutExpired:
         process.kill()
     with suppress(subprocess.TimeoutExpired):  # one that waits for a dead disk cannot even be killed
-        process.wait(_GRACE_S)
+        process.wait(GRACE_S)
     return None
 
 
@@ -171,7 +173,7 @@ def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False)
         file = _open(path)
     with file:
         if identity(file) != seen:
-            raise BadInputError(f"{path}: another file now than a moment ago; refused")
+            raise BadInputError(f"{path}: the file was replaced between check and opening; try again")
         yield file
         if not settled():
             check_unchanged(file, seen, path)
@@ -203,7 +205,7 @@ def is_hdf5(path: Path) -> bool:
 
 
 def identity(file: h5py.File) -> list[int]:
-    """What an open file is: device, inode, size, time of the last change."""
+    """Identity of an open file: device, inode, size, time of the last change."""
     status = os.fstat(file.id.get_vfd_handle())
     return [status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns]
 
@@ -217,7 +219,7 @@ def check_unchanged(file: h5py.File, seen: list[int], path: Path) -> None:
         If it is no longer what `identity` gave as `seen`.
     """
     if identity(file) != seen:
-        raise BadInputError(f"{path}: it has changed while it was read; nothing of it can be relied on")
+        raise BadInputError(f"{path}: the file changed during reading; try again when nothing writes to it")
 
 
 @contextmanager

@@ -14,11 +14,13 @@ from functools import cache
 import h5py
 
 _PREFLIGHT_BYTES = 4 << 20
-"""What must be free before an opening; the library takes less than 1 MB for one."""
+"""Memory that must be free before an opening, bytes; the library takes less than 1 MB for one."""
 
 _AHEAD = 4
+"""Files whose caches are allocated at once, ahead of their opening."""
+
 _LIST_BYTES, _ALL_LISTS_BYTES = 16 << 20, 32 << 20
-"""What the library may keep of objects of one kind, and of all kinds, that it has done with."""
+"""Memory that the library may keep for freed objects of one kind, and of all kinds, bytes."""
 
 _MOST_FILES = 28
 """The caches of so many files fit into the list; it is emptied when more of them are given back."""

@@ -1,4 +1,4 @@
-"""What the HDF5 library complains of, in one short line."""
+"""Error of the HDF5 library, in one short line."""
 
 
 def library_reason(error: BaseException) -> str:

@@ -25,7 +25,7 @@ from tofmix.io.guard.library_reason import library_reason
 from tofmix.io.guard.structure_rules import RefusedError, check_structure
 
 _MEMORY_BYTES = 1 << 30
-"""What looking at one file may take beyond the program itself."""
+"""Memory for the check of one file beyond the program itself, bytes."""
 
 
 def main() -> None:

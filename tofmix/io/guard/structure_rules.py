@@ -1,4 +1,4 @@
-"""What an HDF5 file may be to be read here: rules on its structure, applied before a byte of data is read.
+"""Rules on the structure of an HDF5 file, applied before a byte of data is read.
 
 A file's header may claim anything: data that lie in other files, petabytes, a chunk of many gigabytes.
 `check_structure` goes over every object and refuses what would leave the file or take memory without bound. It belongs
@@ -14,23 +14,31 @@ import h5py
 import numpy as np
 
 MOST_OBJECTS = 20_000
+"""Groups, datasets and types of a file; more would take too long to walk."""
+
 MOST_RANK = 8
+"""Dimensions of a dataset; files of tofmix have 4 at most."""
+
 MOST_CHUNK_BYTES = 256 << 20
-"""One chunk is unpacked whole, however little of it is asked for."""
+"""Size of one chunk, bytes: a chunk is unpacked whole, however little of it is read."""
 
 MOST_DATASET_BYTES = 1 << 44
+"""Declared size of a dataset, bytes: larger than any disk that a recording is on."""
+
 MOST_EXPANSION = 2000
-"""Declared bytes for each byte of the file, twice what gzip reaches: beyond it, what is announced is not there."""
+"""Declared bytes for each byte of the file, twice what gzip reaches: a higher ratio means that the data are missing."""
 
 ALWAYS_FITS_BYTES = 256 << 20
 """Datasets up to this size may announce more than the file holds: reading them takes little."""
 
 MOST_CHUNKS = 1 << 24
+"""Chunks of a dataset: the library holds an index of them in memory."""
+
 MOST_WALKED_CHUNKS = 1 << 20
 """Chunks of a dataset up to which each one's place is checked; a larger index takes too long."""
 
 MOST_VALUE_BYTES = 1 << 20
-"""One value of a dataset, such as a text of fixed length."""
+"""Size of one value of a dataset, bytes, such as a text of fixed length."""
 
 MOST_ATTRIBUTES = 1000  # of one object
 MOST_ATTRIBUTE_BYTES = 16 << 20  # of one attribute

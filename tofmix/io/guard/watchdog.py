@@ -22,7 +22,7 @@ STRUCTURE_LIMIT_S = 20.0
 """For a look at a file's structure."""
 
 _VARIABLE = "TOFMIX_READ_TIMEOUT"
-_POLL_S = 0.5  # s between two looks at the clock
+POLL_S = 0.5  # s between two looks at the clock
 
 
 def limit_s(default: float) -> float:
@@ -60,7 +60,7 @@ class Watchdog:
 
     def _watch(self) -> None:
         while True:
-            time.sleep(_POLL_S)
+            time.sleep(POLL_S)
             for since, what, times in list(self._since.values()):
                 limit = times * limit_s(READ_LIMIT_S)
                 if time.monotonic() - since > limit:
@@ -97,7 +97,7 @@ def watched(what: str, times: float = 1.0) -> Iterator[None]:
 
 def _end(what: str, seconds: float) -> None:
     discard_partial_outputs()
-    rest = "; what is done is kept, --resume goes on from there" if is_resumable() else ""
-    text = f"tofmix: {what}: reading gave nothing for {seconds:g} s; given up{rest}\n"
+    rest = "; finished blocks are kept, --resume continues" if is_resumable() else ""
+    text = f"tofmix: {what}: reading returned no data for {seconds:g} s; given up{rest}\n"
     os.write(sys.__stderr__.fileno() if sys.__stderr__ else 2, text.encode(errors="replace"))
     os._exit(ExitCode.STORAGE)

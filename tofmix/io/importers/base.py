@@ -1,4 +1,4 @@
-"""What every importer hands on: frames as their source has them, one after the other.
+"""Interface of the importers: frames of a source, one after the other.
 
 Values are converted afterwards, in one place: `tofmix.io.importers.conversion`.
 """
@@ -19,6 +19,8 @@ from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.sensor import Sensor
 
 IMAGE_DIMENSIONS = 2
+"""Dimensions of a frame: row, col."""
+
 _MOST_SAMPLES_A_FRAME = 1 << 26
 """Four targets of the largest image: a frame is held whole."""
 
@@ -27,7 +29,7 @@ DepthAxis = Literal["z", "ray"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """What is asked of a source.
+    """Options of an import.
 
     Parameters
     ----------
@@ -151,28 +153,28 @@ def foreign(what: object) -> Iterator[None]:
 
 @contextmanager
 def complaints_are_errors(logger: str, what: object) -> Iterator[None]:
-    """Raise `BadInputError` for what a library only logs, such as a page that is cut off."""
-    log, heard = logging.getLogger(logger), _Heard()
+    """Raise `BadInputError` for a fault that a library only logs, such as a truncated page."""
+    log, collector = logging.getLogger(logger), _LogCollector()
     propagate, log.propagate = log.propagate, False
-    log.addHandler(heard)
+    log.addHandler(collector)
     try:
         yield
     finally:
-        log.removeHandler(heard)
+        log.removeHandler(collector)
         log.propagate = propagate
-    if heard.texts:
-        raise BadInputError(f"{what}: cannot be read: {heard.texts[0]}")
+    if collector.messages:
+        raise BadInputError(f"{what}: cannot be read: {collector.messages[0]}")
 
 
-class _Heard(logging.Handler):
-    """Keeps warnings and worse."""
+class _LogCollector(logging.Handler):
+    """Collects warnings and worse."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
-        self.texts: list[str] = []
+        self.messages: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.texts.append(_one_line(record.getMessage()))
+        self.messages.append(_one_line(record.getMessage()))
 
 
 def _one_line(reason: object) -> str:

@@ -113,8 +113,8 @@ class Calibration:
         if self.model and self.model not in MODELS:
             raise BadInputError(
                 f"{self.what}: distortion model {' '.join(self.model.split())} is not a pinhole's;"
-                f" {' and '.join(MODELS)} are read: rectify the images, or say the lens by --intrinsics FX,FY,CX,CY or"
-                " --fov HxV"
+                f" {' and '.join(MODELS)} are read: rectify the images, or give the lens with --intrinsics"
+                " FX,FY,CX,CY or --fov HxV"
             )
         longest = max(DISTORTION_LENGTHS)
         if any(self.distortion[longest:]):

@@ -15,8 +15,10 @@ import numpy as np
 from scipy.io import loadmat, whosmat
 
 _STORAGE = 4
+"""Exit code of a full disk, as in `tofmix.errors.ExitCode`: this process imports no more than it needs."""
+
 _MEMORY_BYTES = 6 << 30
-"""What one file may take: its arrays are read whole."""
+"""Memory that one file may take, bytes: its arrays are read whole."""
 
 _SECONDS = 600
 """Of computing, should nobody be left to end this process."""

@@ -29,8 +29,10 @@ from tofmix.io.importers.base import FrameSource, Request, foreign
 from tofmix.io.importers.datasets import DatasetFrames
 
 _DIMENSIONS = 3
+"""Dimensions of a sequence: frame, row, col."""
+
 _UNPACKING_TIMES = 6.0
-"""A whole file is unpacked at once, which takes longer than a read."""
+"""Factor on the time limit of a read: a whole file is unpacked at once."""
 
 
 @contextmanager
@@ -92,12 +94,12 @@ def _of_scipy(path: Path, request: Request, folder: Path) -> FrameSource:
 
 
 def _refusal(child: "subprocess.Popen[str]", complaint: str, path: Path) -> TofmixError:
-    """What to say of a child that failed."""
+    """Error of a child process that failed."""
     if child.returncode < 0:
         return BadInputError(f"{path}: cannot be read: SciPy's reader crashed on it; the file is damaged")
     reason = complaint.strip().splitlines()
     if child.returncode == ExitCode.STORAGE:
-        return StorageError(f"{gettempdir()}: {reason[-1]}; {path} is unpacked there")
+        return StorageError(f"{gettempdir()}: {reason[-1]}; {path} is unpacked in this folder")
     return BadInputError(f"{path}: cannot be read: {reason[-1] if reason else 'no reason given'}")
 
 

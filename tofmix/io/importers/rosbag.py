@@ -201,7 +201,7 @@ def _is_rectified(topic: str) -> bool:
 def _intrinsics(
     bag: _Bag, topic: str, request: Request, shape: tuple[int, int]
 ) -> tuple[Pinhole | None, tuple[str, ...]]:
-    """Where the pixels look by the camera_info beside the depth topic, and what is to be said of it."""
+    """Intrinsics from the camera_info beside the depth topic, and warnings on them."""
     name = request.camera_info or f"{topic.rpartition('/')[0]}/camera_info"
     if request.camera_info is not None:
         bag.check(name, _INFO)

@@ -26,7 +26,7 @@ def unit_mm_of(text: str) -> float | None:
 
 
 def refuse_metres(range_mm: NDArray[Any], sensor: Sensor, what: object) -> None:
-    """Refuse ranges that are hardly mm, where nobody says what their unit is.
+    """Refuse ranges without a unit if they are too small for mm.
 
     Parameters
     ----------
@@ -45,6 +45,6 @@ def refuse_metres(range_mm: NDArray[Any], sensor: Sensor, what: object) -> None:
     median = float(np.nanmedian(range_mm))
     if median < max(LEAST_MEDIAN_MM, LEAST_OF_RANGE_MIN * (sensor.range_min_mm or 0.0)):
         raise BadInputError(
-            f"{what}: no unit is given, and half of the values are below {median:.3g}: hardly mm;"
-            " give --units m, or --units mm if they are"
+            f"{what}: no unit is given, and half of the values are below {median:.3g}, too small for mm;"
+            " give --units m, or --units mm if mm is right"
         )

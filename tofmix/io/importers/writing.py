@@ -15,6 +15,7 @@ from tofmix.io.importers.conversion import Conversion
 from tofmix.io.importers.units import refuse_metres
 from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
 from tofmix.sensor import Sensor
+from tofmix.wording import counted
 
 BLOCK_BYTES = 64_000_000
 """Most bytes of ranges that are held at once, where a frame is not larger."""
@@ -24,7 +25,7 @@ _BYTES_A_SAMPLE = 4  # of float32
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """What was written.
+    """Sizes of the written recording, and doubts.
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ def write_recording(
         start = 0
         for block in _blocks(source.frames, block_frames):
             if start + len(block) > frames:
-                raise BadInputError(f"{what}: more frames than the {frames} that it announces")
+                raise BadInputError(f"{what}: {counted(frames, 'frame')} declared, more found; write the source again")
             ranges: Any = np.stack([conversion(frame.depth) for frame in block])
             if doubtful and np.isfinite(ranges).any():
                 refuse_metres(ranges, sensor, what)

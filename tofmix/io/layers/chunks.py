@@ -87,7 +87,7 @@ def decode_cell(
 
 
 def fill_of(spec: LayerField) -> float:
-    """What stands where nothing was estimated: NaN, 0 for integers."""
+    """Value of pixels that were not estimated: NaN, 0 for integers."""
     return np.nan if spec.dtype.startswith("f") else 0
 
 

@@ -124,7 +124,7 @@ class Journal:
             modes = self._database.execute("PRAGMA journal_mode = DELETE").fetchall()
             self._database.close()
         if modes != [("delete",)]:
-            raise StorageError(f"{self.path}: it cannot be brought into one file")
+            raise StorageError(f"{self.path}: SQLite cannot merge the journal into one file; --resume tries again")
         try:
             for path in _beside(self.path):
                 path.unlink(missing_ok=True)  # SQLite says nothing where it fails in that
@@ -157,7 +157,7 @@ def files_of(journal: Path) -> tuple[Path, ...]:
 
 
 def _beside(journal: Path) -> tuple[Path, ...]:
-    """What SQLite keeps beside a database that is in use."""
+    """Files that SQLite keeps beside an open database."""
     return tuple(journal.with_name(journal.name + end) for end in ("-wal", "-shm", "-journal"))
 
 
@@ -283,7 +283,7 @@ def _faults(path: Path, error_type: type[BadInputError] | type[StorageError] = S
         yield
     except sqlite3.OperationalError as error:
         if error.sqlite_errorcode & 0xFF in (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED):
-            raise UsageError(f"{path}: another run has it; wait for that, or choose another output") from error
+            raise UsageError(f"{path}: another run is using it; wait for its end, or choose another output") from error
         if "no such table" in str(error):
             raise BadInputError(f"{path}: not a journal of tofmix") from error
         raise error_type(f"{path}: {error}") from error

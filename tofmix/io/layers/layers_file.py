@@ -21,8 +21,10 @@ from tofmix.io import hdf5, sensor_group
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.guard import guard
 from tofmix.io.layers.provenance import header_image, read_provenance, write_provenance
+from tofmix.io.result_file import open_result, typed_dataset
 from tofmix.layers import (
     LAW_TEXTS,
+    LAYER_DIMS,
     LAYER_FIELDS,
     MAX_LAYERS_LIMIT,
     OPTIONAL_FIELDS,
@@ -30,12 +32,11 @@ from tofmix.layers import (
     Layers,
     Provenance,
 )
-from tofmix.mixing import MixingLaw
+from tofmix.mixing import MixingLaw, law_over_windows
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.windows import Windows
 
 FORMAT = "tofmix-layers"
-_DIMS = ("window", "row", "col", "layer")
 
 
 class LayersWriter:
@@ -80,7 +81,7 @@ class LayersWriter:
         temporary: Path | None = None,
     ) -> None:
         self._windows = windows
-        self._dims = dict(zip(_DIMS, (windows.count, *image, max_layers), strict=True))
+        self._dims = dict(zip(LAYER_DIMS, (windows.count, *image, max_layers), strict=True))
         self._tile = tile
         self._provenance = provenance
         self._file = AtomicFile(path, overwrite=overwrite, inputs=inputs, temporary=temporary)
@@ -100,12 +101,12 @@ class LayersWriter:
             if self._provenance.is_unmixed:
                 self._add_law()
             sensor_group.write_sensor(self._root, self._provenance.sensor, image=(self._dims["row"], self._dims["col"]))
-            hdf5.add_nexus_view(self._root, name="layers", signal="range", axes=_DIMS)
+            hdf5.add_nexus_view(self._root, name="layers", signal="range", axes=LAYER_DIMS)
             self._stack = stack.pop_all()
         return self
 
     def _add(self, spec: LayerField) -> None:
-        dims = dict(list(self._dims.items())[: 4 if spec.per_layer else 3])
+        dims = {name: self._dims[name] for name in spec.dims}
         whole = tuple(dims.values())
         chunks = (min(self._tile[0], whole[0]), min(self._tile[1], whole[1]), *whole[2:])
         fill = np.nan if spec.dtype.startswith("f") else None
@@ -187,7 +188,9 @@ class LayersFile:
     def __init__(self, root: h5py.File, path: Path) -> None:
         self.path = path
         present = (*LAYER_FIELDS, *(spec for spec in OPTIONAL_FIELDS if spec.name in root))
-        self._datasets = {spec.name: _checked(root, spec, path) for spec in present}
+        self._datasets = {
+            spec.name: typed_dataset(root, spec.name, path, dtype=spec.dtype, dims=spec.dims) for spec in present
+        }
         shape = self._datasets["range"].shape
         self.shape: tuple[int, int, int] = shape[:3]
         self.max_layers = int(shape[3])
@@ -225,9 +228,7 @@ class LayersFile:
     @property
     def mixing_law(self) -> MixingLaw | None:
         """The law of mixing over all windows; None where it was not measured."""
-        if self.phasor_share is None or self.phasor_pixels is None:
-            return None
-        return MixingLaw.of_windows(self.phasor_share, self.phasor_pixels)
+        return law_over_windows(self.phasor_share, self.phasor_pixels)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -291,7 +292,7 @@ class LayersFile:
         return tuple(counts.tolist())
 
     def header_image(self) -> bytes:
-        """What `header_image` gives for a run that would write this file."""
+        """`header_image` of a run that would write this file."""
         starts, stops, step = self.window_start, self.window_stop, self._datasets["range"].chunks
         length, stride = int(stops[0] - starts[0]), int(starts[1]) if len(starts) > 1 else 0
         stride = stride or int(self.provenance.options.get("stride", length))
@@ -309,25 +310,12 @@ def open_layers(path: Path) -> Iterator[LayersFile]:
     BadInputError
         If the file is missing, not HDF5 or cut short, or is no layers file.
     """
-    with guard.open_for_reading(path) as root:
-        with guard.reading(path, "header"):
-            hdf5.check_format(root, path, kind=FORMAT, required=True)
-            layers = LayersFile(root, path)
+    with open_result(path, kind=FORMAT, make=LayersFile) as layers:
         yield layers
 
 
-def _checked(root: h5py.File, spec: LayerField, path: Path) -> h5py.Dataset:
-    dataset = guard.checked_dataset(root, spec.name, path)
-    rank = 4 if spec.per_layer else 3
-    if dataset.ndim != rank or dataset.dtype != np.dtype(spec.dtype):
-        raise BadInputError(
-            f"{path}: {spec.name}: expected {spec.dtype} {_DIMS[:rank]}, got {dataset.dtype} of shape {dataset.shape}"
-        )
-    return dataset
-
-
 def _law(root: h5py.File, name: str, count: int, path: Path) -> NDArray[Any] | None:
-    """What a window's law of mixing was found to be; None in files that do not say it."""
+    """Law of mixing of each window; None in files without it."""
     if name not in root:
         return None
     dataset = guard.checked_dataset(root, name, path)

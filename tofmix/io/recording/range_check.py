@@ -31,7 +31,7 @@ _BLOCK_SAMPLES = 1 << 16  # samples at each place
 
 
 class FloatRecording(Protocol):
-    """What is asked of a recording; `tofmix.io.recording.recording_file.RecordingFile` has it."""
+    """Interface of a recording, as `tofmix.io.recording.recording_file.RecordingFile` has it."""
 
     path: Path
     shape: tuple[int, int, int]
@@ -52,7 +52,7 @@ class FloatRecording(Protocol):
 
     @property
     def fill(self) -> float | None:
-        """What stands for no sample beside NaN."""
+        """Value of invalid samples beside NaN."""
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples, mm, NaN where invalid."""
@@ -60,7 +60,7 @@ class FloatRecording(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangeCheck:
-    """What the blocks show.
+    """Statistics of the blocks.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def _blocks(recording: FloatRecording) -> Iterator[tuple[slice, slice]]:
 
 
 def unit_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | None:
-    """What speaks against mm, and the remedies; None where nothing does."""
+    """Doubts about mm, with the remedies; None without a doubt."""
     if found is None or found.median is None or recording.units is not None:
         return None
     least = recording.sensor.range_min_mm or 0.0

@@ -123,7 +123,7 @@ class RecordingFile:
 
     @property
     def fill(self) -> float | None:
-        """What stands for no sample beside NaN: `_FillValue`; without one 0 for integers, None for floats."""
+        """Value of invalid samples beside NaN: `_FillValue`; without one 0 for integers, None for floats."""
         if self._fill is not None:
             return float(self._fill[0])
         return None if self._range.dtype.kind == "f" else 0.0
@@ -304,7 +304,7 @@ def _whole_chunks(start: int, stop: int, step: int, wanted: int) -> Iterator[sli
 
 def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
     if name == "range" and name not in root:
-        raise BadInputError(f"{path}: no dataset range; of a file of another layout: {import_command(path)}")
+        raise BadInputError(f"{path}: no dataset range; import a file of another layout: {import_command(path)}")
     dataset = guard.checked_dataset(root, name, path)
     if dataset.ndim == len(DIMS) + 1:
         _check_targets(dataset, name, path)

@@ -1,4 +1,4 @@
-"""What a synthetic recording's truth holds beyond its first frame: what effects drew, and ranges frame by frame."""
+"""Truth of a synthetic recording beyond its first frame: draws of effects, and ranges frame by frame."""
 
 from collections.abc import Iterable
 

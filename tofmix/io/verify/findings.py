@@ -1,4 +1,4 @@
-"""What `tofmix verify` finds wrong, gathered over the blocks of a file: one line a fault, however often it occurs."""
+"""Faults that `tofmix verify` finds, gathered over the blocks of a file: one line for each fault."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,7 +21,7 @@ class Fault:
 
 @dataclass(slots=True)
 class Findings:
-    """What was looked at and what was found.
+    """Checked datasets, faults and notes.
 
     Parameters
     ----------

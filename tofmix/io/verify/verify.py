@@ -144,7 +144,7 @@ def _verify_folder(folder: Path, findings: Findings) -> None:
     findings.kind = "reconciliation"
     for name in (*model_names(1), *FILES):
         if not (folder / name).is_file():
-            findings.add(name, "missing; the folder is not a whole reconciliation")
+            findings.add(name, "missing; the output of reconcile is incomplete")
     if not findings.ok:
         return
     load_model(str(folder / "model.toml"))
@@ -158,7 +158,7 @@ def _verify_folder(folder: Path, findings: Findings) -> None:
     for key in ("before", "after", "floor"):
         value = sizes.get(key) if isinstance(sizes, dict) else None
         if not isinstance(value, int | float) or not math.isfinite(value) or value < 0:
-            findings.add("gap.json", f"gap: {key}: expected a number that is not below 0, got {value!r}")
+            findings.add("gap.json", f"gap: {key}: expected a number of at least 0, got {value!r}")
 
 
 def _read_gap(path: Path) -> dict[str, Any]:

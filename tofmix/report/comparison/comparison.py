@@ -1,4 +1,4 @@
-"""Where two layers files of one size differ: in the number of surfaces, or in ranges beyond their errors.
+"""Differences of two layers files of one size: in the number of surfaces, or in ranges beyond their errors.
 
 Use it for two estimates of one recording (other options, another version) or of
 two recordings of one scene. Windows are read one by one. Two estimates of one

@@ -2,7 +2,7 @@
 
 from tofmix.report.comparison.comparison import Comparison, PixelDifference
 from tofmix.report.summary.tables import printable
-from tofmix.wording import counted
+from tofmix.wording import counted, percent_of
 
 _SHOWN_PAIRS = 5  # most frequent pairs of numbers of surfaces that are shown
 
@@ -17,7 +17,7 @@ def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: 
         f"pixels     {c.pixels} ({counted(c.windows, 'window')} of {image})",
         "",
         *(
-            f"{name:<40}{count:>8}{_share(count, c.pixels):>9}"
+            f"{name:<40}{count:>8}{percent_of(count, c.pixels):>9}"
             for name, count in (
                 ("pixels that differ", c.different),
                 ("  in the number of surfaces", c.count_differs),
@@ -52,7 +52,3 @@ def _pixel_line(pixel: PixelDifference) -> str:
 
 def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"
-
-
-def _share(count: int, pixels: int) -> str:
-    return f"{100 * count / max(1, pixels):.1f} %"

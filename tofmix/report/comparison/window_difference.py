@@ -1,4 +1,4 @@
-"""Where two windows of one size differ, pixel by pixel and layer by layer.
+"""Differences of two windows of one size, pixel by pixel and layer by layer.
 
 `tofmix.report.comparison.comparison` sums this up over the windows of two files.
 """

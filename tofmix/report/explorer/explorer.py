@@ -1,4 +1,4 @@
-"""What the page's explorer shows: every pixel of some windows, packed, and the settings of its script.
+"""Data of the page's explorer: every pixel of some windows, packed, and the settings of its script.
 
 The script reads what `explorer_json` writes. For one pixel in the terminal use
 `tofmix.report.pixels.pixels`.
@@ -17,9 +17,9 @@ from tofmix.report.averaging import AveragedImage, average_layers, average_sampl
 from tofmix.report.explorer.packing import pack_numbers
 from tofmix.report.explorer.sample_packing import MOST_SAMPLES, PackedSamples, pack_samples
 from tofmix.report.figures.rasters import ABOVE, BELOW, count_colours, count_label, range_shades
-from tofmix.report.figures.theme import DARK, LIGHT
 from tofmix.report.pixels.pixels import drifts, learnt_sensor
 from tofmix.report.sources import LayersSource
+from tofmix.report.theme import DARK, LIGHT
 from tofmix.sensor import Sensor
 
 MOST_PIXELS = 60_000
@@ -44,9 +44,13 @@ _LAYER_UNITS = {
     "range": 0.01, "range_stderr": 0.01, "weight": 1e-4, "weight_stderr": 1e-4, "sigma": 0.01, "probability": 1e-6,
 }  # fmt: skip
 _AVERAGED_UNIT_MM = 0.1
+"""Resolution of averaged ranges in a page, mm."""
+
 _SHAPE_POINTS = 161
+"""Points of a noise shape in a page."""
+
 _LEAST_DENSITY = 1.0e-4
-"""Points of a shape in a page, and the part of its peak below which it is not seen."""
+"""Part of a shape's peak below which its line is not visible."""
 _ANGLE_DIGITS = 6  # of an angle in rad: 0.01 mm at 10 m
 
 
@@ -231,7 +235,7 @@ def _learnt(provenance: Provenance) -> dict[str, Any]:
 
 
 def _angles(sensor: Sensor, shape: tuple[int, int]) -> list[list[float]] | None:
-    """Where the pixels of the middle row look across, and those of the middle column down, rad; None if not known."""
+    """Angles of the middle row's pixels across, and of the middle column's down, rad; None if not known."""
     rows, cols = shape
     try:
         optics = sensor.optics
@@ -265,7 +269,7 @@ def _samples_note(samples: PackedSamples | None, *, recorded: bool) -> str:
     if not recorded:
         return "Samples and their density are shown with --recording."
     if samples is None:
-        return "The image is too large for samples in this page; tofmix inspect shows those of any pixel."
+        return "The image is too large for samples in this page; tofmix inspect shows the samples of any pixel."
     rounded = "" if samples.step_mm == 1 else f" Samples are rounded to {samples.step_mm:g} mm."
     if samples.frames_kept == samples.frames:
         return rounded.strip()

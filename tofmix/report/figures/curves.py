@@ -8,8 +8,8 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from tofmix.arrays import FloatArray
 from tofmix.layers import Layers
-from tofmix.report.figures.theme import DENSITY_MAP, LAYER_LINES, Theme
 from tofmix.report.summary.tables import ordinal
+from tofmix.report.theme import DENSITY_MAP, LAYER_LINES, Theme
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
@@ -93,7 +93,7 @@ def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme) -> 
     axes.stairs(counts, edges, baseline=None, color=theme.layers[0], linewidth=1.8, label="layers")
     middles = 0.5 * (edges[1:] + edges[:-1])
     normal = finite.size * np.exp(-0.5 * np.square(middles)) / np.sqrt(2.0 * np.pi) * (edges[1] - edges[0])
-    axes.plot(middles, normal, color=theme.ink, linestyle="-.", linewidth=1.2, label="two recordings, by chance")
+    axes.plot(middles, normal, color=theme.ink, linestyle="-.", linewidth=1.2, label="two recordings, noise alone")
     for side in (-1, 1):
         axes.axvline(
             side * tolerance, color=theme.accent, linestyle="--", linewidth=1.2,

@@ -11,7 +11,7 @@ from tofmix.sensor import NoiseCurve
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from tofmix.report.figures.theme import Format, Theme
+    from tofmix.report.theme import Format, Theme
 
 FIGURE_SUFFIXES: dict[str, "Format"] = {".png": "png", ".svg": "svg"}
 
@@ -56,7 +56,7 @@ def pixel_figure(
     """
     try:
         drawings = import_module("tofmix.report.pixels.pixel_figures")
-        theme = import_module("tofmix.report.figures.theme")
+        theme = import_module("tofmix.report.theme")
     except ImportError as error:
         raise UsageError(_MISSING_EXTRA) from error
     circle = {"unambiguous_range_mm": unambiguous_range_mm}

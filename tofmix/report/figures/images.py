@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.report.figures.theme import GAP_MAP, Theme, mark_no_data, no_data_patch
+from tofmix.report.theme import GAP_MAP, Theme, mark_no_data, no_data_patch
 
 WIDTH_INCH = 5.0  # of a picture
 _LEAST_HEIGHT, _MOST_HEIGHT = 0.8, 6.0  # of the image itself, inch

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from tofmix.arrays import ByteArray
 from tofmix.flags import MIXING_MEANINGS, Mixing, mixing_name
 from tofmix.report.figures.rasters import ImagePicture, kinds_uri
-from tofmix.report.figures.theme import DARK, LIGHT, Theme
 from tofmix.report.summary.summary import MixingNumbers
+from tofmix.report.theme import DARK, LIGHT, Theme
 from tofmix.wording import counted
 
 _COLOURS = {
@@ -54,7 +54,7 @@ def _map(mixing: ByteArray) -> ImagePicture:
     rows, cols = mixing.shape
     light, dark = (kinds_uri(mixing, _palette(theme)) for theme in (LIGHT, DARK))
     return ImagePicture(
-        title="What samples are of",
+        title="Kind of mixing",
         alt=f"Kind of mixing in each pixel over the image plane. {said or 'No pixel has a kind'}.",
         shows="Whether a pixel sees one surface; several, one in each sample (events) or all in their sum (phasor); or"
         " sums of surfaces that cannot be told (undecided).",

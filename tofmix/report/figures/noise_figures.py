@@ -9,8 +9,8 @@ from matplotlib.ticker import MaxNLocator
 
 from tofmix.arrays import FloatArray
 from tofmix.noise_shape import NoiseShape
-from tofmix.report.figures.theme import Theme
 from tofmix.report.pixels.single_pixels import SinglePixels
+from tofmix.report.theme import Theme
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
@@ -106,7 +106,7 @@ def width_figure(widths: FloatArray, spread: float, *, theme: Theme) -> Figure:
 
 
 def _reach(shape: NoiseShape) -> tuple[float, float]:
-    """Where the density of the shape is drawn, to either side."""
+    """Range of the drawn density, to either side."""
     seen = shape.z[shape.density > _LEAST_DENSITY]
     low = float(np.clip(-seen.min(), _LEAST_REACH, _MOST_REACH))
     return -low, float(np.clip(seen.max(), _LEAST_REACH, _MOST_REACH))

@@ -81,7 +81,7 @@ def _curve_picture(curve: NoiseCurve, singles: SinglePixels) -> Picture:
     spread = singles.spread()
     number = counted(singles.range_mm.size, "pixel", ",")
     if spread is None:
-        alt = "The noise curve against range; no pixel of one layer tells of it."
+        alt = "The noise curve against range; no pixel has exactly one layer to compare with."
     else:
         alt = f"The noise curve against range, and {number} of one layer around it: median {spread.q50:.2f} of it."
     of_all = f" ({number} of {singles.pixels_of_one_layer:,})" if singles.range_mm.size else ""
@@ -102,7 +102,7 @@ def _curve_picture(curve: NoiseCurve, singles: SinglePixels) -> Picture:
         alt=alt,
         shows=shows,
         good="Points on both sides of the curve at every range.",
-        bad="Points on one side of it over a stretch of ranges: the curve does not fit there.",
+        bad="Points on one side of the curve over a stretch of ranges: the curve does not fit there.",
     )
 
 
@@ -116,7 +116,7 @@ def _shape_picture(shape: NoiseShape, singles: SinglePixels) -> Picture:
     else:
         grey = " With --recording samples stand beside them."
         good = "One smooth hump, near the Gaussian in its middle."
-        bad = "Several humps: pixels of two close surfaces taught it."
+        bad = "Several humps: pixels with two close surfaces were used for the shape."
     return make_picture(
         lambda theme: shape_figure(shape, singles, theme=theme),
         "svg",
@@ -140,7 +140,7 @@ def _width_picture(widths: FloatArray, spread: float) -> Picture:
         f" learnt spread is {100 * spread:.0f} %.",
         shows="Each pixel's own width, a factor on sigma, beside the learnt log-normal distribution.",
         good="The histogram inside the line, or narrower: few samples tell little of a width, which then stays near 1.",
-        bad="A second hump: some pixels have a noise of their own, or their surfaces are merged.",
+        bad="A second hump: some pixels have other noise, or their surfaces are merged.",
     )
 
 
@@ -157,7 +157,7 @@ def _background_picture(background: FloatArray, shape: tuple[int, ...]) -> Image
         shows="Share of each pixel's samples that lie anywhere in the working range, as learnt from the first window or"
         " stated by the file.",
         good="Smooth, or high where the scene is dark or far.",
-        bad="High on single surfaces with plain edges: samples of a surface are taken for background.",
+        bad="High on single surfaces with plain edges: samples of a surface count as background.",
         light=uri,
         dark=uri,
         rows=rows,

@@ -10,8 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from tofmix.flags import Status
 from tofmix.layers import Layers
 from tofmix.report.figures.images import colour_scale
-from tofmix.report.figures.theme import COUNT_MAP, RANGE_MAP, Theme, mark_no_data
-from tofmix.report.pixels.pixel_figures import new_figure
+from tofmix.report.theme import COUNT_MAP, RANGE_MAP, Theme, mark_no_data, new_figure
 
 _M = 1000.0  # mm in a metre
 _HEIGHT_INCH = 3.6  # of the figure

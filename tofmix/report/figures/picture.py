@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from tofmix.report.figures.theme import Format, Theme, drawn
+from tofmix.report.theme import Format, Theme, drawn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -22,8 +22,8 @@ from tofmix.report.figures.rasters import (
     count_uri,
     range_uri,
 )
-from tofmix.report.figures.theme import DARK, LIGHT
 from tofmix.report.summary.tables import ordinal
+from tofmix.report.theme import DARK, LIGHT
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.wording import counted
 
@@ -82,7 +82,7 @@ def _range_pictures(layers: Layers, averaged: AveragedImage, scale: tuple[float,
             shows=f"One range a pixel, the {averaged.averaging}. The colours are those of the layers beside it;"
             " open space shows as the end of the range.",
             good="Sharp edges between surfaces.",
-            bad="Edges with colours in between: ranges at which nothing stands.",
+            bad="Edges with colours in between: ranges without a surface.",
         )
     ]
     shown = range(min(SHOWN_LAYERS, layers.max_layers))
@@ -117,17 +117,17 @@ def _range_picture(range_mm: FloatArray, scale: tuple[float, float], *, no_data:
 
 _LAYER_WORDS: dict[int, dict[str, str]] = {
     1: {
-        "shows": "The nearest surface that each pixel sees.",
+        "shows": "The nearest surface of each pixel.",
         "good": "Every surface in one colour up to its edge; hatching only where there is open space.",
         "bad": "Specks of other ranges inside a surface, or hatching on it.",
     },
     2: {
-        "shows": "The second surface of the pixels that see more than one.",
+        "shows": "The second surface of pixels with two or more.",
         "good": "Thin lines along edges, in the colour of the surface behind.",
         "bad": "Specks scattered over plain surfaces: components without a surface.",
     },
     3: {
-        "shows": "The third surface of the pixels that see more than two.",
+        "shows": "The third surface of pixels with three or more.",
         "good": "Few pixels, where three surfaces meet; hatching elsewhere.",
         "bad": "Many pixels away from any edge.",
     },
@@ -156,7 +156,7 @@ def _count_picture(layers: Layers) -> ImagePicture:
     return ImagePicture(
         title="Number of surfaces",
         alt=f"Number of surfaces in each pixel over the image plane. {found or 'nothing was fitted'}.",
-        shows="How many surfaces each pixel sees.",
+        shows="Number of surfaces in each pixel.",
         good="One on surfaces, two along edges, more where edges meet.",
         bad="Pixels with two surfaces scattered over a flat surface, or edges with one surface only.",
         light=light,
@@ -180,18 +180,18 @@ def _histogram_pictures(layers: Layers, curve: NoiseCurve | None) -> tuple[Pictu
             "svg",
             title="Ranges",
             alt=f"Histogram of the ranges of each layer. {_extent(ranges)}",
-            shows="How many pixels have a layer at each range.",
+            shows="Number of pixels with a layer at each range.",
             good="A peak for each surface, none between them.",
-            bad="Counts between the peaks: layers at ranges where nothing stands.",
+            bad="Layers between the peaks, at ranges without a surface.",
         ),
         make_picture(
             lambda theme: weight_histogram(layers, theme=theme),
             "svg",
             title="Shares",
             alt=f"Histogram of the shares of each layer and of no return. {weight_text}",
-            shows="How large a share of the beam each layer holds.",
+            shows="Share of the beam of each layer.",
             good="A first layer mostly at 1; the shares of mixed pixels spread evenly.",
-            bad="Many layers at shares of a few per cent: outliers taken for surfaces.",
+            bad="Many layers at shares of a few per cent: outliers counted as surfaces.",
         ),
         make_picture(
             lambda theme: sigma_figure(layers, curve=curve, theme=theme),
@@ -201,6 +201,6 @@ def _histogram_pictures(layers: Layers, curve: NoiseCurve | None) -> tuple[Pictu
             shows="The spread of each component against its range."
             + ("" if curve else " The file has no noise curve to compare with."),
             good="Components along the curve.",
-            bad="Components beside the curve: it does not fit this recording, or surfaces are merged (above it).",
+            bad="Components off the curve: it does not fit this recording, or surfaces are merged (above the curve).",
         ),
     )

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from tofmix.arrays import FloatArray
-from tofmix.report.figures.theme import COUNT_MAP, DARK, LIGHT, RANGE_MAP, Theme
+from tofmix.report.theme import COUNT_MAP, DARK, LIGHT, RANGE_MAP, Theme
 from tofmix.wording import counted
 
 MANY = 6

@@ -68,7 +68,7 @@ def draw_surfaces(found: WindowSurfaces, layers: Layers, *, first: int, scale: t
             title="Surfaces", alt=f"Surface of each part of a pixel over the image plane. {text}",
             shows="Which surface each part of a pixel sees first; colours come again after twenty.",
             good="One colour on each object, and walls behind others in one colour.",
-            bad="Speckles, or one object in many colours: a curved surface, or noise that its errors do not tell.",
+            bad="Speckles, or one object in many colours: a curved surface, or noise above its standard errors.",
             light=uri, dark=uri, bar=(), legend=legend, **shape,
         ),
         ImagePicture(

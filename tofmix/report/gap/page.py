@@ -59,7 +59,7 @@ def _fitted(candidate: Candidate, result: Reconciliation) -> str:
 
 
 def _added(result: Reconciliation) -> list[tuple[str, str]]:
-    """What was added to which model."""
+    """The added effects, by model."""
     tables = [effect_tables(result, number) for number in range(len(result.models))]
     if len(set(tables)) == 1:
         return [("the model" if len(tables) == 1 else "every model", tables[0])] if tables[0] else []

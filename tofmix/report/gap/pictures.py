@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.panel import Curve
 from tofmix.reconciliation.workflow import Reconciliation
-from tofmix.report.figures.theme import GAP_MAP, Theme, drawn, mark_no_data
+from tofmix.report.theme import GAP_MAP, Theme, drawn, mark_no_data
 
 if TYPE_CHECKING:
     from tofmix.reconciliation.compare import Compared
@@ -73,7 +73,7 @@ def _curve_picture(before: Curve, after: Curve | None, result: Reconciliation, *
 
 
 def _axis(curve: Curve) -> str:
-    """What a curve is drawn against: waves over all whole mm, against their periods."""
+    """The axis of a curve; waves over whole mm have their periods."""
     return "period" if curve.axis == "all" else curve.axis.replace("_", " ")
 
 

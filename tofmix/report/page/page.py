@@ -182,7 +182,7 @@ def _sensor_rows(provenance: Provenance) -> list[Row]:
 
 
 def _view_values(sensor: Sensor) -> list[tuple[str, float | None, float, str]]:
-    """Where the pixels look, number by number."""
+    """Numbers of the projection."""
     if sensor.projection is None:
         names = (("horizontal", sensor.fov_horizontal_deg), ("vertical", sensor.fov_vertical_deg))
         return [(f"field of view, {name}", value, 1.0, "degrees") for name, value in names]

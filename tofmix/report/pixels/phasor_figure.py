@@ -9,8 +9,8 @@ from matplotlib.patches import Ellipse
 
 from tofmix.arrays import FloatArray
 from tofmix.flags import Mixing
-from tofmix.report.figures.theme import Theme
 from tofmix.report.pixels.phasor_plane import REACH, PhasorEnd, PhasorPlane
+from tofmix.report.theme import Theme
 from tofmix.wording import counted
 
 PLANE_INCH = 4.2

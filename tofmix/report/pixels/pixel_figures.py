@@ -8,26 +8,31 @@ import math
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 
 from tofmix.arrays import FloatArray
 from tofmix.circle import cut_between
 from tofmix.estimation.learnt.pixel_mixture import PixelMixture
 from tofmix.estimation.peaks.density import density
-from tofmix.report.figures.theme import Theme
 from tofmix.report.pixels.phasor_figure import PLANE_INCH, draw_plane
 from tofmix.report.pixels.phasor_plane import PhasorPlane
 from tofmix.report.pixels.pixels import GrowingDensity, PixelView
+from tofmix.report.theme import Theme, new_figure
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
-WIDTH_INCH = 7.2  # of a figure
-
 _PANEL_INCH, _MOST_COLUMNS = 2.5, 2
+"""Height of a panel, inch, and panels side by side."""
+
 _STRIP_INCH, _SCATTER_INCH = 1.15, 2.4
+"""Heights of one number of samples, and of the modes over samples, inch."""
+
 _PLACES = 1500
+"""Ranges at which a line is drawn: more than the pixels of a figure."""
+
 _MARGIN_SIGMAS = 5.0
+"""Margin of a view beyond the outermost surface, in its sigma."""
+
 _MOST_SIGMAS = 150.0
 """Width of a view in units of the narrowest sigma, beyond which each pixel has a view of its own."""
 _BACKGROUND_SIGMAS = 12.0
@@ -35,11 +40,6 @@ _BACKGROUND_SIGMAS = 12.0
 _LEAST_MARGIN_M = 0.05  # beyond the outermost sample, m
 _MOST_BINS = 80  # of a histogram
 _M = 1000.0  # mm in a metre
-
-
-def new_figure(height_inch: float) -> Figure:
-    """Make a figure of the width of a page."""
-    return Figure(figsize=(WIDTH_INCH, height_inch), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))
 
 
 def style_axes(axes: Axes, title: str, theme: Theme) -> None:
@@ -208,12 +208,12 @@ def _cut(views: list[PixelView], length_mm: float | None) -> float:
 
 
 def _axis(cut_mm: float, length_mm: float | None) -> str:
-    """What the axis shows."""
+    """Label of the axis."""
     return "range (m)" if length_mm is None or cut_mm == 0.0 else f"range (m); 0 again at {length_mm / _M:.3f}"
 
 
 def _own_noise(view: PixelView, mixture: PixelMixture) -> str:
-    """What the pixel has of its own under learnt noise, for its legend."""
+    """The pixel's width, background and drift under learnt noise, for its legend."""
     said = f"width {mixture.width:.2f}, background {100 * mixture.background:.1f} %"
     if mixture.drift_mm.any():
         extent = ", ".join(f"{mm:.1f}" for mm in mixture.drift_extent_mm())

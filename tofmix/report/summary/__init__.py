@@ -1,1 +1,1 @@
-"""What a file holds in numbers and words: the summary, its tables, its findings, and descriptions for `tofmix info`."""
+"""A file in numbers and words: the summary, its tables, its findings, and descriptions for `tofmix info`."""

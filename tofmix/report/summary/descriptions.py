@@ -1,4 +1,4 @@
-"""What a file is, before anything is done with it: sizes, units, options, camera, and what to be wary of.
+"""Descriptions of files for `tofmix info`: sizes, units, options, camera, and warnings.
 
 Use `describe_recording`, `describe_layers`, `describe_surfaces` or `describe_model`. Headers are read, not samples; of
 layers also the counts and the status. What an estimate found is told by `tofmix.report.summary.summary`.
@@ -22,7 +22,7 @@ from tofmix.report.summary.findings import Finding, count_findings, target_findi
 from tofmix.report.summary.noise_numbers import noise_numbers
 from tofmix.report.summary.summary import remedy_for
 from tofmix.report.summary.tables import printable
-from tofmix.sensor import NoiseCurve, Sensor
+from tofmix.sensor import RARE_SENSOR_NUMBERS, SENSOR_NUMBERS, NoiseCurve, Sensor
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sheet import CameraSheet
 from tofmix.simulation.model import Model
@@ -33,26 +33,14 @@ GAP = 1.5
 """A step of `time` longer than this many median steps is a gap."""
 
 _BYTES_A_SAMPLE = 6  # approximate bytes of a simulated sample in its file
-_NAME_WIDTH = 26  # characters
-_TEXT_WIDTH = 100  # characters
-_LONGEST_SENTENCE = 1000  # characters
-_LONGEST_VALUE = 120  # characters
+_NAME_WIDTH = 26  # characters of the column of names
+_TEXT_WIDTH = 100  # characters of a line
+_LONGEST_SENTENCE = 1000  # characters of a sentence from a file before it is cut
+_LONGEST_VALUE = 120  # characters of a value from a file before it is cut
 _SENTENCES = ("found",)
 """Names of values that are sentences, and are not cut."""
 _OF_SENTENCES = ("sources", "next_steps")
 """Sections whose values are sentences."""
-
-_SENSOR_NUMBERS = (
-    "modulation_frequency_hz",
-    "integration_time_ms",
-    "range_min_mm",
-    "range_max_mm",
-    "fov_horizontal_deg",
-    "fov_vertical_deg",
-    "outlier_probability",
-)
-_WHERE_KNOWN = ("no_return_mm", "sample_min_mm", "sample_max_mm")
-"""What few files have: it is left out where it is not known."""
 
 Value = str | int | float | bool | None | list[float] | list[dict[str, Any]]
 Section = dict[str, Value]
@@ -87,7 +75,7 @@ class Description:
 
 
 class RecordingHeader(Protocol):
-    """What is asked of a recording; `tofmix.io.recording.recording_file.RecordingFile` has it."""
+    """Interface of a recording, as `tofmix.io.recording.recording_file.RecordingFile` has it."""
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -111,7 +99,7 @@ class RecordingHeader(Protocol):
 
     @property
     def fill(self) -> float | None:
-        """What stands for no sample beside NaN."""
+        """Value of invalid samples beside NaN."""
 
     @property
     def has_amplitude(self) -> bool:
@@ -129,14 +117,14 @@ class RecordingHeader(Protocol):
 
 
 class LayersHeader(LayersSource, Protocol):
-    """What is asked of a layers file; `tofmix.io.layers.layers_file.LayersFile` has it."""
+    """Interface of a layers file, as `tofmix.io.layers.layers_file.LayersFile` has it."""
 
     def read_field(self, name: str, window: int) -> NDArray[Any]:
         """One dataset of one window."""
 
 
 class SurfacesHeader(Protocol):
-    """What is asked of a surfaces file; `tofmix.io.surfaces_file.SurfacesFile` has it."""
+    """Interface of a surfaces file, as `tofmix.io.surfaces_file.SurfacesFile` has it."""
 
     max_layers: int
     factor: int
@@ -281,7 +269,7 @@ def describe_model(model: Model, *, name: str) -> Description:
     }  # fmt: skip
     warnings = list(_profile_findings(camera))
     if not model.surfaces:
-        warnings.append(Finding(code="no_surface", text="The model has no surface: no pixel will return anything."))
+        warnings.append(Finding(code="no_surface", text="The model has no surface: no pixel returns a range."))
     return Description(kind="model", name=name, sections=sections, warnings=tuple(warnings))
 
 
@@ -336,8 +324,8 @@ def _shown(value: object) -> str:
 
 def _sensor_section(sensor: Sensor) -> Section:
     section: Section = {"name": sensor.name}
-    section |= {key: getattr(sensor, key) for key in _SENSOR_NUMBERS}
-    section |= {key: getattr(sensor, key) for key in _WHERE_KNOWN if getattr(sensor, key) is not None}
+    section |= {key: getattr(sensor, key) for key in SENSOR_NUMBERS}
+    section |= {key: getattr(sensor, key) for key in RARE_SENSOR_NUMBERS if getattr(sensor, key) is not None}
     if sensor.projection is not None:
         section["projection"] = sensor.projection.name
         for key, value in projection_values(sensor.projection).items():
@@ -355,7 +343,7 @@ def _sensor_section(sensor: Sensor) -> Section:
 
 
 def _noise_parts(noise: NoiseCurve) -> Section:
-    """What a noise curve has beyond sigma; nothing where the error is Gaussian and all pixels are alike."""
+    """Parts of a noise curve beyond sigma; empty if the error is Gaussian and all pixels are alike."""
     parts: Section = {}
     if noise.shape is not None:
         parts["noise_shape_z"] = noise.shape.z.tolist()
@@ -394,7 +382,7 @@ def _profile_section(camera: SensorProfile | CameraSheet) -> Section:
 def _profile_findings(camera: SensorProfile | CameraSheet) -> tuple[Finding, ...]:
     if camera.confirmed or not camera.sources:
         return ()
-    text = f"Figures of {camera.name} are unconfirmed; its sources say where each is from."
+    text = f"Figures of {camera.name} are unconfirmed; its sources give the origin of each."
     return (Finding(code="unconfirmed_sensor", text=text),)
 
 
@@ -412,7 +400,7 @@ def _time_findings(time_s: FloatArray | None) -> list[Finding]:
         return []
     steps = np.diff(time_s)
     if not np.isfinite(time_s).all() or (steps < 0).any():
-        return [Finding(code="time_disordered", text="The frames' times are not finite or go back.")]
+        return [Finding(code="time_disordered", text="The times of the frames are not finite or decrease.")]
     gaps = int((steps > GAP * np.median(steps)).sum()) if steps.size else 0
     if not gaps:
         return []
@@ -424,15 +412,15 @@ def _recording_findings(file: RecordingHeader) -> list[Finding]:
     found = []
     sensor = file.sensor
     if sensor.noise is None:
-        text = "No noise curve: estimate measures one, or takes a built-in sensor's with --noise."
+        text = "No noise curve: estimate measures one, or uses a built-in sensor's with --noise."
         found.append(Finding(code="no_noise_curve", text=text))
     if sensor.range_max_mm is None:
-        text = "No range_max_mm: what does not return is not told from surfaces."
+        text = "No range_max_mm: samples without a return may count as a surface."
         found.append(Finding(code="no_range_max", text=text))
     found += _view_findings(sensor, file.shape[1:])
     found += target_findings(file.targets)
     if file.frames == 1:
-        text = "One frame: a pixel's one sample cannot show several surfaces."
+        text = "One frame only: a single sample cannot show several surfaces."
         found.append(Finding(code="one_frame", text=text))
     return found
 

@@ -1,4 +1,4 @@
-"""What a reader of a layers file should be wary of, in one sentence each.
+"""Warnings on a layers file, in one sentence each.
 
 A finding says what was seen and which command to try. The thresholds are for drawing
 attention, not tests: nothing is refused here. `estimate`, `merge` and `report` print the same ones.
@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tofmix.flags import Status, status_name
+from tofmix.layers import MAX_LAYERS_LIMIT
 
 SIGMA_TOLERANCE = 0.10
 """Relative difference of median sigma and curve that is worth a word."""
@@ -30,11 +31,13 @@ FULL_SHARE = 0.05
 """Share of pixels that use every layer that is worth a word."""
 
 CLOSE_SIGMAS = 5.0
-CLOSE_SHARE = 0.05
-"""Share of pixels with two layers this near to each other, in sigmas, that is worth a word."""
+"""Distance of two layers of a pixel, in sigmas, below which they count as close."""
 
-_MORE_ITERATIONS = 200  # four times the default of --max-iter
-_MOST_LAYERS = 32  # that --max-layers takes
+CLOSE_SHARE = 0.05
+"""Share of pixels with close layers that is worth a warning."""
+
+_MORE_ITERATIONS = 200
+"""Iterations to advise: four times the default of --max-iter."""
 
 MIN_COMPONENTS = 30
 """Fewer components than this say nothing of the curve."""
@@ -132,13 +135,13 @@ def sample_findings(*, scatter_over_curve: float | None, drift_sigmas: float | N
 
 
 def _status_texts(remedy: Remedy) -> dict[Status, tuple[str, tuple[str, ...]]]:
-    """What is wrong with pixels of a status, and the commands that may mend it."""
+    """The fault of the pixels of each status, and the commands that may mend it."""
     longer = (remedy.command("--window", str(2 * remedy.window_frames)),) if remedy.windows > 1 else ()
     more = (remedy.command("--max-iter", str(_MORE_ITERATIONS)),)
     return {
-        Status.TOO_FEW_SAMPLES: ("have too few valid samples and were not fitted; more frames have more.", longer),
+        Status.TOO_FEW_SAMPLES: ("have fewer valid samples than --min-samples. Record more frames.", longer),
         Status.NOT_CONVERGED: ("did not converge; their layers are rough.", more),
-        Status.DEGENERATE: ("have layers whose errors the samples cannot tell; their range_stderr is not known.", ()),
+        Status.DEGENERATE: ("have layers without a standard error: the samples do not determine it.", ()),
     }
 
 
@@ -181,17 +184,18 @@ def count_findings(
             found.append(Finding(code=status_name(status), text=text, commands=commands))
     full = sum(by_surfaces[max_layers:]) / max(1, pixels)
     if max_layers > 1 and full > FULL_SHARE:
-        more = () if max_layers >= _MOST_LAYERS else (remedy.command("--max-layers", str(min(2 * max_layers, 32))),)
+        most = min(2 * max_layers, MAX_LAYERS_LIMIT)
+        more = () if max_layers >= most else (remedy.command("--max-layers", str(most)),)
         text = f"{100 * full:.1f} % of the pixels use all {max_layers} layers; there may be more."
         found.append(Finding(code="all_layers_used", text=text, commands=more))
     if close / max(1, pixels) > CLOSE_SHARE:
         text = (
             f"{100 * close / pixels:.1f} % of the pixels have two layers within {CLOSE_SIGMAS:g} sigma of each other,"
-            " as few scenes have. Ranges that drift within a window do that, and noise above its curve."
+            " as few scenes have. Drift within a window causes such pairs, and so does noise above the curve."
         )
         commands = tuple(dict.fromkeys((remedy.shorter(), remedy.measure())))
         if remedy.paper:  # its peaks are split by chance alone
-            text = f"{text} So does the paper's procedure, which takes peaks for surfaces."
+            text = f"{text} --paper causes them too: it counts each peak as a surface."
             commands = (remedy.without_paper(),)
         found.append(Finding(code="close_layers", text=text, commands=commands))
     if pixels and pixels == sum(by_surfaces[:1]):
@@ -203,10 +207,7 @@ def target_findings(targets: int) -> list[Finding]:
     """Say what a share is of, where pixels return several targets a frame; `targets` is 0 where they do not."""
     if not targets:
         return []
-    text = (
-        f"Pixels return up to {targets} targets a frame, all of which are their samples: a share is a share of"
-        " detections."
-    )
+    text = f"Each pixel has up to {targets} targets a frame. A share is the share of its detections, not of the beam."
     return [Finding(code="shares_of_detections", text=text)]
 
 
@@ -228,7 +229,7 @@ def sigma_findings(*, count: int, median: float | None, has_curve: bool, remedy:
         Empty if all is well.
     """
     if not has_curve:
-        return [Finding(code="no_noise_curve", text="The file has no noise curve, so sigma is compared with nothing.")]
+        return [Finding(code="no_noise_curve", text="The file has no noise curve, so the report cannot check sigma.")]
     if median is None or count < MIN_COMPONENTS or abs(median - 1.0) <= SIGMA_TOLERANCE:
         return []
     text = f"Sigma is {median:.2f} times the sensor's curve (median): the noise curve and the recording disagree."

@@ -1,4 +1,4 @@
-"""What a file of another program, or the folder of a reconciliation, is: for `tofmix info`."""
+"""Descriptions of files of other programs, and of the folder of a reconciliation, for `tofmix info`."""
 
 import math
 from typing import TYPE_CHECKING, Any, Protocol
@@ -14,11 +14,11 @@ _MOST_SHOWN = 20
 
 
 class ForeignSource(Protocol):
-    """What is asked of a source; `tofmix.io.importers.base.FrameSource` has it."""
+    """Interface of a source, as `tofmix.io.importers.base.FrameSource` has it."""
 
     @property
     def kind(self) -> str:
-        """What it is, in words."""
+        """Kind of the source, in words."""
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -38,7 +38,7 @@ class ForeignSource(Protocol):
 
     @property
     def depth_axis(self) -> str:
-        """What depths are along."""
+        """Direction of the depths."""
 
     @property
     def has_amplitude(self) -> bool:
@@ -50,7 +50,7 @@ class ForeignSource(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the user should know."""
+        """Warnings for the user."""
 
 
 def describe_source(source: ForeignSource, *, name: str, command: str) -> Description:

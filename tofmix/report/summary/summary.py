@@ -1,4 +1,4 @@
-"""The numbers of a layers file: what was found, how well, and what to be wary of.
+"""The numbers of a layers file: counts, errors and warnings.
 
 `summarise` reads window by window, so a sequence of any length fits in memory.
 For one pixel or one window read the file itself.

@@ -8,11 +8,13 @@ import textwrap
 
 from tofmix.report.summary.quantiles import Quantiles
 from tofmix.report.summary.summary import LayerSummary, Summary
-from tofmix.wording import counted, number
+from tofmix.wording import counted, number, percent_of
 
 COLUMNS = 80
+"""Characters of a line: the width of a terminal."""
+
 MAX_ROWS = 5
-"""Rows for surfaces and for layers; the rest is put into the last one or counted."""
+"""Rows for surfaces and for layers; the last one holds the rest."""
 
 ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth")
 
@@ -76,11 +78,11 @@ def _surfaces(summary: Summary) -> list[str]:
     shown = max((n for n in range(MAX_ROWS) if by_surfaces[n] or by_peaks[n]), default=0)
     for n in range(shown + 1):
         name = f"{n} or more" if n == MAX_ROWS - 1 else f"{n}"
-        lines.append(f"{name:<16}{by_surfaces[n]:>10}{_share(by_surfaces[n], summary.pixels):>9}{by_peaks[n]:>20}")
+        lines.append(f"{name:<16}{by_surfaces[n]:>10}{percent_of(by_surfaces[n], summary.pixels):>9}{by_peaks[n]:>20}")
     several = sum(summary.decided_by_surfaces[2:])
-    lines.append(f"{'more than one':<16}{several:>10}{_share(several, summary.pixels):>9}")
+    lines.append(f"{'more than one':<16}{several:>10}{percent_of(several, summary.pixels):>9}")
     if undecided := sum(summary.undecided_by_surfaces):
-        lines.append(f"{'undecided':<16}{undecided:>10}{_share(undecided, summary.pixels):>9}  not counted above")
+        lines.append(f"{'undecided':<16}{undecided:>10}{percent_of(undecided, summary.pixels):>9}  not counted above")
     return lines
 
 
@@ -96,7 +98,7 @@ def _layers(summary: Summary) -> list[str]:
     no_return = summary.weight_no_return
     lines.append(f"{'no return':<9}{no_return.count:>8}{_triple(no_return, '.3f')}  share without a return")
     if summary.options.get("sigma") == "tied":
-        lines.append("sigma is tied to the curve, so it says nothing of the recording")
+        lines.append("sigma is tied to the curve, so it does not test the curve")
     return lines
 
 
@@ -112,7 +114,7 @@ def _status(summary: Summary) -> list[str]:
     lines = [f"{'status':<16}{'pixels':>10}{'share':>9}"]
     for name, count in summary.pixels_by_status.items():
         if count or name == "ok":
-            lines.append(f"{name:<16}{count:>10}{_share(count, summary.pixels):>9}")
+            lines.append(f"{name:<16}{count:>10}{percent_of(count, summary.pixels):>9}")
     return lines
 
 
@@ -128,7 +130,3 @@ def _triple(quantiles: Quantiles, form: str) -> str:
 
 def _number(value: float | None, form: str) -> str:
     return "-" if value is None else number(value, form)
-
-
-def _share(count: int, pixels: int) -> str:
-    return f"{100 * count / max(1, pixels):.1f} %"

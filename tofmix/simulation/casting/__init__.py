@@ -1,1 +1,1 @@
-"""What each pixel sees of a scene: by beams for recordings, by exact areas for predictions."""
+"""Surfaces in each pixel of a scene: by beams for recordings, by exact areas for predictions."""

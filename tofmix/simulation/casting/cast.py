@@ -28,7 +28,7 @@ from tofmix.simulation.truth import Truth
 # border of two pixels must not count as a surface of both by a rounding error.
 MIN_SHARE = 1.0e-4
 MAX_SURFACES = 4096  # so that never all shares of a pixel are below MIN_SHARE
-_MAX_LAYERS = 255  # n_modes is uint8
+MAX_LAYERS = 255  # n_modes is uint8
 
 _T = TypeVar("_T", bound=np.generic)
 
@@ -98,10 +98,10 @@ class MovingCaster:
         )
         self._background = _cast(replace(model, surfaces=away, effects=()))
         most = np.bincount(self._background.pixel, minlength=1).max() + self._moving.sum()
-        self.layers = max(1, min(int(most), len(model.surfaces), _MAX_LAYERS))
+        self.layers = max(1, min(int(most), len(model.surfaces), MAX_LAYERS))
 
     def cast(self, time_s: float) -> Truth:
-        """What each pixel sees at a time; see `cast_scene`."""
+        """Surfaces of each pixel at a time; see `cast_scene`."""
         model, still = _placed(self._model, time_s), self._background
         reached = _reached(model, self._moving)
         fresh = _cast(model, reached)
@@ -209,10 +209,10 @@ def truth_of(model: Model, seen: Seen) -> Truth:
     """Sort what each pixel sees from near to far."""
     sensor = model.sensor
     counts = np.bincount(seen.pixel, minlength=sensor.rows * sensor.cols)
-    if counts.max() > _MAX_LAYERS:
+    if counts.max() > MAX_LAYERS:
         where = divmod(int(counts.argmax()), sensor.cols)
         raise BadInputError(
-            f"[[surface]]: pixel {where} sees {counts.max()} surfaces; a recording holds up to {_MAX_LAYERS}"
+            f"[[surface]]: pixel {where} sees {counts.max()} surfaces; a recording holds up to {MAX_LAYERS}"
         )
     order = np.lexsort((seen.surface, seen.range_mm, seen.pixel))
     pixel = seen.pixel[order]

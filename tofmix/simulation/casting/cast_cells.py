@@ -28,7 +28,7 @@ from tofmix.simulation.casting.cast_kernel import (
 )
 from tofmix.simulation.casting.scene import SceneArrays
 
-_BULGE = 1.01
+BULGE = 1.01
 """A part of a cell reaches at most this much farther from its centre than its corners: 1 / 32 of the pixel's bend."""
 
 
@@ -112,7 +112,7 @@ def _cast_mixed(
             radius = 0.0
             for corner in range(4):
                 radius = max(radius, _chord(corners[j + corner // 2, i + corner % 2], centre))
-            found, n_kept = judge(centre[0], centre[1], centre[2], radius * _BULGE, scene, candidates, count, kept)
+            found, n_kept = judge(centre[0], centre[1], centre[2], radius * BULGE, scene, candidates, count, kept)
             if found >= 0:
                 add(centre[0], centre[1], centre[2], weight, scene, found, sums)
             elif found == MIXED:

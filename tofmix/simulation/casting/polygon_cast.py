@@ -15,6 +15,7 @@ from tofmix.equiangular import Equiangular
 from tofmix.projection import Projection, cell_nodes, pixel_extent_rad
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.casting.cast import Seen, cast_scene, sift, truth_of
+from tofmix.simulation.casting.cast_cells import BULGE
 from tofmix.simulation.casting.polygon_kernel import cast_polygons
 from tofmix.simulation.casting.scene import scene_arrays
 from tofmix.simulation.model import Model
@@ -28,7 +29,6 @@ _COARSE_RAD = 0.05
 """Extent of a pixel beyond which second moments say too little of its directions: its beams are cast one by one."""
 
 _AT_ONCE = 4_000_000  # numbers that a cast holds
-_BULGE = 1.01  # of a cell, beyond the chords to its corners and the middles of its sides
 
 
 class _Cells(NamedTuple):
@@ -86,7 +86,7 @@ def _cells(optics: Projection, shape: tuple[int, int]) -> _Cells:
     chord = np.linalg.norm(directions - centres[:, None, None], axis=-1).reshape(len(centres), 9)
     even = isinstance(optics, Equiangular)
     return _Cells(
-        patches, centres, _BULGE * chord.max(axis=1), *_moments(patches, even=even), _weights(patches, even=even),
+        patches, centres, BULGE * chord.max(axis=1), *_moments(patches, even=even), _weights(patches, even=even),
         max(1, math.ceil(float(pixel_extent_rad(optics, shape).max()) / _STRAIGHT_RAD)),
     )  # fmt: skip
 

@@ -24,7 +24,7 @@ _EDGE_ON_MM = 1.0e-6  # a plane that passes this near to the sensor is seen edge
 
 
 class SceneArrays(NamedTuple):
-    """What the kernel needs of S surfaces.
+    """S surfaces for the kernel.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What an effect is: parameters, a level, and how it acts on samples and on predictions.
+"""The base of effects: parameters, a level, and the action on samples and on predictions.
 
 Write a new effect as a frozen dataclass over `Effect`, one file, and add its line
 to `tofmix.simulation.effects.registry`. Most effects need `act` alone: it changes
@@ -33,7 +33,7 @@ _RECORDING, _FRAME = 0, 1  # branches of an effect's random streams
 
 
 class Level(IntEnum):
-    """Where in the camera an effect acts; levels act in this order."""
+    """Place in the camera where an effect acts; levels act in this order."""
 
     GEOMETRY = 0
     LIGHT = 1
@@ -52,7 +52,7 @@ LEVEL_NAMES = {
 
 
 class Target(Enum):
-    """What an effect changes most in the distribution of a pixel's samples."""
+    """The part of the distribution of a pixel's samples that an effect changes most."""
 
     BIAS = "mean, at all times alike"
     TREND = "mean, in the course of time"
@@ -74,7 +74,7 @@ class Latent(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Context:
-    """What an effect may know beside the echoes.
+    """Camera, time and random streams for an effect.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def _stream(seed: int, effect: "Effect", *key: int) -> np.random.Generator:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EffectTruth:
-    """What was drawn for an effect, as a recording's ``truth/effects`` holds it.
+    """A draw for an effect, as a recording's ``truth/effects`` holds it.
 
     Parameters
     ----------
@@ -250,7 +250,7 @@ class Effect:
         return False
 
     def explain(self) -> str:
-        """What it will do, with its values, in one plain sentence."""
+        """The action of the effect with its values, in one sentence."""
         raise NotImplementedError
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
@@ -283,7 +283,7 @@ class Effect:
         return None
 
     def place(self, surface: "Surface", time_s: float) -> "Surface":  # noqa: ARG002  for those that move one
-        """Where a surface stands at a time. Geometry effects only."""
+        """A surface at a time. Geometry effects only."""
         return surface
 
     def prepare(self, context: Context, n_frames: int) -> Any:  # noqa: ANN401, ARG002  the effect's own
@@ -291,7 +291,7 @@ class Effect:
         return None
 
     def truth(self, prepared: Any) -> tuple[EffectTruth, ...]:  # noqa: ANN401, ARG002  the effect's own
-        """What `prepare` drew, for the recording's truth."""
+        """Draws of `prepare`, for the recording's truth."""
         return ()
 
     def expect(self, prediction: "Prediction", context: Context) -> Any:  # noqa: ANN401, ARG002  the effect's own

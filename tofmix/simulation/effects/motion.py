@@ -46,5 +46,5 @@ class Motion(Effect):
         return self.velocity_mm_s != 0
 
     def place(self, surface: "Surface", time_s: float) -> "Surface":
-        """Where the surface is by then."""
+        """The surface at that time."""
         return shifted(surface, self.velocity_mm_s * time_s) if surface.name == self.surface else surface

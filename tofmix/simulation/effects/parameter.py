@@ -18,7 +18,7 @@ _METADATA = "tofmix"
 
 
 class Holds(Enum):
-    """What a parameter holds."""
+    """Type of a parameter's value."""
 
     NUMBER = "number"
     SURFACE = "name of a surface"
@@ -142,9 +142,9 @@ def surface(sentence: str) -> Any:  # noqa: ANN401  as dataclasses.field
     return field(metadata={_METADATA: {"sentence": sentence, "unit": "", "holds": Holds.SURFACE}})
 
 
-def pixel_map(sentence: str, *, unit: str = "mm") -> Any:  # noqa: ANN401  as dataclasses.field
-    """A dataclass field that holds a `PixelMap` or None."""
-    declared = {"sentence": sentence, "unit": unit, "holds": Holds.MAP, "required": False}
+def pixel_map(sentence: str) -> Any:  # noqa: ANN401  as dataclasses.field
+    """A dataclass field that holds a `PixelMap`, mm, or None."""
+    declared = {"sentence": sentence, "unit": "mm", "holds": Holds.MAP, "required": False}
     return field(default=None, compare=False, metadata={_METADATA: declared})
 
 

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from tofmix.simulation.effects.base import LEVEL_NAMES, Effect, Level
 from tofmix.simulation.effects.parameter import Holds, Parameter
 from tofmix.simulation.effects.registry import EFFECTS
+from tofmix.wording import table_cell
 
 COMMAND = "python -m tofmix.simulation.effects.reference > docs/reference/effects.md"
 
@@ -81,7 +82,7 @@ def _magnitudes() -> Iterator[str]:
     yield "| effect | level | magnitude | basis |\n|---|---|---|---|"
     for kind, effect in EFFECTS.items():
         level = LEVEL_NAMES[Level(effect.level)]
-        yield f"| [`{kind}`](#{kind}) | {level} | {_cell(effect.typical)} | {_cell(effect.basis)} |"
+        yield f"| [`{kind}`](#{kind}) | {level} | {table_cell(effect.typical)} | {table_cell(effect.basis)} |"
     yield ""
 
 
@@ -106,17 +107,12 @@ def _row(parameter: Parameter) -> str:
     bounds = parameter.bounds if parameter.holds is Holds.NUMBER else parameter.holds.value
     left_out = "" if parameter.required else "-" if parameter.default is None else f"{parameter.default:g}"
     unit = parameter.unit
-    return f"| `{parameter.name}` | {unit} | {bounds} | {left_out} | {_cell(parameter.sentence)} |"
+    return f"| `{parameter.name}` | {unit} | {bounds} | {left_out} | {table_cell(parameter.sentence)} |"
 
 
 def _paragraphs(text: str) -> str:
     paragraphs = (" ".join(paragraph.split()) for paragraph in text.replace("``", "`").split("\n\n"))
     return "\n\n".join(paragraphs) + "\n"
-
-
-def _cell(text: str) -> str:
-    """Return a text that a table's cell shows as it is."""
-    return " ".join(text.split()).replace("|", "\\|")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What every counter takes and gives."""
+"""Interface of the counters."""
 
 from typing import NamedTuple, Protocol
 

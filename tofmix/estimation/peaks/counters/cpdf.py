@@ -16,7 +16,7 @@ from tofmix.estimation.samples import SortedSamples
 from tofmix.jit import jit
 
 FEWEST_BINS, MOST_BINS = 2, 100  # bounds of `bins`
-LARGEST_RATIO = 10.0  # bound of `ratio`
+LARGEST_RATIO = 10.0  # upper bound of `ratio`: a wider step joins all surfaces of a working range
 
 LONE_SAMPLES = 1.0
 """A maximum must hold more samples than this: one alone is no surface."""

@@ -6,7 +6,7 @@ import matplotlib as mpl
 import pytest
 from matplotlib.figure import Figure
 
-from tofmix.report.figures.theme import DARK, LIGHT, Format, Theme, drawing, drawn, mark_no_data
+from tofmix.report.theme import DARK, LIGHT, Format, Theme, drawing, drawn, mark_no_data
 
 
 def sample_figure(theme: Theme) -> Figure:

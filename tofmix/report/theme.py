@@ -15,6 +15,7 @@ from typing import Literal
 from matplotlib import style
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
 
 RANGE_MAP = "cividis"
@@ -25,6 +26,9 @@ DENSITY_MAP = "cividis"
 """Counts of a histogram in two dimensions."""
 GAP_MAP = "PuOr"
 LAYER_LINES = ("-", "--", ":")
+
+WIDTH_INCH = 7.2
+"""Width of a figure, inch: of a page of text."""
 
 _HATCH = "////"
 _SETTINGS = {
@@ -147,3 +151,8 @@ def mark_no_data(axes: Axes, theme: Theme) -> None:
 def no_data_patch(theme: Theme, label: str) -> Patch:
     """Make the legend entry for the hatched ground."""
     return Patch(facecolor=theme.no_data, edgecolor=theme.hatch, hatch=_HATCH, linewidth=0, label=label)
+
+
+def new_figure(height_inch: float) -> Figure:
+    """Make a figure of the width of a page."""
+    return Figure(figsize=(WIDTH_INCH, height_inch), layout=ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.06))

@@ -1,0 +1,356 @@
+"""The camera of an estimate: the recording's, with the chosen noise curve and share of outliers.
+
+`tofmix estimate` and `tofmix.estimate` both call `choose_sensor`. It prints nothing and warns of nothing: it returns
+notes, which the command prints and of which Python warns.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from tofmix.circle import has_no_return
+from tofmix.errors import BadInputError
+from tofmix.estimation.learnt.recordings import calibrated, has_parts, learn_if_contradicted, learn_noise
+from tofmix.estimation.mixture.beam import beam_of, outlier_interval
+from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
+from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
+from tofmix.estimation.unrolling import UnrolledSource
+from tofmix.recording import SampleSource, amplitude_source, by_target
+from tofmix.sensor import NoiseCurve, Sensor
+
+T = TypeVar("T")
+
+FILE, AUTO = "file", "auto"
+"""Noise or outliers of the recording's own sensor, and of its samples."""
+
+SHAPES = ("gaussian", AUTO)
+WIDTHS = ("common", "own", AUTO)
+
+TOLERANCE = 0.10
+"""Relative difference of the file's curve and the measured one from which a note is a warning."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Note:
+    """A sentence about the choice; `is_warning` if the result may be wrong because of it."""
+
+    text: str
+    is_warning: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseRequest:
+    """How the noise is chosen, and learnt.
+
+    Parameters
+    ----------
+    noise : {"file", "auto"} or NoiseCurve
+        The recording's curve, a curve from its samples, or this curve.
+    outliers : {"file", "auto"} or float
+        p(c_r): the recording's, counted in its samples, or this share.
+    asked : bool
+        Whether the caller gave `noise`; if not, samples that contradict the file's curve replace it.
+    shape, widths : str
+        One of `SHAPES`, and one of `WIDTHS`: parts of learnt noise.
+    window_frames, stride_frames : int
+        The windows, in frames.
+    workers : int
+        Threads.
+    """
+
+    noise: str | NoiseCurve
+    outliers: str | float
+    asked: bool
+    window_frames: int
+    stride_frames: int
+    shape: str = AUTO
+    widths: str = AUTO
+    workers: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoiseChoice:
+    """The sensor of the estimate, the notes on it, and whether samples replaced the curve."""
+
+    sensor: Sensor
+    notes: tuple[Note, ...]
+    from_samples: bool
+
+
+Spelling = Callable[[str, str], str]
+"""An option with its value as the caller spells it: ``--noise auto``, or ``noise='auto'``. No value is a switch."""
+
+
+def gaussian_option(options: EstimateOptions, spell: Spelling) -> str | None:
+    """The option that allows Gaussian noise only, or None."""
+    if options.paper:
+        return spell("paper", "")
+    if options.refine is Refine.NONE:
+        return spell("refine", options.refine.value)
+    return spell("sigma", options.sigma.value) if options.sigma is SigmaMode.FREE else None
+
+
+def check_parts(options: EstimateOptions, *, shape: str, widths: str, other_noise: str | None, spell: Spelling) -> None:
+    """Refuse options of learnt noise if no noise is learnt.
+
+    Parameters
+    ----------
+    options : EstimateOptions
+        Of the estimate.
+    shape, widths : str
+        The options of learnt noise.
+    other_noise : str or None
+        The noise if it is neither ``auto`` nor left out.
+    spell : Spelling
+        For the message.
+
+    Raises
+    ------
+    ValueError
+        If an option needs learnt noise, and another option excludes it.
+    """
+    for name, value, known in (("noise_shape", shape, SHAPES), ("noise_widths", widths, WIDTHS)):
+        if value not in known:
+            raise ValueError(f"{name}: {value!r} is not one of {', '.join(known)}")
+    chosen = [spell(name, value) for name, value in (("noise_shape", shape), ("noise_widths", widths)) if value != AUTO]
+    excludes = gaussian_option(options, spell) or (None if other_noise is None else spell("noise", other_noise))
+    if chosen and excludes:
+        raise ValueError(f"{' and '.join(chosen)} needs learnt noise; {excludes} uses a Gaussian curve: leave one out")
+
+
+def noise_options(noise: str, outliers: str | float, *, shape: str, widths: str) -> dict[str, str | float]:
+    """Options of the sensor for the provenance of layers; those of learnt noise only if they are not the defaults."""
+    options: dict[str, str | float] = {"noise": noise, "outliers": outliers}
+    parts = {"noise_shape": shape, "noise_widths": widths}
+    return options | {name: value for name, value in parts.items() if value != AUTO}
+
+
+def choose_sensor(
+    name: object,
+    use: Callable[[Sensor], SampleSource],
+    sensor: Sensor,
+    options: EstimateOptions,
+    request: NoiseRequest,
+    *,
+    spell: Spelling,
+    progress: Callable[[int, int], None] | None = None,
+) -> NoiseChoice:
+    """The recording's sensor with the chosen noise and p(c_r).
+
+    Parameters
+    ----------
+    name : object
+        The recording, for messages.
+    use : callable
+        Gives the samples with a sensor.
+    sensor : Sensor
+        The recording's.
+    options : EstimateOptions
+        Of the estimate, with the unambiguous range at which readings are folded.
+    request : NoiseRequest
+        The choice.
+    spell : Spelling
+        For remedies in messages.
+    progress : callable, optional
+        Receives the finished steps of a calibration, and their number.
+
+    Returns
+    -------
+    NoiseChoice
+        It depends on the samples and the options alone.
+
+    Raises
+    ------
+    BadInputError
+        If there is no noise curve, or the samples do not determine one.
+    """
+    chooser = _Chooser(name, use, options, request, spell, progress)
+    chosen = chooser.choose(sensor)
+    return NoiseChoice(
+        sensor=chosen, notes=tuple(chooser.notes),
+        from_samples=request.noise == AUTO or (request.noise == FILE and chosen.noise is not sensor.noise),
+    )  # fmt: skip
+
+
+class _Chooser:
+    """One choice: its inputs, and the notes so far."""
+
+    def __init__(
+        self,
+        name: object,
+        use: Callable[[Sensor], SampleSource],
+        options: EstimateOptions,
+        request: NoiseRequest,
+        spell: Spelling,
+        progress: Callable[[int, int], None] | None,
+    ) -> None:
+        self.name, self.use, self.options, self.request, self.spell = name, use, options, request, spell
+        self.circle_mm, self.progress = options.unambiguous_range_mm, progress
+        self.notes: list[Note] = []
+
+    def choose(self, sensor: Sensor) -> Sensor:
+        noise, outliers = self.request.noise, self.request.outliers
+        if noise == FILE and sensor.noise is None:
+            raise BadInputError(
+                f"{self.name}: sensor/noise_sigma: no noise curve; measure it with {self.spell('noise', AUTO)}, or"
+                f" choose a built-in one with {self.spell('noise', 'PROFILE')} (tofmix sensors lists them)"
+            )
+        if not isinstance(outliers, str):
+            sensor = replace(sensor, outlier_probability=outliers)
+        if isinstance(noise, NoiseCurve):
+            sensor = replace(sensor, noise=noise)
+        if gaussian_option(self.options, self.spell) is not None:
+            sensor = self._with_measured(sensor)
+        elif noise == AUTO:
+            sensor = self._with_learnt(sensor)
+        else:
+            if outliers == AUTO:
+                sensor = replace(sensor, outlier_probability=self._measured(sensor).outlier_probability)
+            sensor = self._as_given(sensor)
+        if self.circle_mm is not None and sensor.noise is not None and sensor.noise.law is not None:
+            sensor = replace(sensor, noise=replace(sensor.noise, law=None))
+            self._warn("noise: on a wrapped range axis sigma depends on range only")
+        try:
+            beam_of(sensor, self.circle_mm)
+        except ValueError as error:
+            raise BadInputError(f"{self.name}: sensor: {error}") from error
+        self._note_missing_no_return(sensor)
+        return sensor
+
+    def _note(self, text: str) -> None:
+        self.notes.append(Note(text=f"{self.name}: {text}"))
+
+    def _warn(self, text: str) -> None:
+        self.notes.append(Note(text=f"{self.name}: {text}", is_warning=True))
+
+    def _with_measured(self, sensor: Sensor) -> Sensor:
+        """The sensor with the sigma and the share of outliers of single surfaces, if they are asked for."""
+        given, sensor = sensor, replace(sensor, learnt=None)
+        if AUTO not in (self.request.noise, self.request.outliers):
+            return sensor
+        measured = self._measured(given)
+        if self.request.noise == AUTO:
+            self._note_measured(given, measured)
+            self._warn_of_difference(given, measured)
+            sensor = replace(sensor, noise=measured.curve)
+        if self.request.outliers == AUTO:
+            sensor = replace(sensor, outlier_probability=measured.outlier_probability)
+        return sensor
+
+    def _with_learnt(self, given: Sensor) -> Sensor:
+        """The sensor with all parts of the noise that the samples show."""
+        found = self._learnt(given, learn_noise)
+        sensor, measured = found.sensor, found.measured
+        if self.request.outliers == AUTO:
+            if measured is None:
+                raise BadInputError(
+                    f"{self.name}: outliers: no pixel sees exactly one surface, so outliers cannot be counted;"
+                    f" give {self.spell('outliers', 'P')}"
+                )
+            sensor = replace(sensor, outlier_probability=measured.outlier_probability)
+        kept = measured is not None and (found.lesson is None or found.lesson.kept_start)
+        law = f"; {_amplitude_text(measured)}" if kept and measured and self._has_amplitude(given) else ""
+        self._note(f"noise: {found.line()}{law}")
+        if kept and measured is not None:
+            self._warn_of_difference(given, measured)
+        return sensor
+
+    def _as_given(self, sensor: Sensor) -> Sensor:
+        """The sensor with its own noise, or with the learnt one if samples may contradict it and do."""
+        if sensor.noise is None:
+            return sensor
+        if has_parts(sensor.noise):
+            return calibrated(
+                self._ranges(sensor), window_frames=self.request.window_frames, min_samples=self.options.min_samples,
+                workers=self.request.workers, progress=self.progress,
+            )  # fmt: skip
+        question = self.request.noise == FILE and not self.request.asked
+        found = self._learnt(sensor, learn_if_contradicted) if question else None
+        if found is None:
+            return sensor
+        self._note(
+            f"noise: the samples contradict the file's curve; learnt instead: {found.line()}"
+            f" ({self.spell('noise', FILE)} keeps the file's curve)"
+        )
+        return found.sensor
+
+    def _ranges(self, sensor: Sensor) -> SampleSource:
+        source = self.use(sensor)
+        return source if self.circle_mm is None else UnrolledSource(source, self.circle_mm)
+
+    def _learnt(self, sensor: Sensor, learn: Callable[..., T]) -> T:
+        request = self.request
+        try:
+            return learn(
+                self._ranges(sensor), window_frames=request.window_frames, stride_frames=request.stride_frames,
+                shape=request.shape == AUTO, widths=None if request.widths == AUTO else request.widths == "own",
+                drift=self.circle_mm is None, min_samples=self.options.min_samples, workers=request.workers,
+                progress=self.progress,
+            )  # fmt: skip
+        except ValueError as error:
+            raise self._unmeasured(error) from error
+
+    def _measured(self, sensor: Sensor) -> MeasuredNoise:
+        source = self.use(sensor)
+        try:
+            return measure_noise(
+                source if self.circle_mm is None else UnrolledSource(by_target(source), self.circle_mm)
+            )
+        except ValueError as error:
+            raise self._unmeasured(error) from error
+
+    def _unmeasured(self, error: ValueError) -> BadInputError:
+        return BadInputError(f"{self.name}: {error}; choose a curve with {self.spell('noise', 'PROFILE')}")
+
+    def _has_amplitude(self, sensor: Sensor) -> bool:
+        return amplitude_source(self.use(sensor)) is not None
+
+    def _note_measured(self, given: Sensor, measured: MeasuredNoise) -> None:
+        """Note which curve stands for a missing one, and whether sigma depends on amplitude."""
+        parts = []
+        if given.noise is None:
+            curve = measured.curve
+            first, last = (f"{curve.sigma_mm[k]:.3g} mm at {curve.range_mm[k]:.0f} mm" for k in (0, -1))
+            ends = first if len(curve.range_mm) == 1 else f"{first} to {last}"
+            parts.append(f"the file has no curve; its samples show sigma {ends}")
+        if self._has_amplitude(given):
+            parts.append(_amplitude_text(measured))
+        if parts:
+            self._note(f"noise: {'; '.join(parts)}")
+
+    def _warn_of_difference(self, given: Sensor, measured: MeasuredNoise) -> None:
+        if given.noise is None or given.noise.law is not None:
+            return  # the curve of a law holds at its reference amplitudes, which are not the measured ones'
+        range_mm, ratio = disagreement(measured, given.noise)
+        if not 1.0 - TOLERANCE <= ratio <= 1.0 + TOLERANCE:
+            self._warn(
+                f"sensor/noise_sigma: the file's sigma is {ratio:.2f} times the measured one at {range_mm:.0f} mm; the"
+                " measured curve is used"
+            )
+
+    def _note_missing_no_return(self, sensor: Sensor) -> None:
+        if self.circle_mm is None and sensor.range_max_mm is None and sensor.noise is not None:
+            low, high = outlier_interval(sensor, sensor.noise)
+            known = sensor.range_min_mm is not None and low == sensor.range_min_mm
+            ends = "range_min_mm to the largest sample" if known else "the least sample to the largest"
+            self._note(
+                "sensor: no range_max_mm: the share without a return is unknown, and random values spread from"
+                f" {ends}, {low:.0f} to {high:.0f} mm"
+            )
+        if self.circle_mm is not None and sensor.range_max_mm is not None and not has_no_return(sensor, self.circle_mm):
+            self._warn(
+                f"sensor: samples without a return, at range_max_mm {sensor.range_max_mm:g}, look like a surface at the"
+                f" fold of {self.circle_mm:.1f} mm; c_0 is left out"
+            )
+
+
+def _amplitude_text(measured: MeasuredNoise) -> str:
+    law = measured.curve.law
+    if law is None or measured.law_gain is None:
+        return "sigma is measured by range only; amplitude adds no information"
+    powers = [f"^-{power:.2f}" for power in law.exponents()]
+    falls = powers[0] + "".join(f", {p} from {a:.4g} on" for p, a in zip(powers[1:], law.amplitude[1:-1], strict=True))
+    return (
+        f"sigma is measured by range and amplitude; it varies as amplitude{falls}"
+        f" (+{measured.law_gain:.0f} nat on pixels held out)"
+    )
