@@ -88,7 +88,7 @@ def test_a_killed_run_is_gone_on_with(
     assert done.returncode == -number
     assert "Traceback" not in done.stderr
     if number != signal.SIGKILL:
-        assert "--resume goes on from there" in done.stderr
+        assert "--resume continues" in done.stderr
     resumed = tofmix("estimate", recording, *WINDOWS, "--resume")
     assert resumed.code == 0, resumed.err
     assert "blocks from the interrupted run: 2 of 4" in resumed.err

@@ -126,7 +126,7 @@ def test_the_right_model_agrees_and_one_of_equal_angles_is_said_to_look_elsewher
         "reconcile", tmp_path / "other.toml", recording, "-o", tmp_path / "other", "--effects", "range_offset"
     )
     assert made.code == 0, made.err
-    assert "its pixels see 73.2 x 56.5 degrees of a pinhole with distortion and look up to" in made.err
+    assert "its pixels see 73.2 x 56.5 degrees of a pinhole with distortion; the model's see" in made.err
     assert json.loads((tmp_path / "other" / "gap.json").read_text())["verdict"] != "agree"
 
 
