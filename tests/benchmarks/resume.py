@@ -48,7 +48,9 @@ def main() -> None:
             counts["left a journal"] += any(Path(name).glob(".*.journal"))
             unfinished = not output.exists()
             done = run(*estimate, "--resume")
-            counts["of them went on from finished blocks"] += unfinished and "were there already" in done.err
+            counts["of them went on from finished blocks"] += (
+                unfinished and "blocks from the interrupted run" in done.err
+            )
             counts["resumed"] += done.code == 0
             counts["identical"] += output.exists() and output.read_bytes() == expected
             counts["clean"] += {path.name for path in Path(name).iterdir()} == {"a.h5", "a.layers.h5"}

@@ -177,7 +177,9 @@ def test_shards_make_the_same_bytes(tofmix: Tofmix, recording: Path, tmp_path: P
     assert (tmp_path / "merged").read_bytes() == expected
     assert names(tmp_path) == sorted(["a.h5", "merged", *(part.name for part in parts)])
     # A finished part is left as it is.
-    assert "were there already" in tofmix("estimate", recording, *WINDOWS, "--shard", "1/3", "--resume").err
+    assert (
+        "blocks from the interrupted run" in tofmix("estimate", recording, *WINDOWS, "--shard", "1/3", "--resume").err
+    )
 
 
 @pytest.mark.slow

@@ -139,7 +139,7 @@ def test_import_takes_the_parts_from_a_camera_file(tofmix: Tofmix, recording: Pa
     [
         ("noise_shape_z", None, "noise_shape_density without its twin"),
         ("noise_shape_z", np.linspace(9.0, -9.0, 121), "its z do not ascend"),
-        ("noise_shape_z", np.linspace(-9.0, 9.0, 121), "its median is"),
+        ("noise_shape_z", np.linspace(-9.0, 9.0, 121), "expected median 0"),
         ("noise_shape_density", np.full(121, -1.0), "a density must be at least 0"),
         ("noise_shape_density", np.full(120, 1.0), "two lists of one length"),
         ("noise_background", np.full((8, 12), 1.0), "background must be"),

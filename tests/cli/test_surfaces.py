@@ -242,7 +242,7 @@ def test_an_export_of_one_window(tofmix: Tofmix, three: Path, tmp_path: Path) ->
     np.testing.assert_array_equal(counts, np.where(np.isfinite(range_mm), np.rint(range_mm / 0.5), 0))
     none = tofmix("export", three, "-o", tmp_path / "none.geojson", "--window", 1)
     assert none.code == 0
-    assert "nothing in it" in none.err
+    assert "the file is empty" in none.err
 
 
 def test_exports_that_do_not_fit_are_refused(tofmix: Tofmix, three: Path, layers: Path, tmp_path: Path) -> None:
