@@ -49,17 +49,16 @@ class Known(NamedTuple):
         return NoiseShape.standardised(z, self.pdf(z))
 
 
-def known(law: Any) -> Known:  # noqa: ANN401  a frozen distribution of SciPy
-    """A distribution of SciPy, standardised."""
+def _known(law: Any) -> Known:  # noqa: ANN401  a frozen distribution of SciPy
     low, middle, high = law.ppf(CENTRAL)
     return Known(law, float(middle), 0.5 * float(high - low))
 
 
 KNOWN = {
-    "gaussian": known(stats.norm()),
-    "skewed": known(stats.gamma(4.0)),
-    "student": known(stats.t(5.0)),
-    "laplace": known(stats.laplace()),
+    "gaussian": _known(stats.norm()),
+    "skewed": _known(stats.gamma(4.0)),
+    "student": _known(stats.t(5.0)),
+    "laplace": _known(stats.laplace()),
 }
 """Errors of skewness 1, of long tails, and with a sharp peak, beside the Gaussian."""
 

@@ -6,12 +6,10 @@ Every recording is estimated with default options, so that its noise is that of 
 and of the samples, where it has none. Prints Markdown tables, or JSON with `--json`; asserts nothing.
 
 - real: recordings of four sensors. `clusters.py` says which pixels see one surface and which see two, without calling
-  the package; pixels beside a faint further cluster count in some columns and not in others. `sigma` is the learnt
-  sigma over half the width of the central 68 % of single pixels, drift removed: the median over them. A TMF8829
-  recording is part of the project; the others are read from `--data`, and skipped with a line on stderr where they are
-  not there.
-- spliced: recordings of single real pixels, of which 15 % were joined from two at a known distance. Pixels beside a
-  faint further cluster are left out, as they may see two surfaces already, unless `--faint`.
+  the package. `sigma` is the learnt sigma over half the width of the central 68 % of single pixels, drift removed: the
+  median over them. A TMF8829 recording is part of the project; the others are read from `--data`, and skipped with a
+  line on stderr where they are not there.
+- spliced: recordings of single real pixels, of which 15 % were joined from two at a known distance.
 - simulated: one surface a pixel and noise that is skewed, long-tailed, of different widths, drifting or on background,
   `--pixels` a cell in images of 25,000; and three surfaces in every pixel.
 - adversarial: what comes of recordings that no noise model fits, and what `tofmix estimate` says of them.
@@ -157,10 +155,7 @@ def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
             }  # fmt: skip
             if found.layers is not None:
                 row["single: more than one"] = percent(found.layers[single] > 1)
-                clear, pair = judged.clear(Kind.SINGLE), judged.clear(Kind.DOUBLE)
-                row["clear single"], row["clear double"] = clear.size, pair.size
-                row["clear single: more than one"] = percent(found.layers[clear] > 1)
-                row["clear double: two"] = percent(found.layers[pair] == 2)
+                row["single: faint"] = percent((found.layers[single] > 1) & judged.faint[single])
                 row["single: none"] = percent(found.layers[single] == 0)
                 row["double: two"] = percent(found.layers[double] == 2)
                 row["double: one"] = percent(found.layers[double] == 1)
@@ -170,9 +165,8 @@ def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
 
 REAL: Columns = {
     "recording": "recording", "noise": "noise", "single": "single", "more than one, %": "single: more than one",
-    "single beside no faint cluster": "clear single", "of these more than one, %": "clear single: more than one",
+    "more than one where a second may be faint, %": "single: faint",
     "aim, at most": "single: aim", "no layer, %": "single: none", "double": "double", "two, %": "double: two",
-    "double beside no faint cluster": "clear double", "of these two, %": "clear double: two",
     "aim, at least": "double: aim", "one, %": "double: one", "other, %": "double: other", "undecided": "undecided",
     "sigma (aim 0.97 to 1.03)": "sigma",
 }  # fmt: skip
@@ -181,12 +175,10 @@ REAL: Columns = {
 def run_spliced(chosen: argparse.Namespace) -> Iterator[Row]:
     """Rows of the table of spliced pixels."""
     for real in real_recordings(chosen.data, tuple(chosen.only or ("vl53l0x", "mit_face")), _skip):
-        pool, judged, samples = SinglePixels(real, clear=not chosen.faint), real.judged(), real.samples()
+        pool, judged, samples = SinglePixels(real), real.judged(), real.samples()
         own = [half_width_without_drift(samples, judged, pixel) for pixel in judged.pixels(Kind.SINGLE)]
         sigma_mm = float(np.median(own))
         for number, (share, distance) in enumerate((s, d) for s in SHARES for d in DISTANCES):
-            if distance not in chosen.apart or share not in chosen.share:
-                continue
             rng = np.random.default_rng([chosen.seed, number])
             made = pool.splice(
                 sigma_mm=sigma_mm, distance=distance, share=share, pixels=chosen.pixels, mixed=MIXED, rng=rng
@@ -444,11 +436,6 @@ def parsed() -> argparse.Namespace:
         made[name].add_argument("--data", type=Path, default=FOLDER, metavar="FOLDER", help="with the real recordings")
         made[name].add_argument("--only", choices=tuple(LOADERS), nargs="+", help="recordings, by the folder's name")
     made["spliced"].add_argument("--pixels", type=int, default=4000, help="of each recording")
-    made["spliced"].add_argument("--apart", type=float, nargs="+", default=DISTANCES, help="distances, in sigma")
-    made["spliced"].add_argument("--share", type=float, nargs="+", default=SHARES, help="shares of the second surface")
-    made["spliced"].add_argument(
-        "--faint", action="store_true", help="splice single pixels beside a faint further cluster too"
-    )
     made["simulated"].add_argument("--pixels", type=int, default=200_000, help="of each cell")
     made["simulated"].add_argument("--frames", type=int, nargs="+", default=FRAMES)
     made["simulated"].add_argument("--noise", nargs="+", metavar="TEXT", help="kinds whose name contains one of these")

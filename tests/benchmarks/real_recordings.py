@@ -140,13 +140,11 @@ class SinglePixels:
     ----------
     real : RealRecording
         The recording.
-    clear : bool
-        Whether pixels beside a faint further cluster are left out.
     """
 
-    def __init__(self, real: RealRecording, *, clear: bool) -> None:
+    def __init__(self, real: RealRecording) -> None:
         samples, judged = real.samples(), real.judged()
-        chosen = judged.clear(Kind.SINGLE) if clear else judged.pixels(Kind.SINGLE)
+        chosen = judged.pixels(Kind.SINGLE)
         self.sensor, self.step_mm = real.recording.sensor, judged.step_mm
         self.pixels = [samples[np.isfinite(samples[:, pixel]), pixel] for pixel in chosen]
         ends = [judged.clusters[pixel][0] for pixel in chosen]

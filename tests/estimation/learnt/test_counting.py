@@ -1,7 +1,5 @@
 """The count under learnt noise: as many surfaces as there are, whatever the shape, and none out of background."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from learnt_pixels import (
@@ -12,42 +10,18 @@ from learnt_pixels import (
     TOP_MM,
     camera_with,
     flat,
-    known,
     pixel_noise,
     surfaces,
 )
-from scipy import interpolate, stats
+from scipy import interpolate
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.learnt.blocks import take_samples
-from tofmix.estimation.learnt.counting import (
-    Thresholds,
-    first_surface,
-    new_workspace,
-    read_gains,
-    remove,
-    settle,
-    start_empty,
-    try_one_more,
-)
-from tofmix.estimation.learnt.fitting import (
-    BACKGROUND,
-    LOG_WIDTH,
-    MEAN,
-    OWN,
-    SIGMA,
-    WEIGHT,
-    Samples,
-    copy_fit,
-    new_fit,
-    value_of,
-)
-from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.learnt.counting import Thresholds, read_gains, remove
+from tofmix.estimation.learnt.fitting import BACKGROUND, LOG_WIDTH, MEAN, OWN, WEIGHT, new_fit
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.flags import Status
-from tofmix.sensor import NoiseCurve
 
 PLACES = 1500.0, 1500.0 + 6 * SIGMA_MM, 3000.0
 SHARES = {1: (1.0,), 2: (0.4, 0.6), 3: (0.3, 0.3, 0.4)}
@@ -185,33 +159,6 @@ def test_samples_at_the_end_of_range_are_no_return_and_no_surface(rng: np.random
     layers = layer_pixels(samples, camera_with(pixel_noise(background=ON_BACKGROUND)))
     np.testing.assert_array_equal(layers.n_modes, 1)
     np.testing.assert_allclose(layers.weight_no_return.mean(), 0.3, atol=0.03)
-
-
-@pytest.mark.compiled("hundreds of pixels")
-def test_a_faint_surface_of_a_shape_with_a_steep_edge_is_found_at_its_best_place(rng: np.random.Generator) -> None:
-    steep = known(stats.gamma(1.2))
-    curve = NoiseCurve(np.array([1000.0]), np.array([SIGMA_MM]), shape=steep.shape())
-    noise = replace(pixel_noise(background=ON_BACKGROUND), curve=curve)
-    samples = surfaces(rng, (80, 300), (2000.0, 3000.0), (0.92, 0.08), errors=steep.draw, background=0.2)
-    law, beam, work = noise.laws()[0], beam_of(camera_with(noise)), new_workspace(3, 80, 1)
-    missed = 0
-    for pixel in samples.T:
-        value, time = np.empty(80), np.empty(80)
-        data = Samples(value[: take_samples(pixel.astype(np.float32), value, time)], time)
-        start_empty(data, work.fit, beam)
-        first_surface(data, work, law, beam)
-        copy_fit(work.best, work.fit)
-        alone = work.fit.copy()
-        gain = try_one_more(data, 1, work, law, beam, 1.0)
-        before, best = value_of(data, 1, alone, law, beam, work.scratch), 0.0
-        for place in np.arange(2940.0, 3100.0, 0.25 * SIGMA_MM):
-            trial = alone.copy()
-            trial[WEIGHT, 0] *= 0.95
-            trial[OWN, BACKGROUND] *= 0.95
-            trial[MEAN, 1], trial[WEIGHT, 1], trial[SIGMA, 1] = place, 0.05, SIGMA_MM
-            best = max(best, settle(data, 2, trial, law, beam, work.scratch) - before)
-        missed += gain < best - 1.0
-    assert missed <= 0.03 * samples.shape[1]
 
 
 def _with_fewest(samples: FloatArray) -> FloatArray:

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from learnt_pixels import KNOWN, LOW_MM, SIGMA_MM, TOP_MM, camera_with, pixel_noise, surfaces
+from learnt_pixels import KNOWN, LOW_MM, TOP_MM, camera_with, pixel_noise, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.counting import Thresholds
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import SAMPLES, SHARES, calibrate, drift_without_memory
+from tofmix.estimation.learnt.thresholds import SAMPLES, SHARES, calibrate
 from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, gain_table
 from tofmix.estimation.settings import EstimateOptions
@@ -86,21 +86,6 @@ def _background(noise: PixelNoise, pixels: int, rng: np.random.Generator) -> Flo
     if noise.background is None:
         return np.full(pixels, noise.p_outlier)
     return np.asarray(rng.beta(*noise.background, pixels), dtype=np.float64)
-
-
-def test_drift_is_drawn_without_what_remembering_errors_wander_by_themselves() -> None:
-    forgets = pixel_noise(drift_mm=(10.0, 3.0, 0.0))
-    np.testing.assert_array_equal(drift_without_memory(forgets, 100), forgets.drift_mm)
-    beyond_chance = 1.5 / 0.5 - 1.0  # of AR(1) errors of coefficient 0.5
-    wander = SIGMA_MM * np.sqrt(np.array([3.0, 5.0, 7.0]) / 100 * beyond_chance)
-    remembers = pixel_noise(drift_mm=tuple(np.hypot(wander, [10.0, 0.0, 0.0])), memory=0.5)
-    np.testing.assert_allclose(drift_without_memory(remembers, 100), [10.0, 0.0, 0.0], atol=1e-4)
-
-
-def test_a_strong_prior_of_background_makes_no_first_surface_dear() -> None:
-    found = _calibrated(pixel_noise(background=(5.0, 40.0)), (30, 30), 600)
-    # Three or four of 30 samples within a sigma or two are what chance brings together: 10 nat.
-    assert found.first[0, FALSE_ALARMS.index(0.01)] < 8.0
 
 
 @pytest.mark.slow

@@ -1,11 +1,10 @@
 """How many surfaces one pixel's samples show, under the learnt noise: each must gain its threshold in likelihood.
 
 A count starts without any surface: background, and c_0 where samples reach r_max. The first surface is tried where most
-samples lie together; each further one where the likelihood rises most, where the best share gains most, and by
-splitting the most spread surface in two. Where pixels have widths of their own, each trial starts from the pixel's
-width and from the common one too: a pair of surfaces is otherwise taken for one wide surface. Then surfaces that are
-not missed are taken out. Gains are differences of the objective (`fitting.objective`), priors included; `thresholds`
-says which of them noise reaches.
+samples lie together; each further one where the likelihood rises most, and by splitting the most spread surface in
+two. Where pixels have widths of their own, each trial starts from the pixel's width and from the common one too: a
+pair of surfaces is otherwise taken for one wide surface. Then surfaces that are not missed are taken out. Gains are
+differences of the objective (`fitting.objective`), priors included; `thresholds` says which of them noise reaches.
 """
 
 import math
@@ -79,8 +78,8 @@ CERTAIN_SUPPORT, CERTAIN_GAIN = 5.0, 40.0
 NEAR_NO_RETURN = 5.0
 """Sigmas within which c_0 and a surface may stand for the same samples."""
 
-_STEEPEST, _BEST, _SPLIT, _PLAIN = 0, 1, 2, 3  # starts of one surface more
-_STEP = 0.5  # standard errors of one sample's range (sigmas of a Gaussian) between the places that are tried
+_STEEPEST, _SPLIT, _PLAIN = 0, 1, 2  # starts of one surface more
+_STEP = 0.5  # sigmas between the places where a new surface is tried
 _QUICK_STEPS = 3  # Newton steps for the share of a new surface in a gain bound; twice as many before a fit
 _LEAST_SHARE = 1.0e-9  # where less share is left, the other shares are not scaled up
 _LEAST_INFORMATION = 1.0e-6  # least information by sample; less is rounding
@@ -315,42 +314,14 @@ def _gain_of_share(ratio: FloatArray, n: float) -> float:
 
 
 @borrowing
-def _explained(
-    fresh: FloatArray,
-    near: int,
-    factors: tuple[float, float, float, float, float, float],
-    law: Law,
-    scratch: FloatArray,
-) -> float:
-    """Part of a new surface's information that the scores of an old one's mean, share and width explain.
-
-    `fresh` is the new surface's density by p at the samples from `near` on; `factors` are those of `_scores_of`.
-    """
-    l00, l10, l20, l11, l21, l22 = factors
-    past = near + len(fresh)
-    p0 = product_of(fresh, scratch[SCORES, near:past])
-    p1 = product_of(fresh, scratch[SCORES + 1, near:past])
-    p2 = product_of(fresh, scratch[SCORES + 2, near:past]) if law.width_spread > 0.0 else 0.0
-    q0 = p0 / l00 if l00 > 0.0 else 0.0
-    q1 = (p1 - l10 * q0) / l11 if l11 > 0.0 else 0.0
-    q2 = (p2 - l20 * q0 - l21 * q1) / l22 if l22 > 0.0 else 0.0
-    return float(q0 * q0 + q1 * q1 + q2 * q2)
-
-
-@borrowing
 def steepest_place(
     data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray, least: float
-) -> tuple[float, float, float, float]:
-    """Where a new surface may stand, by places half a standard error apart; `mix` has been called.
-
-    Returns the largest slope D(theta) of the log likelihood by a new surface's share, nat, and its place; the largest
-    gain bound; and the place where the best share gains most. The two places differ where a shape has a steep edge: D
-    is largest where the edge meets one lonely sample, and several samples that are less near gain more. No share gains
-    more than D, so that few places are looked at twice.
+) -> tuple[float, float, float]:
+    """Largest slope D(theta) of the log likelihood by a new surface's share, nat, its place, the largest gain bound.
 
     A gain bound estimates the gain of a surface there: that of its best share, or, where it takes the place of an old
     one, half the squared score, less what the old one's mean, share and width explain, by its information. Bounds are
-    computed while the largest is below `least`.
+    computed while the largest is below `least`. `mix` has been called.
 
     References
     ----------
@@ -363,8 +334,7 @@ def steepest_place(
         share[j] = 1.0 / scratch[TOTAL, j]
     width = math.exp(fit[OWN, LOG_WIDTH])
     most, place, bound, nearest = -float(n), y[0], 0.0, -1
-    best, richest, step = 0.0, y[0], _STEP / math.sqrt(max(law.information, 1.0))
-    factors = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    l00, l10, l20, l11, l21, l22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     near, past = 0, 0
     theta = y[0] - sigma_at(y[0], beam.curve_range, beam.curve_sigma)
     end = y[n - 1] + sigma_at(y[n - 1], beam.curve_range, beam.curve_sigma)
@@ -377,7 +347,7 @@ def steepest_place(
         past = max(past, near)
         while past < n and y[past] <= theta + law.high * sigma:
             past += 1
-        here, theta = theta, theta + step * sigma
+        here, theta = theta, theta + _STEP * sigma
         if near == past and near < n:
             theta = max(theta, y[near] - sigma)  # nothing near: go to the next sample
             continue
@@ -391,20 +361,25 @@ def steepest_place(
         slope = overlap - n
         if slope > most:
             most, place = slope, here
-        if slope > max(best, least):
-            gain = _gain_of_share(fresh, float(n))
-            if gain > best:
-                best, richest = gain, here
-            bound = max(bound, gain)
-        if slope > 0.0 and bound < least and k > 0:
+        if slope <= 0.0 or bound >= least:
+            continue
+        if slope >= least:
+            bound = max(bound, _gain_of_share(fresh, float(n)))
+        if bound < least and k > 0:
             own = _nearest(here, k, fit)
             if own != nearest:
                 nearest = own
-                factors = _scores_of(data, own, fit, law, scratch)
+                l00, l10, l20, l11, l21, l22 = _scores_of(data, own, fit, law, scratch)
+            p0 = product_of(fresh, scratch[SCORES, near:past])
+            p1 = product_of(fresh, scratch[SCORES + 1, near:past])
+            p2 = product_of(fresh, scratch[SCORES + 2, near:past]) if law.width_spread > 0.0 else 0.0
             information = product_of(fresh, fresh) - 2.0 * overlap + n
-            information -= _explained(fresh, near, factors, law, scratch)
+            q0 = p0 / l00 if l00 > 0.0 else 0.0
+            q1 = (p1 - l10 * q0) / l11 if l11 > 0.0 else 0.0
+            q2 = (p2 - l20 * q0 - l21 * q1) / l22 if l22 > 0.0 else 0.0
+            information -= q0 * q0 + q1 * q1 + q2 * q2
             bound = max(bound, 0.5 * slope * slope / max(information, _LEAST_INFORMATION * n))
-    return most, place, bound, richest
+    return most, place, bound
 
 
 @borrowing
@@ -542,25 +517,20 @@ def try_one_more(data: Samples, k: int, work: Workspace, law: Law, beam: Beam, w
         return 0.0
     mix(data, k, fit, law, beam, scratch)
     before = objective(data, k, fit, law, scratch)
-    slope, place, bound, richest = steepest_place(data, k, fit, law, beam, scratch, LEAST_BOUND * wanted)
+    slope, place, bound = steepest_place(data, k, fit, law, beam, scratch, LEAST_BOUND * wanted)
     may_gain = slope >= wanted and bound >= LEAST_BOUND * wanted
     plain = _may_hide_a_surface(k, fit, law, len(data.value))
     if not may_gain and not plain:
         return 0.0
     share = _share_at(data, place, fit, law, beam, scratch)
-    largest = _share_at(data, richest, fit, law, beam, scratch) if richest != place else share
     spread = _most_spread(data, k, fit, law, scratch)
     gain = 0.0
-    for start in (_STEEPEST, _BEST, _SPLIT, _PLAIN):
+    for start in (_STEEPEST, _SPLIT, _PLAIN):
         if (start == _PLAIN and not plain) or (start != _PLAIN and not may_gain):
-            continue
-        if start == _BEST and richest == place:
             continue
         copy_fit(fit, trial)
         if start == _STEEPEST:
             _add(k, place, share, trial, beam)
-        elif start == _BEST:
-            _add(k, richest, largest, trial, beam)
         else:
             apart = SPLIT_SIGMAS * fit[SIGMA, spread] * math.exp(fit[OWN, LOG_WIDTH])
             if start == _PLAIN:

@@ -1,11 +1,10 @@
 """Gains that the learnt noise reaches by chance: a parametric bootstrap, once a recording.
 
 Pixels are drawn from the learnt model with one surface, and with none, for a few numbers of samples and shares of
-background, and rounded as the recording is. A drift is drawn without what the memory of the errors adds to it: errors
-that remember wander by themselves. The package's own search fits one surface more to each, and a jump in time. The
-gains it finds have a tail that falls exponentially, as those of likelihood ratios do; it is fitted from the gains that
-a twentieth of the pixels exceed, so that chances down to 10^-6 follow from a few thousand draws. Seeds are fixed: the
-same model gives the same table.
+background, and rounded as the recording is. The package's own search fits one surface more to each, and a jump in time.
+The gains it finds have a tail that falls exponentially, as those of likelihood ratios do; it is fitted from the gains
+that a twentieth of the pixels exceed, so that chances down to 10^-6 follow from a few thousand draws. Seeds are fixed:
+the same model gives the same table.
 
 References
 ----------
@@ -116,7 +115,7 @@ def calibrate(
     ]
     count = draws or min(max(DRAWS[0], DRAWS_IN_ALL // len(cells)), DRAWS[1])
     laws = noise.laws()
-    draw = _Drawing(noise, beam, ranges_mm, rounding_mm, samples[1])
+    draw = _Drawing(noise, beam, ranges_mm, rounding_mm)
 
     def gains(cell: _Cell) -> FloatArray:
         block = draw.block(cell, count)
@@ -176,27 +175,12 @@ def _tail(gains: FloatArray) -> FloatArray:
     return np.maximum.accumulate(np.array(out) + 1e-9 * np.arange(len(out)))
 
 
-def drift_without_memory(noise: PixelNoise, samples: int) -> FloatArray:
-    """Scales (DRIFTS,) of the drift, mm, less what errors that remember add to a fitted drift of so many samples.
-
-    The variance of a polynomial's fitted coefficient is (2 d + 1) sigma^2 / (I n), and (1 + rho) / (1 - rho) times that
-    where the errors are AR(1); chance alone was taken off when the drift was learnt.
-    """
-    if noise.memory <= 0.0 or not noise.drift_mm.any():
-        return noise.drift_mm
-    degree = np.arange(1, DRIFTS + 1)
-    alone = float(np.median(noise.curve.sigma_mm)) ** 2 / (noise.laws()[0].information * max(samples, 1))
-    added = (2.0 * degree + 1.0) * alone * 2.0 * noise.memory / (1.0 - noise.memory)
-    return np.asarray(np.sqrt(np.maximum(noise.drift_mm**2 - added, 0.0)))
-
-
 class _Drawing:
     """Draws blocks of pixels from the learnt model."""
 
-    def __init__(self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, rounding_mm: float, samples: int) -> None:
+    def __init__(self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, rounding_mm: float) -> None:
         self._noise, self._beam, self._rounding_mm = noise, beam, rounding_mm
         self._ranges = np.asarray(ranges_mm, dtype=np.float64)
-        self._drift_mm = drift_without_memory(noise, samples)
 
     def block(self, cell: _Cell, count: int) -> FloatArray:
         """Samples (pixel, frame), mm."""
@@ -213,7 +197,7 @@ class _Drawing:
         out = place[:, None] + width[:, None] * noise.curve.sigma(place)[:, None] * z
         time = np.linspace(-1.0, 1.0, n)
         basis = np.polynomial.legendre.legvander(time, DRIFTS)[:, 1:]
-        coefficients = self._drift_mm * np.clip(rng.standard_t(TAIL_DEGREES, (count, DRIFTS)), -6.0, 6.0)
+        coefficients = noise.drift_mm * np.clip(rng.standard_t(TAIL_DEGREES, (count, DRIFTS)), -6.0, 6.0)
         out += coefficients @ basis.T
         random = rng.random((count, n)) < cell.background
         out[random] = rng.uniform(beam.range_min, beam.range_top, int(random.sum()))
@@ -253,11 +237,4 @@ def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, ou
         elif gain > 0.0:
             copy_fit(work.best, work.fit)
             jump = gain_of_jump(data, work.fit, laws[0], beam, work.scratch)
-            more = try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH)
-            if jump > more:
-                # A jump alone splits no pixel: without drift, a further surface must gain as much.
-                start_empty(data, work.fit, beam)
-                first_surface(data, work, laws[1], beam)
-                copy_fit(work.best, work.fit)
-                more = min(jump, try_one_more(data, 1, work, laws[1], beam, LEAST_WORTH))
-            out[pixel] = more
+            out[pixel] = max(jump, try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH))
