@@ -161,7 +161,7 @@ def test_a_run_that_is_still_going_is_not_disturbed(tofmix: Tofmix, recording: P
         for extra in ([], ["--resume"], ["--overwrite"]):
             outcome = tofmix("estimate", recording, *extra)
             assert outcome.code == ExitCode.USAGE
-            assert "another run has it" in outcome.err
+            assert "another run is using it" in outcome.err
 
 
 @pytest.mark.slow

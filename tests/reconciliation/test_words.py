@@ -42,7 +42,7 @@ def test_summary_calls_the_floor_noise_alone_and_says_which_round_candidates_are
     page = render_gap(result, source="x.h5")
     assert "is chance" not in page
     assert "The floor is what noise alone gives" in page
-    assert "each effect beside the others: there its numbers and gains differ from those here" in page
+    assert "fits all effects jointly, to more data: its numbers and gains differ from these" in page
 
 
 def test_zero_is_written_without_a_sign(small: Model) -> None:
