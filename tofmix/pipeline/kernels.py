@@ -11,6 +11,7 @@ from tofmix.estimation.learnt import warm_up as learnt
 from tofmix.estimation.noise.measurement import measure_noise
 from tofmix.estimation.peaks.counters import COUNTERS
 from tofmix.estimation.peaks.incremental import IncrementalDensity
+from tofmix.estimation.peaks.modes import find_modes
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.io.model_file import load_model
 from tofmix.mapping.beams import beams_from_layers
@@ -60,6 +61,7 @@ def compile_images() -> None:
     live = IncrementalDensity(camera, 1)
     live.add(range_mm[:1, 0, :1])
     live.modes()
+    find_modes(range_mm[:, 0, 0], NoiseCurve(np.array([_RANGE_MM]), np.array([10.0])))
     _compile_edges(sensor)
     _compile_casts()
 
