@@ -141,6 +141,7 @@ def test_options_of_learnt_noise_need_learnt_noise(recording: Path) -> None:
         tm.estimate(recording, noise_shape="round")
 
 
+@pytest.mark.slow
 def test_options_of_learnt_noise_give_the_values_of_the_command(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "a.h5", boards(60, rows=12, cols=24))
     chosen = ("--noise", "auto", "--noise-shape", "gaussian", "--noise-widths", "common", "--outliers", 0.01)

@@ -52,6 +52,7 @@ def test_layers_of_a_known_range_keep_no_extreme_samples(tofmix: Tofmix, tmp_pat
     "options",
     [("--workers", 1), *(pytest.param(o, marks=pytest.mark.slow) for o in (("--workers", 3), ("--memory", "250MB")))],
 )
+@pytest.mark.slow
 def test_bytes_depend_on_neither_workers_nor_memory(
     tofmix: Tofmix, recording: Path, expected: bytes, tmp_path: Path, options: tuple[object, ...]
 ) -> None:

@@ -45,6 +45,7 @@ WAVE = MAKE["wiggling"](amplitude_mm=20.0, phase_rad=0.7)
         pytest.param(MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=1.5), KINDS, id="drift", marks=slow),
     ],
 )
+@pytest.mark.slow
 def test_structured_effect_is_named_beside_columns(small: Model, effect: Effect, kinds: tuple[str, ...]) -> None:
     two = replace(small, surfaces=small.surfaces[1:])
     assert named_within_errors(reconciled(two, effect, COLUMNS, kinds=kinds), (effect, COLUMNS))

@@ -136,6 +136,7 @@ def test_shared_offset_and_pose_in_one_recording_are_both_named(model: Model, ot
         assert abs(named.parameters[name] - value) < 4 * named.stderr[name]
 
 
+@pytest.mark.slow
 def test_pose_of_one_scene_is_named_for_its_recording_alone(model: Model, other: Model) -> None:
     moved = MAKE["surface_pose"](surface="wall", shift_mm=15.0)
     kinds = ("range_offset", "surface_pose", "fixed_pattern")

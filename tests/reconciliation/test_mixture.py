@@ -37,6 +37,7 @@ def same(one: Mixture, other: Mixture) -> None:
 @pytest.mark.parametrize(
     "effects", [(), (POSE, MOTION), *(pytest.param(e, marks=pytest.mark.slow) for e in ((POSE,), (MOTION,)))]
 )
+@pytest.mark.slow
 def test_mixture_is_the_same_whatever_was_predicted_before(small: Model, effects: tuple[Effect, ...]) -> None:
     expected = Scene(small, TIME_S).mixture(effects)
     used = Scene(small, TIME_S)

@@ -26,6 +26,7 @@ KINDS = ("range_offset", "surface_pose", "multipath", "amplitude_walk", "tempera
         pytest.param(0.7, KINDS, marks=pytest.mark.slow, id="less noisy"),
     ],
 )
+@pytest.mark.slow
 def test_surface_with_other_noise_has_no_second_path(small: Model, factor: float, kinds: tuple[str, ...]) -> None:
     """A path of just one turn more, across the first, would dim the surface and not move it."""
     evidence = recorded(small)

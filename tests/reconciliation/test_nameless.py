@@ -29,6 +29,7 @@ def _moved(evidence: Evidence, bias_mm: FloatArray) -> Evidence:
     [("range_offset", "fixed_pattern"), pytest.param(KINDS, marks=pytest.mark.slow)],
     ids=["few rivals", "all rivals"],
 )
+@pytest.mark.slow
 def test_bias_that_grows_to_the_corners_is_a_law_of_place(small: Model, kinds: tuple[str, ...]) -> None:
     """A lens that bends range outwards."""
     evidence = recorded(small)

@@ -123,6 +123,7 @@ def test_wall_in_a_gap_narrower_than_a_pixel_is_found_by_its_plane_elsewhere() -
     np.testing.assert_allclose(layers.weight[gap][:, 0], 0.617, atol=0.03)
 
 
+@pytest.mark.slow
 def test_pixels_of_creases_are_decided() -> None:
     one = made(FAMILIES["corner"](np.random.default_rng([2, 77])), 2, view=(72, 88, 47.0, 39.0))
     after = judge(one, first(estimate_windows(one.recording, EstimateOptions(mixing=MixingChoice.PHASOR))))
