@@ -27,7 +27,7 @@ class _Hdf5Path(_Path):
         path = super().convert(value, param, ctx)
         if path.suffix.lower() in _OTHER_KINDS:
             self.fail(
-                f"{path}: the file will be HDF5, so its name must not end in {path.suffix}; choose .h5", param, ctx
+                f"{path}: the file will be HDF5, so its name must not end in {path.suffix}; choose .h5.", param, ctx
             )
         return path
 
