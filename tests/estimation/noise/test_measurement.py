@@ -194,6 +194,16 @@ def test_picking_by_shape_does_not_bias_the_variance(rng: np.random.Generator, n
     assert np.sqrt(found.variance[picked].mean()) == pytest.approx(10.0, rel=0.015)
 
 
+def test_verdict_by_shape_of_a_series_does_not_depend_on_the_others(rng: np.random.Generator) -> None:
+    samples = rng.normal(0.0, 10.0, (60, 120)).astype(np.float32)
+    for k, valid in enumerate(rng.integers(5, 120, 60)):
+        samples[k, valid:] = np.nan
+    together = shaped_as_one(series_statistics(series(samples), 0.0), 0.2)
+    alone = [shaped_as_one(series_statistics(series(samples[k : k + 1]), 0.0), 0.2)[0] for k in range(60)]
+    assert together.tolist() == alone
+    assert 0.2 < together.mean() < 0.8
+
+
 def test_two_overlapping_surfaces_fail_by_shape(rng: np.random.Generator) -> None:
     far = rng.random((2000, 100)) < 0.5
     samples = (10.0 * rng.standard_normal(far.shape) + 30.0 * far).astype(np.float32)

@@ -9,6 +9,7 @@ may be picked by their shape as strictly as one likes and the variance stays unb
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -222,6 +223,18 @@ def series_statistics(series: Series, step_mm: float) -> SeriesStatistics:
     return _series_statistics(np.ascontiguousarray(series.samples), step_mm)
 
 
+@lru_cache(maxsize=64)
+def _limits_of_shape(index: int, strictness: float) -> tuple[float, float, float]:
+    """Largest absolute skewness, least and largest kurtosis of Gaussian series of `_SHAPE_SIZES[index]` samples."""
+    rng = np.random.default_rng(_SHAPE_SEED)
+    for n in _SHAPE_SIZES[: index + 1]:  # all sizes share one stream: the draws of the smaller ones come first
+        gaussian = rng.standard_normal((_SHAPE_TRIALS, n))
+    drawn = _series_statistics(gaussian.astype(np.float32), 0.0)
+    skewness = np.quantile(np.abs(drawn.skewness), 1.0 - strictness)
+    least, largest = np.quantile(drawn.kurtosis, (strictness, 1.0 - 0.1 * strictness))
+    return float(skewness), float(least), float(largest)
+
+
 def shaped_as_one(statistics: SeriesStatistics, strictness: float) -> BoolArray:
     """Which series have the shape of one Gaussian.
 
@@ -229,19 +242,14 @@ def shaped_as_one(statistics: SeriesStatistics, strictness: float) -> BoolArray:
     of as many samples pass, from a simulation with a fixed seed: a share `strictness` of them fails each of the two.
     A tenth of that fails for long tails.
     """
-    rng = np.random.default_rng(_SHAPE_SEED)
-    limits = []
-    for n in _SHAPE_SIZES:
-        gaussian = rng.standard_normal((_SHAPE_TRIALS, n)).astype(np.float32)
-        drawn = _series_statistics(gaussian, 0.0)
-        limits.append(
-            (
-                np.quantile(np.abs(drawn.skewness), 1.0 - strictness),
-                *np.quantile(drawn.kurtosis, (strictness, 1.0 - 0.1 * strictness)),
-            )
-        )
     size = np.clip(statistics.kept, _SHAPE_SIZES[0], _SHAPE_SIZES[-1])
-    skew, flat, long = (np.interp(size, _SHAPE_SIZES, column) for column in np.array(limits).T)
+    # Only the sizes around those that occur: each costs as much as 2000 pixels.
+    below = np.searchsorted(_SHAPE_SIZES, size[statistics.kept > 0], side="right") - 1
+    used = np.union1d(below, np.minimum(below + 1, len(_SHAPE_SIZES) - 1)).astype(int)
+    if used.size == 0:
+        return np.zeros(size.shape, dtype=np.bool_)
+    limits = np.array([_limits_of_shape(int(index), strictness) for index in used])
+    skew, flat, long = (np.interp(size, np.take(_SHAPE_SIZES, used), column) for column in limits.T)
     fits = (np.abs(statistics.skewness) <= skew) & (statistics.kurtosis >= flat) & (statistics.kurtosis <= long)
     return np.asarray(fits & (statistics.kept > 0), dtype=np.bool_)
 
