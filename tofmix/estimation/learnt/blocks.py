@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace, read_gains, remove
 from tofmix.estimation.learnt.errors import standard_errors
 from tofmix.estimation.learnt.fitting import (
@@ -24,7 +25,6 @@ from tofmix.estimation.learnt.fitting import (
     value_of,
 )
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, chance_of
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.estimation.samples import FARTHEST_MM

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import CLOSE, new_workspace, try_one_more
 from tofmix.estimation.learnt.fitting import (
@@ -31,7 +32,6 @@ from tofmix.estimation.learnt.fitting import (
     still_row,
 )
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.jit import jit
@@ -176,7 +176,7 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
         own = Beam(
             common.curve_range, common.curve_sigma, np.inf, 1.0, np.inf, np.inf, np.inf, beam.p_outlier,
             beam.outlier_density,
-            clusters.low[c], clusters.high[c], beam.own,
+            clusters.low[c], clusters.high[c], beam.pixel_curves,
         )  # fmt: skip
         fill_times(data, scratch)
         for row in range(ROWS):

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DENSITY,
@@ -46,7 +47,6 @@ from tofmix.estimation.learnt.fitting import (
 )
 from tofmix.estimation.learnt.law import Law, at_table, precision_of_t
 from tofmix.estimation.learnt.steps import value_of_jump
-from tofmix.estimation.mixture.beam import NO_RETURN_REACH, Beam, is_beyond
 from tofmix.estimation.mixture.false_alarms import least_gain
 from tofmix.estimation.mixture.share_step import LARGEST_SHARE, next_share
 from tofmix.estimation.noise.kernel import sigma_at

@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DENSITY,
@@ -33,7 +34,6 @@ from tofmix.estimation.learnt.fitting import (
     still_row,
 )
 from tofmix.estimation.learnt.law import Law, precision_of_t
-from tofmix.estimation.mixture.beam import Beam
 from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
 

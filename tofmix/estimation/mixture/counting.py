@@ -10,8 +10,8 @@ the likelihood rises most, until none gains enough. "Enough" is the threshold of
 import math
 from typing import NamedTuple
 
+from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, is_no_return
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
-from tofmix.estimation.mixture.beam import NO_RETURN_REACH, Beam, is_beyond, is_no_return
 from tofmix.estimation.mixture.components import (
     GAIN,
     MEAN,
@@ -36,7 +36,7 @@ from tofmix.estimation.mixture.em import expect, log_likelihood, mix
 from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear
 from tofmix.estimation.mixture.gradient import best_share, steepest_place
 from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.estimation.peaks.density import within_reach
+from tofmix.estimation.reach import within_reach
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.jit import borrowing, jit

@@ -11,7 +11,7 @@ a gain bound by a few per cent; it decides only what is tried, not what is found
 import math
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.mixture.components import MEAN, OTHER, SHARE, SIGMA, SPARE, TOTAL, WEIGHT, Components, Scratch
 from tofmix.estimation.mixture.share_step import next_share
 from tofmix.estimation.noise.kernel import sigma_at

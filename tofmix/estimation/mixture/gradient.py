@@ -18,7 +18,7 @@ Rao's score statistic with nuisance parameters: Cox and Hinkley, Theoretical Sta
 
 import math
 
-from tofmix.estimation.mixture.beam import Beam, is_beyond
+from tofmix.estimation.beam import Beam, is_beyond
 from tofmix.estimation.mixture.components import (
     DENSITY,
     MEAN,
@@ -36,7 +36,7 @@ from tofmix.estimation.mixture.components import (
 from tofmix.estimation.mixture.em import ROOT_TWO_PI, gaussians, mix
 from tofmix.estimation.mixture.share_step import next_share
 from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.estimation.peaks.density import whole_lanes, within_reach
+from tofmix.estimation.reach import whole_lanes, within_reach
 from tofmix.estimation.samples import Readings
 from tofmix.jit import borrowing
 from tofmix.vector import exp_minus, log_of, product_of, total_of

@@ -9,7 +9,7 @@ range, as weak surfaces lie at few ranges and outliers everywhere.
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.estimation.mixture.beam import outlier_interval
+from tofmix.estimation.beam import outlier_interval
 from tofmix.estimation.noise.series import SeriesStatistics
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -47,7 +47,7 @@ def measure_outliers(
     curve : NoiseCurve
         The measured sigma(r).
     sensor : Sensor
-        For the interval of random values, as in the estimator (`tofmix.estimation.mixture.beam.outlier_interval`).
+        For the interval of random values, as in the estimator (`tofmix.estimation.beam.outlier_interval`).
     amplitude : (series,) float64, optional
         Amplitude of each series, for a curve with a law.
 
