@@ -225,7 +225,7 @@ def _layer_block(
         )
         k, kept, iterations, fitted = _fit_pixel(data, place, height, found, work, beam, options, rules)
         surface_gains(data, k, work, beam)
-        sort_surfaces(k, fit)
+        sort_surfaces(k, fit, GAIN + 1)
         known = standard_errors(data, k, fit, beam, options.mode, work.scratch, range_errors, weight_errors)
         n_modes[pixel], n_peaks[pixel] = k, kept
         n_iter[pixel] = abs(iterations)

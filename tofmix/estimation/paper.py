@@ -211,7 +211,7 @@ def _paper_block(
             for _ in range(ITERATIONS):
                 known = _iterate(values, n, k, fit, beam, sums[: k + 1]) and known
             n_iter[pixel] = ITERATIONS
-        sort_surfaces(k, fit)
+        sort_surfaces(k, fit, GAIN + 1)
         data = gather(values, n, beam.curve_range, beam.curve_sigma, value, times)
         fitted = _with_sigma_0(beam, fit[SIGMA, -1])
         likelihood[pixel] = log_likelihood(data, k, fit, fitted, work.scratch)

@@ -41,7 +41,7 @@ FAR_OFF = 1.5
 SURE = 3.0
 """Standard errors beyond each tolerance: chance alone makes one of some hundred recordings doubtful."""
 
-_NEAR_SIGMAS = 8.0
+_NEAR_SIGMAS = 8.0  # of a cluster: samples farther from all clusters count as background
 _QUARTILE_ERROR = 1.83
 """Relative standard error of the upper quartile of n chi-square variables of one degree, times sqrt(n)."""
 _CENTRAL = 4.0  # sigmas; errors more than one sigma farther out are outliers, and no sign of a shape

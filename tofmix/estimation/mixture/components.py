@@ -80,11 +80,11 @@ def remove_surface(k: int, index: int, fit: Components) -> int:
 
 
 @borrowing
-def sort_surfaces(k: int, fit: Components) -> None:
-    """Put the surfaces in order, near to far: EM may have moved one past another."""
+def sort_surfaces(k: int, fit: Components, rows: int) -> None:
+    """Put the surfaces in order, near to far, in the first `rows` rows: EM may have moved one past another."""
     for i in range(1, k):
         for j in range(i, 0, -1):
             if fit[MEAN, j - 1] <= fit[MEAN, j]:
                 break
-            for row in (MEAN, SIGMA, WEIGHT, SUPPORT, GAIN):
+            for row in range(rows):
                 fit[row, j - 1], fit[row, j] = fit[row, j], fit[row, j - 1]
