@@ -41,17 +41,23 @@ def fill_patch(nodes: FloatArray, first: int, patch: FloatArray) -> None:
 
 
 @borrowing
+def patch_ray(patch: FloatArray, u: float, v: float, axis: int) -> float:
+    """One component of the ray at a place of a cell."""
+    return float(
+        patch[0, 0, axis] + u * (patch[0, 1, axis] + u * patch[0, 2, axis])
+        + v * (
+            patch[1, 0, axis] + u * (patch[1, 1, axis] + u * patch[1, 2, axis])
+            + v * (patch[2, 0, axis] + u * (patch[2, 1, axis] + u * patch[2, 2, axis]))
+        )
+    )  # fmt: skip
+
+
+@borrowing
 def patch_direction(patch: FloatArray, u: float, v: float, direction: FloatArray) -> float:
     """Unit vector (3,) at a place of a cell, into `direction`; the length of its ray is returned."""
     size = 0.0
     for axis in range(3):
-        value = (
-            patch[0, 0, axis] + u * (patch[0, 1, axis] + u * patch[0, 2, axis])
-            + v * (
-                patch[1, 0, axis] + u * (patch[1, 1, axis] + u * patch[1, 2, axis])
-                + v * (patch[2, 0, axis] + u * (patch[2, 1, axis] + u * patch[2, 2, axis]))
-            )
-        )  # fmt: skip
+        value = patch_ray(patch, u, v, axis)
         direction[axis] = value
         size += value * value
     size = math.sqrt(size)

@@ -17,8 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.peaks.counters import Counter, Cpdf, Fourier, Kde
 from tofmix.estimation.peaks.density import density
 from tofmix.estimation.peaks.incremental import IncrementalDensity

@@ -12,7 +12,7 @@ import argparse
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.mixture.beam import Beam, beam_of
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.mixture.components import MEAN, SIGMA, WEIGHT
 from tofmix.estimation.mixture.counting import Rules, new_workspace, try_one_more
 from tofmix.estimation.mixture.em import expectation_maximisation

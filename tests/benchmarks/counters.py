@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.peaks.counters import Counter, Cpdf, Fourier, Kde, Peaks
 from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.samples import sort_samples

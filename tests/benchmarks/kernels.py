@@ -25,9 +25,9 @@ import numpy as np
 from scipy.ndimage import convolve1d
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.mixture.beam import Beam, beam_of
 from tofmix.estimation.mixture.components import Components, Scratch, new_components, new_scratch
 from tofmix.estimation.mixture.em import expect, maximise, start_at
 from tofmix.estimation.samples import Readings, readings_of

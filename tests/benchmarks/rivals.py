@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.mixture.beam import Beam, beam_of
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.sensor import Sensor
 
 MAX_ITER = 500

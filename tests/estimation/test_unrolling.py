@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from sizes import sized
 
 from tofmix.circle import circular_noise, fold
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.mixture.em import fit_mixture
 from tofmix.estimation.noise.measurement import measure_noise
 from tofmix.estimation.peaks.counters import COUNTERS, Cpdf, Kde

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam, beam_of, is_no_return, reaches_no_return
 from tofmix.estimation.learnt.block_layers import counts_with_learnt, layers_with_learnt
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
-from tofmix.estimation.mixture.beam import Beam, beam_of, is_no_return, reaches_no_return
 from tofmix.estimation.mixture.components import (
     GAIN,
     MEAN,
@@ -53,7 +53,7 @@ from tofmix.estimation.mixture.em import (
 from tofmix.estimation.mixture.false_alarms import chance_of, gain_table, least_gain
 from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.estimation.noise.pixel_noise import beam_of_pixel, own_curves
+from tofmix.estimation.noise.pixel_noise import beam_of_pixel, pixel_curves
 from tofmix.estimation.paper import paper_pixels
 from tofmix.estimation.peaks.counters import Kde
 from tofmix.estimation.peaks.counters.base import MAX_PEAKS, Peaks
@@ -225,7 +225,7 @@ def _layer_block(
         )
         k, kept, iterations, fitted = _fit_pixel(data, place, height, found, work, beam, options, rules)
         surface_gains(data, k, work, beam)
-        sort_surfaces(k, fit)
+        sort_surfaces(k, fit, GAIN + 1)
         known = standard_errors(data, k, fit, beam, options.mode, work.scratch, range_errors, weight_errors)
         n_modes[pixel], n_peaks[pixel] = k, kept
         n_iter[pixel] = abs(iterations)
@@ -293,7 +293,7 @@ def layer_pixels(
             if amplitude.shape != samples.shape:
                 raise ValueError(f"amplitude: shape {amplitude.shape} differs from range {samples.shape}")
             amplitudes = np.asarray(amplitude, np.float32).reshape(block.shape)
-            beam = beam._replace(own=own_curves(block, amplitudes, sensor.noise))
+            beam = beam._replace(pixel_curves=pixel_curves(block, amplitudes, sensor.noise))
         if counts_with_learnt(sensor, options):
             layers_with_learnt(np.ascontiguousarray(block.T), beam, sensor, options, out)
         else:

@@ -10,8 +10,8 @@ from typing import TypeVar
 
 from tofmix.circle import has_no_return
 from tofmix.errors import BadInputError
+from tofmix.estimation.beam import beam_of, outlier_interval
 from tofmix.estimation.learnt.recordings import calibrated, has_parts, learn_if_contradicted, learn_noise
-from tofmix.estimation.mixture.beam import beam_of, outlier_interval
 from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.estimation.unrolling import UnrolledSource

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.mixture.beam import Beam, beam_of, is_no_return
+from tofmix.estimation.beam import Beam, beam_of, is_no_return
 from tofmix.estimation.mixture.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT, sort_surfaces
 from tofmix.estimation.mixture.counting import new_workspace, surface_gains
 from tofmix.estimation.mixture.em import ROOT_TWO_PI, log_likelihood
@@ -38,8 +38,9 @@ from tofmix.estimation.mixture.false_alarms import chance_of, gain_table
 from tofmix.estimation.mixture.uncertainty import standard_errors
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.peaks.counters.base import MAX_PEAKS
-from tofmix.estimation.peaks.density import BANDWIDTH, within_reach
+from tofmix.estimation.peaks.density import BANDWIDTH
 from tofmix.estimation.peaks.modes import keep_peak
+from tofmix.estimation.reach import within_reach
 from tofmix.estimation.samples import SortedSamples, gather, padded
 from tofmix.estimation.settings import MODE_FREE
 from tofmix.flags import Status
@@ -168,7 +169,7 @@ def _with_sigma_0(beam: Beam, sigma_0: float) -> Beam:
     """The same beam with another spread of c_0, mm."""
     return Beam(
         beam.curve_range, beam.curve_sigma, beam.range_max, sigma_0, beam.no_return_from, beam.no_return_to,
-        beam.surface_end,        beam.p_outlier, beam.outlier_density, beam.range_min, beam.range_top, beam.own,
+        beam.surface_end, beam.p_outlier, beam.outlier_density, beam.range_min, beam.range_top, beam.pixel_curves,
     )  # fmt: skip
 
 
@@ -210,7 +211,7 @@ def _paper_block(
             for _ in range(ITERATIONS):
                 known = _iterate(values, n, k, fit, beam, sums[: k + 1]) and known
             n_iter[pixel] = ITERATIONS
-        sort_surfaces(k, fit)
+        sort_surfaces(k, fit, GAIN + 1)
         data = gather(values, n, beam.curve_range, beam.curve_sigma, value, times)
         fitted = _with_sigma_0(beam, fit[SIGMA, -1])
         likelihood[pixel] = log_likelihood(data, k, fit, fitted, work.scratch)

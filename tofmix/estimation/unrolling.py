@@ -20,7 +20,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.circle import FOLD_SIGMAS, fold, unseen_zone
-from tofmix.estimation.mixture.beam import Beam, beam_of
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import FARTHEST_MM, SortedSamples
 from tofmix.jit import jit

@@ -3,14 +3,12 @@
 It validates nothing; call `tofmix.mapping.occupancy.count_light`.
 """
 
-import math
-
 import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.cells import fill_patch, patch_direction
 from tofmix.jit import jit
-from tofmix.mapping.kernel import MIN_RAYS, look, meets
+from tofmix.mapping.kernel import look, meets, sampled
 
 
 @jit
@@ -19,20 +17,14 @@ def _look_at_cell(
     near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray, probability: FloatArray,
     no_return: FloatArray, free_to: float, patch: FloatArray, work: FloatArray, light: FloatArray,
 ) -> None:  # fmt: skip
-    """Add up what the pixels say that see the cell, each by the part of its area in the image that the cell covers."""
+    """Sum the light of all pixels that see the cell, weighted by the part of the pixel's image area in the cell."""
     rows, cols = no_return.shape
     left = outline[0]
     right = outline[1]
     top = outline[2]
     bottom = outline[3]
-    first_col = max(math.floor(left), 0)
-    last_col = min(math.ceil(right), cols)
-    first_row = max(math.floor(top), 0)
-    last_row = min(math.ceil(bottom), rows)
-    if first_col >= last_col or first_row >= last_row:
-        return
-    across = max(1, math.ceil(MIN_RAYS / (last_col - first_col)))
-    down = max(1, math.ceil(MIN_RAYS / (last_row - first_row)))
+    first_col, last_col, across = sampled(left, right, cols)
+    first_row, last_row, down = sampled(top, bottom, rows)
     direction = work[:3]
     span = work[3:5]
     ray = work[5:]

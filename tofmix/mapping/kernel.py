@@ -91,6 +91,14 @@ def _outline(low: FloatArray, high: FloatArray, rotation: FloatArray, angles: Fl
 
 
 @jit
+def sampled(start: float, end: float, n: int) -> tuple[int, int, int]:
+    """Of `n` pixels in a row or column, those [first, stop) that an interval meets, and the rays in each of them."""
+    first = max(math.floor(start), 0)
+    stop = min(math.ceil(end), n)
+    return first, stop, max(1, math.ceil(MIN_RAYS / (stop - first))) if first < stop else 0
+
+
+@jit
 def _look_at_cell(
     angles: FloatArray, low: FloatArray, high: FloatArray, rotation: FloatArray, width: float, height: float,
     near: FloatArray, far: FloatArray, clear: FloatArray, samples: FloatArray, probability: FloatArray,
@@ -102,14 +110,8 @@ def _look_at_cell(
     right = angles[1] / width + 0.5 * cols
     top = angles[2] / height + 0.5 * rows
     bottom = angles[3] / height + 0.5 * rows
-    first_col = max(math.floor(left), 0)
-    last_col = min(math.ceil(right), cols)
-    first_row = max(math.floor(top), 0)
-    last_row = min(math.ceil(bottom), rows)
-    if first_col >= last_col or first_row >= last_row:
-        return
-    across = max(1, math.ceil(MIN_RAYS / (last_col - first_col)))
-    down = max(1, math.ceil(MIN_RAYS / (last_row - first_row)))
+    first_col, last_col, across = sampled(left, right, cols)
+    first_row, last_row, down = sampled(top, bottom, rows)
     direction = work[:3]
     span = work[3:]
     for row in range(first_row, last_row):

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tofmix.arrays import Float32Array
+from tofmix.estimation.beam import beam_of, outlier_interval
 from tofmix.estimation.blocks.sample_span import sample_span, sensor_with_span
 from tofmix.estimation.blocks.sequence import estimate_cells, estimate_layers
-from tofmix.estimation.mixture.beam import beam_of, outlier_interval
 from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import plan_grid

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from learnt_pixels import SIGMA_MM, camera_with, flat, pixel_noise, surfaces
 
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.block_layers import counts_with_learnt, layers_with_learnt
-from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
 from tofmix.layers import Layers

@@ -5,9 +5,9 @@ import pytest
 from learnt_pixels import CAMERA, SIGMA_MM, camera_with, pixel_noise, surfaces
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.mixture.beam import Beam, beam_of
 
 PIXELS, FRAMES = 200, 100
 BEAM = beam_of(camera_with(pixel_noise()))

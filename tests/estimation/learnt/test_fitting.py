@@ -9,6 +9,7 @@ from learnt_pixels import KNOWN, LOW_MM, SIGMA_MM, TOP_MM, camera_with, pixel_no
 from scipy import optimize, stats
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
@@ -28,7 +29,6 @@ from tofmix.estimation.learnt.fitting import (
 )
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.mixture.beam import Beam, beam_of
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.learnt_noise import DRIFTS
 

@@ -8,9 +8,9 @@ from learnt_pixels import KNOWN, LOW_MM, TOP_MM, camera_with, pixel_noise, surfa
 from scipy import integrate, stats
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.held_out import SURPRISES, flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.mixture.beam import beam_of
 
 
 def _scores(samples: FloatArray, noise: PixelNoise) -> tuple[FloatArray, FloatArray]:

@@ -5,12 +5,12 @@ import pytest
 from learnt_pixels import KNOWN, LOW_MM, TOP_MM, camera_with, pixel_noise, surfaces
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.counting import Thresholds
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.thresholds import SAMPLES, SHARES, calibrate
-from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, gain_table
 from tofmix.estimation.settings import EstimateOptions
 

@@ -5,8 +5,8 @@ import pytest
 from drawing import draw
 from sizes import sized
 
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
-from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.mixture.components import MEAN, new_components, new_scratch
 from tofmix.estimation.mixture.em import em_step, expectation_maximisation, log_likelihood, start_at
 from tofmix.estimation.samples import readings_of

@@ -7,7 +7,7 @@ import pytest
 from drawing import draw
 from sizes import sized
 
-from tofmix.estimation.mixture.beam import Beam, beam_of
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.mixture.components import MEAN, SIGMA, WEIGHT
 from tofmix.estimation.mixture.counting import LEAST_BOUND, Rules, Workspace, new_workspace, try_one_more
 from tofmix.estimation.mixture.em import expectation_maximisation

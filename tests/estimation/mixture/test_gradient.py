@@ -6,7 +6,7 @@ import pytest
 from drawing import draw
 from sizes import sized
 
-from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.mixture.components import MEAN, SIGMA, TOTAL, WEIGHT, new_components, new_scratch
 from tofmix.estimation.mixture.em import expectation_maximisation
 from tofmix.estimation.mixture.gradient import best_share, steepest_place

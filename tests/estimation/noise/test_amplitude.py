@@ -9,7 +9,7 @@ from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.noise.curve import smooth
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
-from tofmix.estimation.noise.pixel_noise import own_curves
+from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.recording import ArrayRecording, amplitude_source
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.windows import plan_windows
@@ -103,7 +103,7 @@ def test_each_surface_of_a_pixel_has_its_own_sigma(rng: np.random.Generator) -> 
     light = np.where(far, [400.0, 25.0, 100.0], [25.0, 400.0, 100.0]).astype(np.float32)
     samples = np.where(far, 3000.0, 1000.0) * (1.0 + 0.0001 * rng.standard_normal(far.shape))
     assert CAMERA.noise is not None
-    curves = own_curves(samples.astype(np.float32), light, CAMERA.noise)
+    curves = pixel_curves(samples.astype(np.float32), light, CAMERA.noise)
     for pixel, (near, back) in enumerate([(40.0, 7.5), (2.5, 120.0), (10.0, 30.0)]):
         size = curves.size[pixel]
         at = curves.range_mm[pixel, :size]
@@ -166,7 +166,7 @@ def test_shapes_that_do_not_go_together_are_refused() -> None:
     with pytest.raises(ValueError, match="differs from range"):
         ArrayRecording(np.ones((5, 4, 4)), CAMERA, np.ones((5, 4)))
     with pytest.raises(ValueError, match="no law"):
-        own_curves(np.ones((2, 2), np.float32), np.ones((2, 2), np.float32), NoiseCurve(np.ones(1), np.ones(1)))
+        pixel_curves(np.ones((2, 2), np.float32), np.ones((2, 2), np.float32), NoiseCurve(np.ones(1), np.ones(1)))
     with pytest.raises(ValueError, match="no amplitudes"):
         ArrayRecording(np.ones((5, 4, 4)), CAMERA).read_amplitude(slice(None), slice(None))
     assert amplitude_source(ArrayRecording(np.ones((5, 4, 4)), CAMERA)) is None

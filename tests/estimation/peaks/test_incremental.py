@@ -10,7 +10,7 @@ from scipy.integrate import trapezoid
 from sizes import sized
 
 from tofmix.circle import circular_noise, fold
-from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import Kde
 from tofmix.estimation.peaks.incremental import IncrementalDensity
 from tofmix.estimation.peaks.modes import find_modes

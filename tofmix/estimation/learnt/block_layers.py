@@ -5,9 +5,9 @@ import math
 import numpy as np
 
 from tofmix.arrays import Float32Array
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import fill_layers
 from tofmix.estimation.learnt.model import PixelNoise, thresholds_of
-from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode, kernel_options
 from tofmix.layers import Layers
 from tofmix.learnt_noise import DRIFTS

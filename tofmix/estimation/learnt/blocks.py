@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace, read_gains, remove
 from tofmix.estimation.learnt.errors import standard_errors
 from tofmix.estimation.learnt.fitting import (
@@ -24,13 +25,13 @@ from tofmix.estimation.learnt.fitting import (
     value_of,
 )
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.mixture.components import sort_surfaces
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, chance_of
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.estimation.settings import KernelOptions
 from tofmix.flags import Status
-from tofmix.jit import borrowing, jit
+from tofmix.jit import jit
 
 _CHANCES = len(FALSE_ALARMS)
 _OK = int(Status.OK)
@@ -55,17 +56,6 @@ def take_samples(samples: Float32Array, value: FloatArray, time: FloatArray) -> 
             value[n], time[n] = x, frame / half - 1.0
             n += 1
     return n
-
-
-@borrowing
-def _sort_surfaces(k: int, fit: FloatArray) -> None:
-    """Put the surfaces in order, near to far."""
-    for i in range(1, k):
-        for j in range(i, 0, -1):
-            if fit[MEAN, j - 1] <= fit[MEAN, j]:
-                break
-            for row in range(OWN):
-                fit[row, j - 1], fit[row, j] = fit[row, j], fit[row, j - 1]
 
 
 @jit
@@ -110,7 +100,7 @@ def fill_layers(
                 break
             k = remove(k, weakest, fit)
             iterations = maximise(data, k, fit, law, beam, options.max_iter, options.tol, scratch)
-        _sort_surfaces(k, fit)
+        sort_surfaces(k, fit, OWN)
         known = standard_errors(data, k, fit, law, beam, scratch, range_errors, weight_errors)
         width[pixel] = math.exp(fit[OWN, LOG_WIDTH])
         n_modes[pixel], n_peaks[pixel] = k, found

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import CLOSE, new_workspace, try_one_more
 from tofmix.estimation.learnt.fitting import (
@@ -31,7 +32,6 @@ from tofmix.estimation.learnt.fitting import (
     still_row,
 )
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.jit import jit
@@ -95,12 +95,12 @@ def find_clusters(samples: Float32Array, beam: Beam) -> Clusters:
         rest = n
         left[:n] = value[:n]
         for _ in range(MOST_IN_PIXEL):
-            place, together = _crowd(left, rest, curve_range, curve_sigma)
-            if together < max(LEAST_IN_CLUSTER, LEAST_SHARE * n):
+            place, crowded = _crowd(left, rest, curve_range, curve_sigma)
+            if crowded < max(LEAST_IN_CLUSTER, LEAST_SHARE * n):
                 break
             sigma = sigma_at(place, curve_range, curve_sigma)
             a, b = place - WINDOW * sigma, place + WINDOW * sigma
-            if _clear(value, n, place, a, b, together, curve_range, curve_sigma):
+            if _clear(value, n, place, a, b, crowded, curve_range, curve_sigma):
                 owner[count], low[count], high[count] = pixel, a, b
                 count += 1
             kept = 0
@@ -134,7 +134,7 @@ def _clear(
     place: float,
     a: float,
     b: float,
-    together: float,
+    crowded: float,
     curve_range: FloatArray,
     curve_sigma: FloatArray,
 ) -> bool:
@@ -146,7 +146,7 @@ def _clear(
         while stop < n and y[stop] <= y[first] + 2.0 * CLOSE * sigma:
             stop += 1
         middle = 0.5 * (y[first] + y[stop - 1])
-        if a <= middle <= b and abs(middle - place) >= APART * sigma and stop - first > max(CLEAR * together, 1.0):
+        if a <= middle <= b and abs(middle - place) >= APART * sigma and stop - first > max(CLEAR * crowded, 1.0):
             return False
     return True
 
@@ -176,7 +176,7 @@ def fit_clusters(samples: Float32Array, clusters: Clusters, law: Law, beam: Beam
         own = Beam(
             common.curve_range, common.curve_sigma, np.inf, 1.0, np.inf, np.inf, np.inf, beam.p_outlier,
             beam.outlier_density,
-            clusters.low[c], clusters.high[c], beam.own,
+            clusters.low[c], clusters.high[c], beam.pixel_curves,
         )  # fmt: skip
         fill_times(data, scratch)
         for row in range(ROWS):

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DENSITY,
@@ -46,7 +47,7 @@ from tofmix.estimation.learnt.fitting import (
 )
 from tofmix.estimation.learnt.law import Law, at_table, precision_of_t
 from tofmix.estimation.learnt.steps import value_of_jump
-from tofmix.estimation.mixture.beam import NO_RETURN_REACH, Beam, is_beyond
+from tofmix.estimation.mixture.counting import COUNT_ITER, COUNT_TOL, LEAST_BOUND, MIN_SUPPORT, SPLIT_SIGMAS
 from tofmix.estimation.mixture.false_alarms import least_gain
 from tofmix.estimation.mixture.share_step import LARGEST_SHARE, next_share
 from tofmix.estimation.noise.kernel import sigma_at
@@ -54,23 +55,11 @@ from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
 from tofmix.vector import log_of, product_of, total_of
 
-COUNT_ITER, COUNT_TOL = 60, 1.0e-2
-"""Most iterations of a trial, and how near to its end, in sigmas, it may stop: the likelihood is flat there."""
-
-MIN_SUPPORT = 1.5
-"""Samples that a surface must hold: less is one sample and what others lend it, and one sample is background."""
-
 CLOSE = 1.2
 """Half the width, in sigmas, of the window in which most samples lie together: it holds 77 % of a surface's."""
 
-SPLIT_SIGMAS = 0.8
-"""Half the distance, in sigmas, at which a trial splits one surface in two equal ones."""
-
 OWN_SIGMAS = 2.0
 """A width or a drift that is this many standard errors from none may stand for a further surface."""
-
-LEAST_BOUND = 0.4
-"""One more surface is tried where its gain bound (see `steepest_place`) is this part of the least gain."""
 
 CERTAIN_SUPPORT, CERTAIN_GAIN = 5.0, 40.0
 """A surface whose loss costs more nats than the second, told by its samples' share in p, is not taken out to see."""
@@ -82,6 +71,7 @@ _STEEPEST, _SPLIT, _PLAIN = 0, 1, 2  # starts of one surface more
 _STEP = 0.5  # sigmas between the places where a new surface is tried
 _QUICK_STEPS = 3  # Newton steps for the share of a new surface in a gain bound; twice as many before a fit
 _LEAST_SHARE = 1.0e-9  # where less share is left, the other shares are not scaled up
+_LEAST_BEND = 1.0e-12  # second derivative by a share, for a surface that changes no sample's density
 _LEAST_INFORMATION = 1.0e-6  # least information by sample; less is rounding
 
 
@@ -293,11 +283,15 @@ def _nearest(theta: float, k: int, fit: FloatArray) -> int:
 
 
 @borrowing
-def _gain_of_share(ratio: FloatArray, n: float) -> float:
-    """Gain, nat, of the best share of a new surface; `ratio` is its density by p at the samples near it."""
-    part, outside = 1.0 / n, n - len(ratio)
-    for _ in range(_QUICK_STEPS):
-        slope, bend = 0.0, 0.0
+def _best_share(ratio: FloatArray, outside: float, steps: int) -> float:
+    """Share of a new surface that raises the likelihood most; `ratio` is its density by p at the samples near it.
+
+    At `outside` other samples its density is 0. It starts from one sample's share. The kernels of `mixture` go their
+    own way: they count equal samples once, and add in another order, which would change the last bits.
+    """
+    part = 1.0 / (len(ratio) + outside)
+    for _ in range(steps):
+        slope, bend = 0.0, _LEAST_BEND
         for j in range(len(ratio)):
             excess = ratio[j] - 1.0
             term = excess / (1.0 + part * excess)
@@ -307,6 +301,14 @@ def _gain_of_share(ratio: FloatArray, n: float) -> float:
         slope -= outside * lost
         bend += outside * lost * lost
         part = next_share(part, slope, bend)
+    return part
+
+
+@borrowing
+def _gain_of_share(ratio: FloatArray, n: float) -> float:
+    """Gain, nat, of the best share of a new surface, of `n` samples of which `ratio` has those near it."""
+    outside = n - len(ratio)
+    part = _best_share(ratio, outside, _QUICK_STEPS)
     gain = outside * math.log(1.0 - part)
     for j in range(len(ratio)):
         gain += log_of(1.0 + part * (ratio[j] - 1.0))
@@ -386,17 +388,10 @@ def steepest_place(
 def _share_at(data: Samples, place: float, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> float:
     """Share of a new surface at a place: the samples near it that others do not explain, at least one."""
     sigma = math.exp(fit[OWN, LOG_WIDTH]) * sigma_at(place, beam.curve_range, beam.curve_sigma)
-    y, n = data.value, len(data.value)
-    part = 1.0 / n
-    for _ in range(_QUICK_STEPS + _QUICK_STEPS):
-        slope, bend = 0.0, 1.0e-12
-        for j in range(n):
-            excess = at_table((y[j] - place) / sigma, law.density) / sigma / scratch[TOTAL, j] - 1.0
-            term = excess / (1.0 + part * excess)
-            slope += term
-            bend += term * term
-        part = next_share(part, slope, bend)
-    return part
+    y, ratio = data.value, scratch[NEW, : len(data.value)]
+    for j in range(len(ratio)):
+        ratio[j] = at_table((y[j] - place) / sigma, law.density) / sigma / scratch[TOTAL, j]
+    return _best_share(ratio, 0.0, _QUICK_STEPS + _QUICK_STEPS)
 
 
 @borrowing

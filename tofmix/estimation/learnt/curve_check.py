@@ -10,12 +10,12 @@ import math
 import numpy as np
 
 from tofmix.arrays import IntArray
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
 from tofmix.estimation.learnt.learning import LEAST_CLUSTERS, Pixels
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
-from tofmix.estimation.mixture.beam import beam_of
-from tofmix.estimation.noise.pixel_noise import own_curves
+from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.learnt_noise import DRIFTS
 from tofmix.robust import MAD_TO_SIGMA
 from tofmix.sensor import NoiseCurve, Sensor
@@ -41,7 +41,7 @@ FAR_OFF = 1.5
 SURE = 3.0
 """Standard errors beyond each tolerance: chance alone makes one of some hundred recordings doubtful."""
 
-_NEAR_SIGMAS = 8.0
+_NEAR_SIGMAS = 8.0  # of a cluster: samples farther from all clusters count as background
 _QUARTILE_ERROR = 1.83
 """Relative standard error of the upper quartile of n chi-square variables of one degree, times sqrt(n)."""
 _CENTRAL = 4.0  # sigmas; errors more than one sigma farther out are outliers, and no sign of a shape
@@ -67,7 +67,7 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
     noise = PixelNoise.gaussian(sensor.noise, sensor.outlier_probability)
     beam = beam_of(sensor)
     if sensor.noise.law is not None and pixels.amplitude is not None:
-        beam = beam._replace(own=own_curves(pixels.samples.T, pixels.amplitude.T, sensor.noise))
+        beam = beam._replace(pixel_curves=pixel_curves(pixels.samples.T, pixels.amplitude.T, sensor.noise))
     clusters = find_clusters(pixels.samples, beam)
     owners = np.unique(clusters.pixel)
     filled = np.count_nonzero(np.isfinite(pixels.samples).sum(axis=1) >= 1)

@@ -13,6 +13,8 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam
+from tofmix.estimation.cholesky import scaled_cholesky
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
     DENSITY,
@@ -33,15 +35,11 @@ from tofmix.estimation.learnt.fitting import (
     still_row,
 )
 from tofmix.estimation.learnt.law import Law, precision_of_t
-from tofmix.estimation.mixture.beam import Beam
 from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
 
 _NOTHING = 1.0e-12
 """A sample of which a surface has a smaller part tells nothing of it."""
-
-_SINGULAR = 1.0e-10
-"""A pivot below this, of a matrix with a unit diagonal, is rounding."""
 
 
 @jit
@@ -164,23 +162,9 @@ def _invert(
 ) -> bool:
     """Errors from the inverse of a positive definite matrix; false, and nothing is set, where it is not."""
     size = len(information)
-    unit = np.zeros(size)
-    for a in range(size):
-        if not information[a, a] > 0.0:
-            return False
-        unit[a] = 1.0 / math.sqrt(information[a, a])
-    lower = np.zeros((size, size))
-    for a in range(size):
-        for b in range(a + 1):
-            value = information[a, b] * unit[a] * unit[b]
-            for c in range(b):
-                value -= lower[a, c] * lower[b, c]
-            if a == b:
-                if value < _SINGULAR:
-                    return False
-                lower[a, a] = math.sqrt(value)
-            else:
-                lower[a, b] = value / lower[b, b]
+    unit, lower = np.zeros(size), np.zeros((size, size))
+    if not scaled_cholesky(information, unit, lower):
+        return False
     for i in range(k):
         by_mean[i] = _error_of(lower, unit, i, at_share, 0)
     place = 0
@@ -194,14 +178,14 @@ def _invert(
 
 
 @jit
-def _error_of(lower: FloatArray, unit: FloatArray, first: int, at_share: int, together: int) -> float:
-    """Standard error of one number, or of the sum of `together` numbers from `at_share` on where that is above 0."""
+def _error_of(lower: FloatArray, unit: FloatArray, first: int, at_share: int, summed: int) -> float:
+    """Standard error of one number, or of the sum of `summed` numbers from `at_share` on where that is above 0."""
     size = len(lower)
     half = np.zeros(size)
     square = 0.0
     for a in range(size):
         value = 0.0
-        if (together == 0 and a == first) or (together > 0 and at_share <= a < at_share + together):
+        if (summed == 0 and a == first) or (summed > 0 and at_share <= a < at_share + summed):
             value = unit[a]
         for c in range(a):
             value -= lower[a, c] * half[c]

@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, REACH, STEPS, Law, log_prior_t, precision_of_t
-from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.mixture.em import gaussians
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.jit import borrowing, jit

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import LEAST_GAIN, flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, SCALE_OF_SPREAD, TAIL_DEGREES, precision_of_t
@@ -23,8 +24,7 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shape_fit import fit_shape, histogram, shapes_differ
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
-from tofmix.estimation.mixture.beam import Beam, beam_of
-from tofmix.estimation.noise.pixel_noise import own_curves
+from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.learnt_noise import DRIFTS
 from tofmix.robust import MAD_TO_SIGMA
 from tofmix.sensor import NoiseCurve, Sensor
@@ -155,7 +155,7 @@ class _Learner:
     def beam(self, noise: PixelNoise, pixels: Pixels) -> Beam:
         beam = beam_of(replace(self._sensor, noise=noise.curve))
         if noise.curve.law is not None and pixels.amplitude is not None and len(pixels.samples):
-            beam = beam._replace(own=own_curves(pixels.samples.T, pixels.amplitude.T, noise.curve))
+            beam = beam._replace(pixel_curves=pixel_curves(pixels.samples.T, pixels.amplitude.T, noise.curve))
         return beam
 
     def scores(self, noise: PixelNoise) -> FloatArray:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.circle import open_at
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.law import REACH, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.mixture.beam import beam_of
 from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import Sensor
 
@@ -143,7 +143,7 @@ def pixel_mixture(
     Raises
     ------
     ValueError
-        If the sensor has no noise curve, or `tofmix.estimation.mixture.beam.beam_of` refuses it.
+        If the sensor has no noise curve, or `tofmix.estimation.beam.beam_of` refuses it.
     """
     beam = beam_of(sensor, unambiguous_range_mm)
     law, _ = PixelNoise.of(sensor).laws()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.curve_check import doubts
 from tofmix.estimation.learnt.held_out import flat_thresholds
 from tofmix.estimation.learnt.learning import (
@@ -23,7 +24,6 @@ from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import background_shares
 from tofmix.estimation.learnt.thresholds import calibrate
 from tofmix.estimation.learnt.words import noise_words
-from tofmix.estimation.mixture.beam import beam_of
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
 from tofmix.estimation.noise.series import quantisation_step, read_runs
 from tofmix.estimation.samples import FARTHEST_MM

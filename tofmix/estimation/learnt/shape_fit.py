@@ -31,9 +31,9 @@ RING = (12.0, 16.0)
 _PENALTIES = np.logspace(-5, 5, 11)
 """Weights of the mean square of the third derivative that are tried, per error."""
 
-_NEWTON_STEPS = 40
-_BACKGROUND_ROUNDS = 6
-_TOLERANCE = 1e-6
+_NEWTON_STEPS = 40  # most steps of one fit of the shape: a bound for histograms on which it does not end
+_BACKGROUND_ROUNDS = 6  # fits of the shape, each with the background that the one before leaves in `RING`
+_TOLERANCE = 1e-6  # gain of the log likelihood, nat an error, below which a fit ends
 _RIDGE = 1e-11
 """Damps the steps where rounding makes the matrix singular: the penalty leaves parabolas free."""
 

@@ -20,6 +20,7 @@ from itertools import product
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import (
     Thresholds,
@@ -32,7 +33,6 @@ from tofmix.estimation.learnt.counting import (
 from tofmix.estimation.learnt.fitting import Samples, copy_fit, fill_times
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.mixture.beam import Beam
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS

@@ -12,7 +12,7 @@ Varadhan and Roland, Scandinavian J. Statistics 35(2), 2008, doi:10.1111/j.1467-
 
 import math
 
-from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.mixture.components import MEAN, SIGMA, STEPS, UNIT, WEIGHT, Components, Scratch
 from tofmix.estimation.mixture.em import PRIOR_SAMPLES, em_step, expect, maximise
 from tofmix.estimation.noise.kernel import sigma_at

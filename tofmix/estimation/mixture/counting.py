@@ -10,8 +10,8 @@ the likelihood rises most, until none gains enough. "Enough" is the threshold of
 import math
 from typing import NamedTuple
 
+from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, is_no_return
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
-from tofmix.estimation.mixture.beam import NO_RETURN_REACH, Beam, is_beyond, is_no_return
 from tofmix.estimation.mixture.components import (
     GAIN,
     MEAN,
@@ -36,7 +36,7 @@ from tofmix.estimation.mixture.em import expect, log_likelihood, mix
 from tofmix.estimation.mixture.gain_bound import gain_bound_of_clear
 from tofmix.estimation.mixture.gradient import best_share, steepest_place
 from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.estimation.peaks.density import within_reach
+from tofmix.estimation.reach import within_reach
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
 from tofmix.jit import borrowing, jit
@@ -127,9 +127,9 @@ def _most_unexplained(data: Readings, k: int, fit: Components, beam: Beam, scrat
     for centre in unexplained[:n]:
         reach = UNEXPLAINED_SIGMAS * sigma_at(centre, beam.curve_range, beam.curve_sigma)
         first, stop = within_reach(unexplained[:n], first, stop, centre - reach, centre + reach)
-        together = total_of(counts[first:stop])
-        if together > most:
-            most, place = together, product_of(unexplained[first:stop], counts[first:stop]) / together
+        grouped = total_of(counts[first:stop])
+        if grouped > most:
+            most, place = grouped, product_of(unexplained[first:stop], counts[first:stop]) / grouped
     return most, place
 
 
@@ -155,10 +155,10 @@ def _settle(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratc
 def _add_unexplained(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> int:
     """Add surfaces for samples that only c_r explains; return the surfaces."""
     while k < capacity_of(fit):
-        together, place = _most_unexplained(data, k, fit, beam, scratch)
-        if together < MIN_SUPPORT:
+        grouped, place = _most_unexplained(data, k, fit, beam, scratch)
+        if grouped < MIN_SUPPORT:
             break
-        k = _add_surface(k, place, together / data.total, fit, beam)
+        k = _add_surface(k, place, grouped / data.total, fit, beam)
         _settle(data, k, fit, beam, scratch)
         if fit[SUPPORT, k - 1] < MIN_SUPPORT:
             break
@@ -244,10 +244,10 @@ def weigh_no_return(data: Readings, k: int, work: Workspace, beam: Beam, rules: 
     fit, trial, _, scratch = work
     if k == 0 or fit[WEIGHT, -1] == 0.0:
         return False
-    beside = False
+    near_no_return = False
     for i in range(k):
-        beside = beside or _may_be_no_return(fit[MEAN, i], CERTAIN_SIGMAS, beam)
-    if not beside:
+        near_no_return = near_no_return or _may_be_no_return(fit[MEAN, i], CERTAIN_SIGMAS, beam)
+    if not near_no_return:
         return False
     copy_components(k, fit, trial)
     scale = (1.0 - beam.p_outlier) / (1.0 - beam.p_outlier - fit[WEIGHT, -1])

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.circle import fold
-from tofmix.estimation.mixture.beam import Beam, beam_of
+from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.mixture.components import (
     DENSITY,
     MEAN,

@@ -11,7 +11,7 @@ a gain bound by a few per cent; it decides only what is tried, not what is found
 import math
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.mixture.components import MEAN, OTHER, SHARE, SIGMA, SPARE, TOTAL, WEIGHT, Components, Scratch
 from tofmix.estimation.mixture.share_step import next_share
 from tofmix.estimation.noise.kernel import sigma_at
@@ -19,8 +19,8 @@ from tofmix.estimation.samples import Readings
 from tofmix.jit import borrowing
 from tofmix.vector import exp_minus, log_of, product_of, total_of
 
-OWN_SIGMAS = 4.0
-"""Samples this near to a surface are its own, where none other is within twice that."""
+SURFACE_SIGMAS = 4.0
+"""Samples this near to a surface belong to it alone, where no other surface is within twice that distance."""
 
 _STEP = 0.75
 """Distance between the places of a trial surface, in sigmas."""
@@ -32,7 +32,7 @@ _HEAVY = 0.5
 """Where one sample has such a part in a new surface, the score statistic falls short, and the gain is worked out."""
 
 _LEAST_INFORMATION = 1.0e-6  # least information by sample; less is rounding
-_ROOT = math.exp(_STEP * OWN_SIGMAS)
+_ROOT = math.exp(_STEP * SURFACE_SIGMAS)
 _NEWTON_STEPS = 3  # Newton steps for the best share in a gain bound
 
 
@@ -46,10 +46,10 @@ def gain_bound_of_clear(data: Readings, k: int, fit: Components, beam: Beam, scr
     bound, owned = 0.0, 0.0
     if fit[WEIGHT, -1] > 0.0:
         for i in range(k):
-            if abs(beam.range_max - fit[MEAN, i]) < 2.0 * OWN_SIGMAS * max(fit[SIGMA, i], beam.sigma_max):
+            if abs(beam.range_max - fit[MEAN, i]) < 2.0 * SURFACE_SIGMAS * max(fit[SIGMA, i], beam.sigma_max):
                 return math.inf
-        first = _first_from(values, beam.range_max - OWN_SIGMAS * beam.sigma_max)
-        stop = _first_from(values, beam.range_max + OWN_SIGMAS * beam.sigma_max)
+        first = _first_from(values, beam.range_max - SURFACE_SIGMAS * beam.sigma_max)
+        stop = _first_from(values, beam.range_max + SURFACE_SIGMAS * beam.sigma_max)
         own = Readings(values[first:stop], data.times[first:stop], total_of(data.times[first:stop]))
         owned = own.total
         if first < stop:
@@ -58,11 +58,11 @@ def gain_bound_of_clear(data: Readings, k: int, fit: Components, beam: Beam, scr
                 return bound
     for i in range(k):
         for other in range(i):
-            if abs(fit[MEAN, i] - fit[MEAN, other]) < 2.0 * OWN_SIGMAS * max(fit[SIGMA, i], fit[SIGMA, other]):
+            if abs(fit[MEAN, i] - fit[MEAN, other]) < 2.0 * SURFACE_SIGMAS * max(fit[SIGMA, i], fit[SIGMA, other]):
                 return math.inf
         sigma = sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma)
-        first = _first_from(values, fit[MEAN, i] - OWN_SIGMAS * sigma)
-        stop = _first_from(values, fit[MEAN, i] + OWN_SIGMAS * sigma)
+        first = _first_from(values, fit[MEAN, i] - SURFACE_SIGMAS * sigma)
+        stop = _first_from(values, fit[MEAN, i] + SURFACE_SIGMAS * sigma)
         if first == stop:
             return math.inf
         own = Readings(values[first:stop], data.times[first:stop], total_of(data.times[first:stop]))
@@ -96,7 +96,7 @@ def _gain_bound_near(
     for j in range(m):
         z[j] = (value[j] - mean) / sigma
     for j in range(m):
-        base[j] = _ROOT * exp_minus(_STEP * (OWN_SIGMAS - z[j]))  # exp(_STEP z)
+        base[j] = _ROOT * exp_minus(_STEP * (SURFACE_SIGMAS - z[j]))  # exp(_STEP z)
         power[j] = count[j] * z[j] * z[j]
     bound, squares = 0.0, total_of(power)
     for side in range(2):
@@ -162,7 +162,10 @@ def _next_power(power: FloatArray, base: FloatArray, z: FloatArray, count: Float
 
 @borrowing
 def _gain_of_best_share(power: FloatArray, scale: float, own: Readings, term: FloatArray) -> float:
-    """Gain, nat, of the best share of a new surface with density ratios scale * power, all else held."""
+    """Gain, nat, of the best share of a new surface with density ratios scale * power, all else held.
+
+    `gradient` has the same for densities by p(r_j) that differ from sample to sample, with two rows more to read.
+    """
     count, share = own.times, 1.0 / own.total
     for _ in range(_NEWTON_STEPS):
         for j in range(len(count)):

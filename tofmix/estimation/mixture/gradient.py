@@ -6,7 +6,7 @@ however many surfaces, gains more than max D: where that is below what a surface
 must gain, none needs to be tried. Its place is also where to try one.
 
 max D is far above the gain where a single sample lies in a surface's tail. The
-The gain bound of a place is closer to the gain, and still cheap: the gain of the
+gain bound of a place is closer to the gain, and still cheap: the gain of the
 best share there, all else held; or, where the new surface takes the place of an old
 one, the score statistic, with what the old one's mean and share explain taken off.
 
@@ -18,7 +18,7 @@ Rao's score statistic with nuisance parameters: Cox and Hinkley, Theoretical Sta
 
 import math
 
-from tofmix.estimation.mixture.beam import Beam, is_beyond
+from tofmix.estimation.beam import Beam, is_beyond
 from tofmix.estimation.mixture.components import (
     DENSITY,
     MEAN,
@@ -36,7 +36,7 @@ from tofmix.estimation.mixture.components import (
 from tofmix.estimation.mixture.em import ROOT_TWO_PI, gaussians, mix
 from tofmix.estimation.mixture.share_step import next_share
 from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.estimation.peaks.density import whole_lanes, within_reach
+from tofmix.estimation.reach import whole_lanes, within_reach
 from tofmix.estimation.samples import Readings
 from tofmix.jit import borrowing
 from tofmix.vector import exp_minus, log_of, product_of, total_of
@@ -52,6 +52,9 @@ _NEWTON_STEPS = 6
 
 _QUICK_STEPS = 3
 """Newton steps of the best share at each place that is compared: the order of places needs no more."""
+
+_LEAST_BEND = 1.0e-12
+"""Least second derivative by a share: a surface that changes no sample's density has none."""
 
 _LEAST_NORM = 1.0e-6
 """Below this, by sample, a direction is no direction: its information is rounding."""
@@ -96,10 +99,10 @@ def steepest_place(
             if slope >= least:
                 bound = max(bound, _gain_of_best_share(data, first, stop, scratch))
             if bound < least and k > 0:
-                own = _nearest(theta, k, fit)
-                if own != nearest:
-                    nearest = own
-                    norms = _scores(data, own, fit, beam, scratch)
+                old = _nearest(theta, k, fit)
+                if old != nearest:
+                    nearest = old
+                    norms = _scores(data, old, fit, beam, scratch)
                 bound = max(bound, _score_statistic(data, first, stop, slope, norms, scratch))
         theta = next_theta
     return most, place, bound
@@ -187,7 +190,8 @@ def _score_statistic(
 def best_share(data: Readings, place: float, beam: Beam, scratch: Scratch) -> float:
     """Share of a new surface at `place` that raises the likelihood most, all else scaled down; by Newton's steps.
 
-    scratch[TOTAL] holds p(r_j), as `steepest_place` leaves it.
+    scratch[TOTAL] holds p(r_j), as `steepest_place` leaves it. Its terms are those of `_gain_of_best_share` in another
+    order, without one of them outside: in that order, their last bits change.
     """
     sigma = sigma_at(place, beam.curve_range, beam.curve_sigma)
     m = len(data.value)
@@ -200,6 +204,6 @@ def best_share(data: Readings, place: float, beam: Beam, scratch: Scratch) -> fl
         slope = product_of(term, data.times)
         for j in range(m):
             term[j] *= term[j]
-        bend = product_of(term, data.times) + 1.0e-12
+        bend = product_of(term, data.times) + _LEAST_BEND
         share = next_share(share, slope, bend)
     return share

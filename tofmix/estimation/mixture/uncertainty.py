@@ -11,7 +11,8 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.beam import Beam
+from tofmix.estimation.cholesky import scaled_cholesky
 from tofmix.estimation.mixture.components import (
     DENSITY,
     MEAN,
@@ -32,9 +33,6 @@ from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
 from tofmix.jit import borrowing, jit
 from tofmix.vector import product_of
-
-_SINGULAR = 1.0e-10
-"""A pivot below this, of a matrix with a unit diagonal, is rounding."""
 
 _LEAST_NO_RETURN = 0.5
 """With less than half a sample, p(c_0) sits at its bound 0 and has no curvature to invert."""
@@ -133,28 +131,11 @@ def _information(
 
 @jit
 def _invert(matrix: FloatArray) -> bool:
-    """Invert a symmetric positive definite matrix in place by Cholesky; false if it is not one.
-
-    Rows are scaled to a unit diagonal first: means and shares have other units.
-    """
-    n = matrix.shape[0]
-    scale = np.zeros(n)
-    for i in range(n):
-        if not matrix[i, i] > 0.0:
-            return False
-        scale[i] = 1.0 / math.sqrt(matrix[i, i])
-    lower = np.zeros((n, n))
-    for i in range(n):
-        for j in range(i + 1):
-            value = matrix[i, j] * scale[i] * scale[j]
-            for m in range(j):
-                value -= lower[i, m] * lower[j, m]
-            if i == j:
-                if not value > _SINGULAR:
-                    return False
-                lower[i, i] = math.sqrt(value)
-            else:
-                lower[i, j] = value / lower[j, j]
+    """Invert a symmetric positive definite matrix in place; false if it is not one."""
+    n = len(matrix)
+    scale, lower = np.zeros(n), np.zeros((n, n))
+    if not scaled_cholesky(matrix, scale, lower):
+        return False
     inverse = np.zeros((n, n))
     for i in range(n):
         inverse[i, i] = 1.0 / lower[i, i]

@@ -9,14 +9,14 @@ range, as weak surfaces lie at few ranges and outliers everywhere.
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.estimation.mixture.beam import outlier_interval
+from tofmix.estimation.beam import outlier_interval
 from tofmix.estimation.noise.series import SeriesStatistics
 from tofmix.sensor import NoiseCurve, Sensor
 
 FAR_SIGMAS = 5.0
 """Samples that are farther from the surface are no noise."""
 
-TOGETHER_SIGMAS = 3.0
+NEIGHBOUR_SIGMAS = 3.0
 """Two of them that are nearer to each other are a weak surface."""
 
 CELLS = 20
@@ -47,7 +47,7 @@ def measure_outliers(
     curve : NoiseCurve
         The measured sigma(r).
     sensor : Sensor
-        For the interval of random values, as in the estimator (`tofmix.estimation.mixture.beam.outlier_interval`).
+        For the interval of random values, as in the estimator (`tofmix.estimation.beam.outlier_interval`).
     amplitude : (series,) float64, optional
         Amplitude of each series, for a curve with a law.
 
@@ -87,13 +87,13 @@ def _alone(
     far = (np.abs(values - centre[:, None]) > reach[:, None]) & (values >= low) & (values <= top)
     rows, cols = np.nonzero(far)
     place = values[rows, cols]
-    near = TOGETHER_SIGMAS * curve.sigma(place)
+    near = NEIGHBOUR_SIGMAS * curve.sigma(place)
     padded = np.pad(values, ((0, 0), (1, 1)), constant_values=np.nan)
     # A comparison with NaN is false: there is no neighbour.
-    together = (place - padded[rows, cols] <= near) | (padded[rows, cols + 2] - place <= near)
+    has_neighbour = (place - padded[rows, cols] <= near) | (padded[rows, cols + 2] - place <= near)
     others = far.sum(axis=1)[rows] - 1
     weight = np.clip(1.0 - 2.0 * near / (top - low), 0.5, 1.0) ** -others.astype(np.float64)
-    return place[~together], np.minimum(weight[~together], 2.0)
+    return place[~has_neighbour], np.minimum(weight[~has_neighbour], 2.0)
 
 
 def _overlap(first: FloatArray, last: FloatArray, edges: FloatArray) -> FloatArray:

@@ -1,6 +1,6 @@
 """Each pixel's own noise curve, where noise depends on amplitude.
 
-Use `own_curves` on a block of samples whose noise curve has a law of amplitude, and
+Use `pixel_curves` on a block of samples whose noise curve has a law of amplitude, and
 `beam_of_pixel` wherever a kernel takes the beam of one pixel. Samples of one surface
 lie together in range and have about one amplitude. So sigma near a range follows
 from the amplitudes of the samples near it: a dark and a bright surface of one pixel
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.estimation.mixture.beam import Beam, OwnCurves
+from tofmix.estimation.beam import Beam, PixelCurves
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.jit import jit
@@ -62,7 +62,7 @@ def _middle(values: FloatArray) -> float:
 
 @jit
 def _fill_cluster(
-    values: FloatArray, scale: FloatArray, law: _Law, own_range: FloatArray, own_sigma: FloatArray, size: int
+    values: FloatArray, scale: FloatArray, law: _Law, curve_range: FloatArray, curve_sigma: FloatArray, size: int
 ) -> int:
     """Append the points of one cluster to a pixel's curve; return their number so far."""
     middle = _middle(scale)
@@ -78,15 +78,15 @@ def _fill_cluster(
             if not math.isnan(scale[first]):
                 total, known = total - scale[first], known - 1
             first += 1
-        if size == 0 or values[j] > own_range[size - 1]:
-            own_range[size] = values[j]
-            own_sigma[size] = base * math.exp((total + CLUSTER_SAMPLES * middle) / (known + CLUSTER_SAMPLES))
+        if size == 0 or values[j] > curve_range[size - 1]:
+            curve_range[size] = values[j]
+            curve_sigma[size] = base * math.exp((total + CLUSTER_SAMPLES * middle) / (known + CLUSTER_SAMPLES))
             size += 1
     return size
 
 
 @jit
-def _fill(block: Float32Array, amplitude: Float32Array, law: _Law, out: OwnCurves) -> None:
+def _fill(block: Float32Array, amplitude: Float32Array, law: _Law, out: PixelCurves) -> None:
     frames, pixels = block.shape
     values, scale = np.empty(frames), np.empty(frames)
     for pixel in range(pixels):
@@ -116,7 +116,7 @@ def _fill(block: Float32Array, amplitude: Float32Array, law: _Law, out: OwnCurve
         out.size[pixel] = size
 
 
-def own_curves(block: Float32Array, amplitude: Float32Array, curve: NoiseCurve) -> OwnCurves:
+def pixel_curves(block: Float32Array, amplitude: Float32Array, curve: NoiseCurve) -> PixelCurves:
     """Each pixel's curve from the amplitudes of its samples.
 
     Parameters
@@ -130,7 +130,7 @@ def own_curves(block: Float32Array, amplitude: Float32Array, curve: NoiseCurve) 
 
     Returns
     -------
-    OwnCurves
+    PixelCurves
         Points at the samples' ranges. Samples less than `APART_SIGMAS` from their neighbour are a cluster. At a range
         in it, log sigma has the mean scale of the samples within `NEAR_SIGMAS`, and of `CLUSTER_SAMPLES` more with
         the cluster's median scale.
@@ -145,7 +145,7 @@ def own_curves(block: Float32Array, amplitude: Float32Array, curve: NoiseCurve) 
     if curve.law is None:
         raise ValueError("the noise curve has no law of amplitude")
     frames, pixels = block.shape
-    out = OwnCurves(np.zeros((pixels, frames)), np.zeros((pixels, frames)), np.zeros(pixels, dtype=np.int64))
+    out = PixelCurves(np.zeros((pixels, frames)), np.zeros((pixels, frames)), np.zeros(pixels, dtype=np.int64))
     law = _Law(
         np.array(curve.range_mm),
         np.array(curve.sigma_mm),
@@ -160,12 +160,12 @@ def own_curves(block: Float32Array, amplitude: Float32Array, curve: NoiseCurve) 
 @jit
 def beam_of_pixel(beam: Beam, pixel: int) -> Beam:
     """The beam with the pixel's own curve, where there is one."""
-    size = beam.own.size[pixel] if pixel < len(beam.own.size) else 0
+    size = beam.pixel_curves.size[pixel] if pixel < len(beam.pixel_curves.size) else 0
     if size == 0:
         return beam
     return Beam(
-        beam.own.range_mm[pixel, :size],
-        beam.own.sigma_mm[pixel, :size],
+        beam.pixel_curves.range_mm[pixel, :size],
+        beam.pixel_curves.sigma_mm[pixel, :size],
         beam.range_max,
         beam.sigma_max,
         beam.no_return_from,
@@ -175,5 +175,5 @@ def beam_of_pixel(beam: Beam, pixel: int) -> Beam:
         beam.outlier_density,
         beam.range_min,
         beam.range_top,
-        beam.own,
+        beam.pixel_curves,
     )

@@ -15,22 +15,17 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.noise.kernel import sigma_at
+from tofmix.estimation.reach import within_reach
 from tofmix.estimation.samples import Readings, readings_of
 from tofmix.jit import borrowing, jit
 from tofmix.sensor import NoiseCurve
-from tofmix.vector import LANES, exp_minus, sums_of
+from tofmix.vector import exp_minus, sums_of
 
 BANDWIDTH = 0.5
 """h(r) in units of sigma(r): half the resolution (paper, section IV c)."""
 
 REACH = 5.0
 """A kernel counts up to this many h: what is left out is below 4e-6 of its height."""
-
-
-@borrowing
-def whole_lanes(first: int, stop: int, n: int) -> tuple[int, int]:
-    """Widen [first, stop) of n values to whole `LANES`, as far as n goes: a few values more cost less than a rest."""
-    return first // LANES * LANES, min((stop + LANES - 1) // LANES * LANES, n)
 
 
 @borrowing
@@ -59,22 +54,6 @@ def kernel_bend(data: Readings, first: int, stop: int, range_mm: float, h: float
         z = (range_mm - data.value[first + j]) / h
         bend += scratch[j] * (z * z - 1.0)
     return bend
-
-
-@borrowing
-def within_reach(values: FloatArray, first: int, stop: int, low: float, high: float) -> tuple[int, int]:
-    """Move [first, stop) to the ascending values in [low, high]; cheap when it moves little."""
-    n = len(values)
-    while first > 0 and values[first - 1] >= low:
-        first -= 1
-    while first < n and values[first] < low:
-        first += 1
-    stop = max(stop, first)
-    while stop > first and values[stop - 1] > high:
-        stop -= 1
-    while stop < n and values[stop] <= high:
-        stop += 1
-    return first, stop
 
 
 @jit

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import fold
-from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import Kde, Peaks
 from tofmix.estimation.peaks.counters.base import SIGMAS_BEYOND, no_peaks
 from tofmix.estimation.peaks.density import BANDWIDTH, REACH

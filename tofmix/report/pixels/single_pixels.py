@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pixel_mixture import drifts_of, legendre, times
-from tofmix.estimation.mixture.beam import beam_of
 from tofmix.layers import Layers, Provenance
 from tofmix.noise_shape import CENTRAL
 from tofmix.recording import SampleSource, samples_a_frame

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
+from tofmix.cells import patch_ray
 from tofmix.jit import borrowing, jit
 from tofmix.simulation.casting.cast_kernel import MIXED, judge
 from tofmix.simulation.casting.scene import SceneArrays
@@ -153,11 +154,7 @@ def _cosine(patch: FloatArray, scene: SceneArrays, surface: int, u: float, v: fl
     dot = 0.0
     square = 0.0
     for axis in range(3):
-        p = (
-            patch[0, 0, axis] + u * (patch[0, 1, axis] + u * patch[0, 2, axis])
-            + v * (patch[1, 0, axis] + u * (patch[1, 1, axis] + u * patch[1, 2, axis])
-                   + v * (patch[2, 0, axis] + u * (patch[2, 1, axis] + u * patch[2, 2, axis])))
-        )  # fmt: skip
+        p = patch_ray(patch, u, v, axis)
         dot += scene.normal[surface, axis] * p
         square += p * p
     return float(dot / math.sqrt(square))
@@ -202,24 +199,24 @@ def _add_part(
 
 @borrowing
 def _hiding(
-    patch: FloatArray, scene: SceneArrays, front: int, back: int, centre: FloatArray, radius: float, room: Scratch
+    patch: FloatArray, scene: SceneArrays, front: int, back: int, centre: FloatArray, radius: float, scratch: Scratch
 ) -> int:  # fmt: skip
     """The condition that `front` is nearer than `back`: how many it is; -1 where that holds nowhere in the cell."""
     size = 0.0
     for axis in range(3):
         slope = scene.normal[front, axis] / scene.distance[front] - scene.normal[back, axis] / scene.distance[back]
-        room.half_space[axis] = slope
+        scratch.half_space[axis] = slope
         size += slope * slope
-    room.half_space[3] = 0.0
+    scratch.half_space[3] = 0.0
     if math.sqrt(size) <= _PARALLEL / scene.distance[front]:
         return 0 if front < back else -1
-    return _fill_condition(patch, room.half_space, centre, radius, room.nearer_here)
+    return _fill_condition(patch, scratch.half_space, centre, radius, scratch.nearer_here)
 
 
 @borrowing
 def _find_conditions(
     patch: FloatArray, scene: SceneArrays, centre: FloatArray, radius: float, seen: IntArray, n_seen: int,
-    room: Scratch,
+    scratch: Scratch,
 ) -> bool:  # fmt: skip
     """What cuts the cell, of each surface that may be seen. Returns whether the limit of the range, a circle, does."""
     round_one = False
@@ -229,12 +226,12 @@ def _find_conditions(
         for c in range(_CONDITIONS):
             edge = c < _CONDITIONS - 1
             for axis in range(3):
-                room.half_space[axis] = scene.edges[s, c, axis] if edge else scene.normal[s, axis]
-            room.half_space[3] = 0.0 if edge else -scene.min_cosine[s]
-            cuts = _fill_condition(patch, room.half_space, centre, radius, room.conditions[k, n])
+                scratch.half_space[axis] = scene.edges[s, c, axis] if edge else scene.normal[s, axis]
+            scratch.half_space[3] = 0.0 if edge else -scene.min_cosine[s]
+            cuts = _fill_condition(patch, scratch.half_space, centre, radius, scratch.conditions[k, n])
             n += cuts
             round_one |= cuts == 1 and not edge
-        room.n_conditions[k] = n
+        scratch.n_conditions[k] = n
     return round_one
 
 
@@ -248,27 +245,27 @@ def _copy(polygons: FloatArray, source: int, target: int, corners: int) -> None:
 @borrowing
 def _find_hiders(
     patch: FloatArray, scene: SceneArrays, centre: FloatArray, radius: float, seen: IntArray, n_seen: int, k: int,
-    corners: int, room: Scratch,
+    corners: int, scratch: Scratch,
 ) -> int:  # fmt: skip
     """Which surfaces hide a part of the polygon of the k-th; how many, -1 for too many."""
     n_hiders = 0
     for other in range(n_seen):
-        n = -1 if other == k else _hiding(patch, scene, seen[other], seen[k], centre, radius, room)
+        n = -1 if other == k else _hiding(patch, scene, seen[other], seen[k], centre, radius, scratch)
         if n < 0:
             continue
-        _copy(room.polygons, 2, 0, corners)
-        left = _cut_all(room.conditions[other], room.n_conditions[other], room.polygons, corners)
+        _copy(scratch.polygons, 2, 0, corners)
+        left = _cut_all(scratch.conditions[other], scratch.n_conditions[other], scratch.polygons, corners)
         if n == 1 and left > 0:
-            left = _cut(room.nearer_here, room.polygons[0], left, room.polygons[1])
+            left = _cut(scratch.nearer_here, scratch.polygons[0], left, scratch.polygons[1])
         if left == 0:
             continue
         if n_hiders == MOST_IN_FRONT:
             return -1
         for j in range(3):
             for i in range(3):
-                room.nearer[n_hiders, j, i] = room.nearer_here[j, i]
-        room.n_nearer[n_hiders] = n
-        room.hiders[n_hiders] = other
+                scratch.nearer[n_hiders, j, i] = scratch.nearer_here[j, i]
+        scratch.n_nearer[n_hiders] = n
+        scratch.hiders[n_hiders] = other
         n_hiders += 1
     return n_hiders
 
@@ -276,54 +273,54 @@ def _find_hiders(
 @borrowing
 def _cast_part(
     patch: FloatArray, scene: SceneArrays, centre: FloatArray, radius: float, seen: IntArray, n_seen: int, k: int,
-    corners: int, room: Scratch,
+    corners: int, scratch: Scratch,
 ) -> int:  # fmt: skip
     """Add the moments of what is seen of the k-th surface in a polygon: without what others hide of it.
 
     By inclusion and exclusion over the subsets of those that hide. Returns 1 where they are too many, else 0.
     """
-    corners = _cut_all(room.conditions[k], room.n_conditions[k], room.polygons, corners)
+    corners = _cut_all(scratch.conditions[k], scratch.n_conditions[k], scratch.polygons, corners)
     if corners == 0:
         return 0
-    _add_moments(room.polygons[0], corners, 1.0, room.moments)
-    _copy(room.polygons, 0, 2, corners)
-    n_hiders = _find_hiders(patch, scene, centre, radius, seen, n_seen, k, corners, room)
+    _add_moments(scratch.polygons[0], corners, 1.0, scratch.moments)
+    _copy(scratch.polygons, 0, 2, corners)
+    n_hiders = _find_hiders(patch, scene, centre, radius, seen, n_seen, k, corners, scratch)
     if n_hiders < 0:
         return 1
     for subset in range(1, 1 << n_hiders):
-        _copy(room.polygons, 2, 0, corners)
+        _copy(scratch.polygons, 2, 0, corners)
         left = corners
         sign = 1.0
         for h in range(n_hiders):
             if subset >> h & 1:
                 sign = -sign
-                other = room.hiders[h]
-                left = _cut_all(room.conditions[other], room.n_conditions[other], room.polygons, left)
-                left = _cut_all(room.nearer[h : h + 1], room.n_nearer[h], room.polygons, left)
+                other = scratch.hiders[h]
+                left = _cut_all(scratch.conditions[other], scratch.n_conditions[other], scratch.polygons, left)
+                left = _cut_all(scratch.nearer[h : h + 1], scratch.n_nearer[h], scratch.polygons, left)
         if left > 0:
-            _add_moments(room.polygons[0], left, sign, room.moments)
+            _add_moments(scratch.polygons[0], left, sign, scratch.moments)
     return 0
 
 
 @borrowing
 def _cast_mixed(
     patch: FloatArray, centre: FloatArray, radius: float, weight: FloatArray, parts: int, scene: SceneArrays,
-    seen: IntArray, n_seen: int, room: Scratch, sums: FloatArray,
+    seen: IntArray, n_seen: int, scratch: Scratch, sums: FloatArray,
 ) -> int:  # fmt: skip
     """A cell that an edge crosses, part by part. Returns 1 where too many surfaces are before one, else 0."""
-    if _find_conditions(patch, scene, centre, radius, seen, n_seen, room):
+    if _find_conditions(patch, scene, centre, radius, seen, n_seen, scratch):
         parts *= _ROUND_PARTS
     crowded = 0
     for k in range(n_seen):
         for m in range(6):
-            room.moments[m] = 0.0
+            scratch.moments[m] = 0.0
         for part in range(parts * parts):
             left, top = part % parts / parts, part // parts / parts
             for c in range(4):
-                room.polygons[0, c, 0] = left + (1.0 / parts if c in (1, 2) else 0.0)
-                room.polygons[0, c, 1] = top + (1.0 / parts if c >= 2 else 0.0)  # noqa: PLR2004  the two below
-            crowded |= _cast_part(patch, scene, centre, radius, seen, n_seen, k, 4, room)
-        _add_part(patch, weight, scene, seen[k], room.moments, sums)
+                scratch.polygons[0, c, 0] = left + (1.0 / parts if c in (1, 2) else 0.0)
+                scratch.polygons[0, c, 1] = top + (1.0 / parts if c >= 2 else 0.0)  # noqa: PLR2004  the two below
+            crowded |= _cast_part(patch, scene, centre, radius, seen, n_seen, k, 4, scratch)
+        _add_part(patch, weight, scene, seen[k], scratch.moments, sums)
     return crowded
 
 
@@ -361,7 +358,7 @@ def cast_polygons(
     count = scene.distance.shape[0]
     everything = np.arange(count)
     seen = np.empty(count, dtype=np.int64)
-    room = Scratch(
+    scratch = Scratch(
         np.empty((count, _CONDITIONS, 3, 3)), np.empty(count, dtype=np.int64), np.empty((MOST_IN_FRONT, 3, 3)),
         np.empty(MOST_IN_FRONT, dtype=np.int64), np.empty(MOST_IN_FRONT, dtype=np.int64),
         np.empty((3, _CORNERS, 2)), np.empty(6), np.empty(4), np.empty((3, 3)),
@@ -382,6 +379,6 @@ def cast_polygons(
             sums[p, found, 2] = cosine
         elif found == MIXED:
             crowded += _cast_mixed(
-                patches[p], centres[p], radii[p], weights[p], parts, scene, seen, n_seen, room, sums[p]
+                patches[p], centres[p], radii[p], weights[p], parts, scene, seen, n_seen, scratch, sums[p]
             )
     return crowded

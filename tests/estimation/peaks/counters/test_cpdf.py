@@ -8,7 +8,7 @@ from drawing import draw
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import Cpdf
 from tofmix.estimation.samples import sort_samples
 from tofmix.sensor import Sensor

@@ -7,7 +7,7 @@ import pytest
 from drawing import draw
 from numpy.typing import NDArray
 
-from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import Fourier
 from tofmix.estimation.samples import sort_samples
 from tofmix.sensor import Sensor

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from drawing import draw
 
-from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import Kde
 from tofmix.estimation.peaks.modes import find_modes
 from tofmix.estimation.samples import sort_samples

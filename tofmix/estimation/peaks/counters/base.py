@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.samples import SortedSamples
 
 MAX_PEAKS = 64

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.mixture.beam import Beam
+from tofmix.estimation.beam import Beam
 from tofmix.estimation.peaks.counters.base import MAX_PEAKS, SIGMAS_BEYOND, Peaks, no_peaks
 from tofmix.estimation.samples import SortedSamples
 from tofmix.jit import jit

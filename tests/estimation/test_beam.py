@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tofmix.estimation.mixture.beam import beam_of
+from tofmix.estimation.beam import beam_of
 from tofmix.sensor import NoiseCurve, Sensor
 
 

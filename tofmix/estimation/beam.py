@@ -1,4 +1,4 @@
-"""The fixed part of equation (1), as the kernels read it: the same for every pixel, but for curves of their own."""
+"""The fixed part of equation (1), as the kernels read it: the same for every pixel, but for its noise curve."""
 
 import math
 from typing import NamedTuple
@@ -22,7 +22,7 @@ SPAN_SIGMAS = 6.0
 _SMALLEST_OUTLIER_PROBABILITY = 1.0e-12  # in the density: a sample far from all surfaces has a finite log likelihood
 
 
-class OwnCurves(NamedTuple):
+class PixelCurves(NamedTuple):
     """Noise curves of single pixels: `range_mm` and `sigma_mm` (pixel, point); the first `size` (pixel,) count.
 
     Made by `tofmix.estimation.noise.pixel_noise`; of no pixel where the beam's curve holds for all.
@@ -41,8 +41,8 @@ class Beam(NamedTuple):
     and its spread. A peak past `no_return_from`, up to `no_return_to`, belongs to c_0; the latter is infinite but on a
     circle. No surface lies past `surface_end`, the sensor's r_max, up to there.
     `outlier_density` is p(c_r) / (range_max - range_min), 1/mm. `range_min` and `range_top`, always
-    finite, are the ends of that interval: the working range, or what stands in for it. `own` are the curves of single
-    pixels, for `pixel_noise.beam_of_pixel` to put in the place of the common one.
+    finite, are the ends of that interval: the working range, or its substitute (`outlier_interval`). `pixel_curves`
+    are the curves of single pixels, which `pixel_noise.beam_of_pixel` puts in the place of the common one.
     """
 
     curve_range: FloatArray
@@ -56,12 +56,12 @@ class Beam(NamedTuple):
     outlier_density: float
     range_min: float
     range_top: float
-    own: OwnCurves
+    pixel_curves: PixelCurves
 
 
-def no_own_curves() -> OwnCurves:
-    """No pixel has a curve of its own."""
-    return OwnCurves(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0, dtype=np.int64))
+def no_pixel_curves() -> PixelCurves:
+    """Make the curves of no pixel: the beam's curve holds for all."""
+    return PixelCurves(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0, dtype=np.int64))
 
 
 @borrowing
@@ -162,7 +162,7 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fol
         outlier_density=max(p_outlier, _SMALLEST_OUTLIER_PROBABILITY) / (high - low),
         range_min=float(low),
         range_top=float(high),
-        own=no_own_curves(),
+        pixel_curves=no_pixel_curves(),
     )
 
 
@@ -188,5 +188,5 @@ def _circular_beam(sensor: Sensor, length: float, *, at_fold: bool) -> Beam:
         outlier_density=max(sensor.outlier_probability, _SMALLEST_OUTLIER_PROBABILITY) / spread,
         range_min=low,
         range_top=low + length,
-        own=no_own_curves(),
+        pixel_curves=no_pixel_curves(),
     )
