@@ -112,6 +112,19 @@ def test_one_sample_far_away_leaves_a_pixel_single_and_three_make_it_double() ->
     assert (kinds[100:200] == list(Kind).index(Kind.DOUBLE)).all()
 
 
+@pytest.mark.parametrize(("further", "likely"), [(0, False), (4, True)])
+def test_a_further_cluster_that_is_likely_but_not_sure_leaves_no_clear_single_pixel(further: int, likely: bool) -> None:
+    rng = np.random.default_rng(7)
+    samples = surfaces(rng, pixels=200, background=0.1)
+    samples[:, 0] = 2000.0 + SIGMA * rng.standard_normal(100)
+    samples[:13, 0] = np.linspace(600.0, 1800.0, 13)  # background
+    samples[:further, 0] = 3000.0 + 20.0 * np.arange(further)
+    found = judged(samples)
+    assert 0 in found.pixels(Kind.SINGLE)
+    assert (0 not in found.clear(Kind.SINGLE)) == likely
+    assert found.clear(Kind.SINGLE).size > 0.9 * found.pixels(Kind.SINGLE).size
+
+
 def test_whole_millimetres_are_no_modes() -> None:
     samples = np.rint(76.0 + 2.0 * np.random.default_rng(9).standard_normal((100, 500)))
     found = judge_recording(samples)

@@ -21,6 +21,10 @@ The rule, for samples without a frame of reference but the recording itself:
 A pixel is single if it has one cluster that passes 4, and double if it has two that pass. Every other pixel is
 undecided: no cluster, a cluster that does not pass, or more than two.
 
+The rule errs to one side: it needs a chance below 0.001 for a cluster, so that a surface of few samples is not seen,
+and its pixel counts as single, or as double where it has three. Such pixels are marked as faint where the chance is
+0.001 to 0.05. `Judged.clear` leaves them out: they do not visibly see one surface, nor two.
+
 References
 ----------
 Mueller and Sawitzki, JASA 86 (1991), 738: excess mass. Hartigan and Hartigan, Ann. Stat. 13 (1985), 70: the dip, and
@@ -131,6 +135,10 @@ class Judged:
     def pixels(self, kind: Kind) -> IntArray:
         """Numbers of the pixels of a kind."""
         return np.flatnonzero(self.kind == list(Kind).index(kind))
+
+    def clear(self, kind: Kind) -> IntArray:
+        """Numbers of the pixels of a kind beside which no further cluster is likely."""
+        return np.flatnonzero((self.kind == list(Kind).index(kind)) & ~self.faint)
 
 
 def judge_recording(

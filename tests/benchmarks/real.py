@@ -6,9 +6,9 @@ Every recording is estimated with default options, so that its noise is that of 
 and of the samples, where it has none. Prints Markdown tables, or JSON with `--json`; asserts nothing.
 
 - real: recordings of four sensors. `clusters.py` says which pixels see one surface and which see two, without calling
-  the package. `sigma` is the learnt sigma over half the width of the central 68 % of single pixels, drift removed: the
-  median over them. A TMF8829 recording is part of the project; the others are read from `--data`, and skipped with a
-  line on stderr where they are not there.
+  the package; some columns leave out pixels beside a faint further cluster. `sigma` is the learnt sigma over half the
+  width of the central 68 % of single pixels, drift removed: the median over them. A TMF8829 recording is part of the
+  project; the others are read from `--data`, and skipped with a line on stderr where they are not there.
 - spliced: recordings of single real pixels, of which 15 % were joined from two at a known distance.
 - simulated: one surface a pixel and noise that is skewed, long-tailed, of different widths, drifting or on background,
   `--pixels` a cell in images of 25,000; and three surfaces in every pixel.
@@ -155,7 +155,10 @@ def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
             }  # fmt: skip
             if found.layers is not None:
                 row["single: more than one"] = percent(found.layers[single] > 1)
-                row["single: faint"] = percent((found.layers[single] > 1) & judged.faint[single])
+                clear, pair = judged.clear(Kind.SINGLE), judged.clear(Kind.DOUBLE)
+                row["clear single"], row["clear double"] = clear.size, pair.size
+                row["clear single: more than one"] = percent(found.layers[clear] > 1)
+                row["clear double: two"] = percent(found.layers[pair] == 2)
                 row["single: none"] = percent(found.layers[single] == 0)
                 row["double: two"] = percent(found.layers[double] == 2)
                 row["double: one"] = percent(found.layers[double] == 1)
@@ -165,9 +168,10 @@ def run_real(chosen: argparse.Namespace) -> Iterator[Row]:
 
 REAL: Columns = {
     "recording": "recording", "noise": "noise", "single": "single", "more than one, %": "single: more than one",
-    "more than one where a second may be faint, %": "single: faint",
+    "single beside no faint cluster": "clear single", "of these more than one, %": "clear single: more than one",
     "aim, at most": "single: aim", "no layer, %": "single: none", "double": "double", "two, %": "double: two",
-    "aim, at least": "double: aim", "one, %": "double: one", "other, %": "double: other", "undecided": "undecided",
+    "aim, at least": "double: aim", "one, %": "double: one", "other, %": "double: other",
+    "double beside no faint cluster": "clear double", "of these two, %": "clear double: two", "undecided": "undecided",
     "sigma (aim 0.97 to 1.03)": "sigma",
 }  # fmt: skip
 
@@ -179,6 +183,8 @@ def run_spliced(chosen: argparse.Namespace) -> Iterator[Row]:
         own = [half_width_without_drift(samples, judged, pixel) for pixel in judged.pixels(Kind.SINGLE)]
         sigma_mm = float(np.median(own))
         for number, (share, distance) in enumerate((s, d) for s in SHARES for d in DISTANCES):
+            if distance not in chosen.apart or share not in chosen.share:
+                continue
             rng = np.random.default_rng([chosen.seed, number])
             made = pool.splice(
                 sigma_mm=sigma_mm, distance=distance, share=share, pixels=chosen.pixels, mixed=MIXED, rng=rng
@@ -193,6 +199,7 @@ def run_spliced(chosen: argparse.Namespace) -> Iterator[Row]:
                 row |= counts(found.layers, made.spliced)
                 single = np.setdiff1d(np.arange(found.layers.size), made.spliced)
                 row["single"], row["split"] = single.size, percent(found.layers[single] > 1)
+                row["clear: split"] = percent(found.layers[made.clear] > 1)
                 row["lost"] = percent(found.layers[single] == 0)
                 row["sigma"] = float(found.curve.sigma(float(np.median(pool.centre_mm)))) / sigma_mm
             yield row
@@ -202,7 +209,8 @@ SPLICED: Columns = {
     "recording": "recording", "lesser share": "share", "sigma apart": "apart", "as made": "as made",
     "spliced": "spliced", "exactly two, %": "two", "aim, at least": "aim", "one, %": "one",
     "three or more, %": "three or more", "none, %": "none", "single": "single",
-    "split, % (aim at most 1.5)": "split", "no layer, %": "lost", "sigma": "sigma",
+    "split, % (aim at most 1.5)": "split",
+    "split beside no faint cluster, %": "clear: split", "no layer, %": "lost", "sigma": "sigma",
 }  # fmt: skip
 
 
@@ -436,6 +444,8 @@ def parsed() -> argparse.Namespace:
         made[name].add_argument("--data", type=Path, default=FOLDER, metavar="FOLDER", help="with the real recordings")
         made[name].add_argument("--only", choices=tuple(LOADERS), nargs="+", help="recordings, by the folder's name")
     made["spliced"].add_argument("--pixels", type=int, default=4000, help="of each recording")
+    made["spliced"].add_argument("--apart", type=float, nargs="+", default=DISTANCES, help="distances, in sigma")
+    made["spliced"].add_argument("--share", type=float, nargs="+", default=SHARES, help="shares of the second surface")
     made["simulated"].add_argument("--pixels", type=int, default=200_000, help="of each cell")
     made["simulated"].add_argument("--frames", type=int, nargs="+", default=FRAMES)
     made["simulated"].add_argument("--noise", nargs="+", metavar="TEXT", help="kinds whose name contains one of these")

@@ -129,6 +129,8 @@ class Spliced(NamedTuple):
     recording: Recording
     spliced: IntArray
     """Numbers of these pixels; all others are single ones as they were."""
+    clear: IntArray
+    """Numbers of the single pixels beside no faint further cluster."""
     distance: float
     """Mean distance of the two surfaces, in half-widths, of the shifts that were applied."""
 
@@ -145,6 +147,7 @@ class SinglePixels:
     def __init__(self, real: RealRecording) -> None:
         samples, judged = real.samples(), real.judged()
         chosen = judged.pixels(Kind.SINGLE)
+        self.faint = judged.faint[chosen]
         self.sensor, self.step_mm = real.recording.sensor, judged.step_mm
         self.pixels = [samples[np.isfinite(samples[:, pixel]), pixel] for pixel in chosen]
         ends = [judged.clusters[pixel][0] for pixel in chosen]
@@ -174,7 +177,8 @@ class SinglePixels:
         place = rng.permutation(pixels)[:count]
         rest = np.setdiff1d(np.arange(pixels), place)
         out: list[FloatArray] = [np.empty(0)] * pixels
-        for pixel, which in zip(rest, self._draw(rest.size, rng), strict=True):
+        drawn = self._draw(rest.size, rng)
+        for pixel, which in zip(rest, drawn, strict=True):
             out[pixel] = self.pixels[which]
         shifts = np.empty(count)
         for k, (pixel, one) in enumerate(zip(place, self._draw(count, rng), strict=True)):
@@ -188,7 +192,7 @@ class SinglePixels:
             out[pixel] = np.where(second, self.pixels[other][:n] + shift, self.pixels[one][:n])
             shifts[k] = abs(shift + self.centre_mm[other] - self.centre_mm[one])
         recording = tofmix.from_array(padded(out)[:, None, :], units="mm", sensor=self.sensor)
-        return Spliced(recording, np.sort(place), float(shifts.mean() / sigma_mm))
+        return Spliced(recording, np.sort(place), rest[~self.faint[drawn]], float(shifts.mean() / sigma_mm))
 
     def _draw(self, count: int, rng: np.random.Generator) -> IntArray:
         """Numbers of pixels, each once where there are enough."""
