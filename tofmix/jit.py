@@ -37,8 +37,9 @@ LINKS_WITH = (0, 60), (0, 68)
 
 config: Any = numba.config  # its settings are made at run time, unknown to a type checker
 _PACKAGE = Path(__file__).parent
-_KERNEL_FOLDERS = ("estimation", "mapping", "reconciliation", "simulation", "surfaces")
-_KERNEL_FILES = ("cells.py", "learnt_noise.py", "robust.py", "vector.py")  # which several of them use
+_KERNEL_FOLDERS = ("estimation", "mapping", "reconciliation", "simulation", "surfaces", "unmixing")
+_KERNEL_FILES = "cells.py", "learnt_noise.py", "normal_equations.py", "robust.py", "vector.py"
+"""Kernels that several of the folders use."""
 _WITHOUT_KERNELS = ("reading.py", "sequence.py")
 """Modules above the kernels, which no kernel takes a constant from."""
 

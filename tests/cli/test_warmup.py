@@ -13,7 +13,7 @@ from sizes import sized
 
 from tofmix.jit import cache_folder
 
-KERNELS = 22
+KERNELS = 24
 """Kernels that commands call: other kernels are compiled inside these."""
 
 

@@ -5,16 +5,19 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from blind.geometry import Surface
-from lock_in import SMALL, crease, made, one_wall
+from lock_in import FAMILIES, SMALL, Scene, crease, made, one_wall
+from unmixing_twins import least_squares, local, surfaces_beside
 
 from tofmix.equiangular import Equiangular
 from tofmix.pinhole import Pinhole
 from tofmix.projection import Projection, beam_directions_of
-from tofmix.unmixing.image import PhasorImage, local_coordinates, make_image, places, window
+from tofmix.unmixing.image import PhasorImage, make_image
 from tofmix.unmixing.labels import label
+from tofmix.unmixing.neighbours import find_neighbours
 from tofmix.unmixing.phasors import mean_phasors, phase_scale_mm
-from tofmix.unmixing.plane_fit import fit_planes
-from tofmix.unmixing.seeds import find_seeds, plane_coefficients, plane_vector
+from tofmix.unmixing.plane_fit import fit_plane
+from tofmix.unmixing.seeds import find_seeds, plane_vector
+from tofmix.unmixing.surface_fit import Members
 
 SCALE = phase_scale_mm(20.0e6)
 OPTICS: list[Projection] = [
@@ -39,34 +42,79 @@ def _plane_image(optics: Projection, plane: np.ndarray, sigma: float, rng: np.ra
     return make_image(phasors, ways, scale_mm=SCALE, open_space=np.zeros((18, 20), bool))
 
 
+def _scene_image(recorded: Scene) -> PhasorImage:
+    """The image of a recording's mean phasors."""
+    source = recorded.recording
+    frames = slice(0, source.shape[0])
+    phasors = mean_phasors(
+        source.read_range(frames, slice(None)), source.read_amplitude(frames, slice(None)), source.sensor
+    )
+    optics = source.sensor.optics
+    assert optics is not None
+    return make_image(phasors, beam_directions_of(optics, source.shape[1:]), scale_mm=SCALE,
+                      open_space=np.zeros(source.shape[1:], bool))  # fmt: skip
+
+
 def test_fit_is_weighted_least_squares_with_a_prior(rng: np.random.Generator) -> None:
     x, y, values = rng.normal(size=(3, 5, 12))
     weights, slope = rng.uniform(0.2, 3.0, (5, 12)), np.array([0.0, 0.0, 1.0, 5.0, 50.0])
-    fits = fit_planes(x, y, values, weights, slope)
     for k in range(5):
-        design = np.vstack([np.stack([np.ones(12), x[k], y[k]], 1) * np.sqrt(weights[k])[:, None],
-                            np.sqrt(slope[k]) * np.array([[0, 1, 0], [0, 0, 1]])])  # fmt: skip
-        right = np.concatenate([values[k] * np.sqrt(weights[k]), [0, 0]])
-        expected = np.linalg.lstsq(design, right, rcond=None)[0]
-        np.testing.assert_allclose(fits.coefficients[k], expected, rtol=1e-8)
-        np.testing.assert_allclose(fits.covariance[k], np.linalg.inv(design.T @ design), rtol=1e-6, atol=1e-12)
+        coefficients, covariance, residuals = np.empty(3), np.empty((3, 3)), np.empty(12)
+        fit_plane(x[k], y[k], values[k], weights[k], slope[k], np.empty((4, 3)), coefficients, covariance, residuals)
+        expected = least_squares(x[k], y[k], values[k], weights[k], slope[k])
+        np.testing.assert_allclose(coefficients, expected[0], rtol=1e-8)
+        np.testing.assert_allclose(covariance, expected[1], rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(residuals, expected[2], rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize("optics", OPTICS)
 def test_a_plane_is_affine_in_local_coordinates_on_any_grid(optics: Projection, rng: np.random.Generator) -> None:
     plane = np.array([1.0e-4, -0.5e-4, 4.0e-4])
     image = _plane_image(optics, plane, 0.01, rng)
-    pixels = np.arange(image.count)
-    others, inside = places(pixels, image.shape, window(3, middle=True))
-    cosine, x, y = local_coordinates(image, pixels, others)
-    exact = np.einsum("npk,k->np", image.directions[others], plane) / cosine
-    fits = fit_planes(x, y, np.where(inside, exact, 0.0), inside.astype(float), np.zeros(len(pixels)))
-    assert np.abs(fits.residuals[inside]).max() < 1e-12
-    np.testing.assert_allclose(
-        plane_vector(image, pixels, fits.coefficients), np.tile(plane, (image.count, 1)), atol=1e-10
-    )
-    back = plane_coefficients(image, pixels, plane_vector(image, pixels, fits.coefficients))
-    np.testing.assert_allclose(back, fits.coefficients, rtol=1e-6, atol=1e-12)
+    for pixel in rng.choice(image.count, 20):
+        others = np.arange(image.count)[np.abs(np.arange(image.count) - pixel) < 45]
+        cosine, x, y = np.transpose([local(image, pixel, other) for other in others])
+        exact = image.directions[others] @ plane / cosine
+        coefficients, _, residuals = least_squares(x, y, exact, np.ones(len(others)), 0.0)
+        assert np.abs(residuals).max() < 1e-12
+        np.testing.assert_allclose(plane_vector(image, np.array([pixel]), coefficients[None])[0], plane, atol=1e-10)
+
+
+def test_seeds_have_the_planes_of_least_squares(rng: np.random.Generator) -> None:
+    image = _plane_image(OPTICS[2], np.array([1.0e-4, -0.5e-4, 4.0e-4]), 20.0, rng)
+    seeds = find_seeds(image)
+    for pixel in np.flatnonzero(seeds.has_plane)[::7]:
+        middle = int(seeds.middle[pixel])
+        others = middle + (image.shape[1] * np.arange(-1, 2)[:, None] + np.arange(-1, 2)).ravel()
+        cosine, x, y = np.transpose([local(image, middle, int(other)) for other in others])
+        coefficients, _, _ = least_squares(x, y, 1.0 / image.range_mm[others] / cosine, np.ones(9), 0.0)
+        expected = plane_vector(image, np.array([middle]), coefficients[None])[0]
+        np.testing.assert_allclose(seeds.plane[pixel], expected, rtol=1e-6, atol=1e-10)
+
+
+@pytest.mark.parametrize("family", ["boards", "pickets", "random boards"])
+def test_surfaces_beside_pixels_are_those_of_the_twin(family: str, rng: np.random.Generator) -> None:
+    image = _scene_image(made(FAMILIES[family](rng), 5, view=SMALL))
+    seeds = find_seeds(image)
+    drawn = rng.random((4, image.count)) < 0.9
+    members = Members(
+        is_member=image.valid & drawn[0], has_plane=seeds.has_plane & drawn[1], has_light=drawn[2],
+        is_known=drawn[3], is_trusted=rng.random(image.count) < 0.5, is_fresh=rng.random(image.count) < 0.3,
+        plane=seeds.plane, middle=seeds.middle,
+    )  # fmt: skip
+    doubtful = np.flatnonzero(image.valid & ~seeds.certain)
+    pixels = np.concatenate([rng.choice(doubtful, 30), [0, image.count - 1]])
+    found = find_neighbours(image, pixels, members, seeds)
+    exact = dict.fromkeys(found._fields, 0.0) | {"row": 1e-12, "col": 1e-12}  # a mean of whole numbers may be 0
+    for at, pixel in enumerate(pixels):
+        expected = surfaces_beside(image, int(pixel), members, seeds)
+        assert found.found[at].sum() == len(expected)
+        for number, surface in enumerate(expected):
+            for name, value in surface.items():
+                own = getattr(found, name)[at, number]
+                np.testing.assert_allclose(
+                    own, value, rtol=1e-6, atol=1e-9 * np.abs(value).max() + exact[name], err_msg=name
+                )
 
 
 @pytest.mark.parametrize("optics", OPTICS)
@@ -112,14 +160,5 @@ def test_fixed_pattern_and_texture_are_measured(rng: np.random.Generator) -> Non
 def test_slanted_walls_and_creases_stay_one_surface(
     scene: Callable[[np.random.Generator], list[Surface]], rng: np.random.Generator
 ) -> None:
-    recorded = made(scene(rng), 3, view=SMALL)
-    source = recorded.recording
-    frames = slice(0, source.shape[0])
-    phasors = mean_phasors(
-        source.read_range(frames, slice(None)), source.read_amplitude(frames, slice(None)), source.sensor
-    )
-    optics = source.sensor.optics
-    assert optics is not None
-    image = make_image(phasors, beam_directions_of(optics, source.shape[1:]), scale_mm=SCALE,
-                       open_space=np.zeros(source.shape[1:], bool))  # fmt: skip
+    image = _scene_image(made(scene(rng), 3, view=SMALL))
     assert label(image).is_surface.mean() > 0.998

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.jit import borrowing, jit
+from tofmix.normal_equations import solve
 
 PRIOR_SLOPE = 1.5
 """Standard deviation of a surface's slope, tangent of the angle off the beam, before its neighbours are seen."""
@@ -24,21 +25,6 @@ _AFTER = 1.1
 
 _FEW = 32
 """With fewer nodes than this it is solved after each."""
-
-
-@borrowing
-def solve(information: FloatArray, right: FloatArray, plane: FloatArray, covariance: FloatArray) -> None:
-    """Fill the plane (3,) and its covariance (3, 3) from the normal equations, by cofactors."""
-    a, b, c = information[0, 0], information[0, 1], information[0, 2]
-    d, e, f = information[1, 1], information[1, 2], information[2, 2]
-    co_a, co_b, co_c = d * f - e * e, c * e - b * f, b * e - c * d
-    whole = a * co_a + b * co_b + c * co_c
-    covariance[0, 0], covariance[0, 1], covariance[0, 2] = co_a / whole, co_b / whole, co_c / whole
-    covariance[1, 1], covariance[1, 2] = (a * f - c * c) / whole, (b * c - a * e) / whole
-    covariance[2, 2] = (a * d - b * b) / whole
-    covariance[1, 0], covariance[2, 0], covariance[2, 1] = covariance[0, 1], covariance[0, 2], covariance[1, 2]
-    for i in range(3):
-        plane[i] = covariance[i, 0] * right[0] + covariance[i, 1] * right[1] + covariance[i, 2] * right[2]
 
 
 @borrowing

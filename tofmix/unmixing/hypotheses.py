@@ -26,16 +26,9 @@ from scipy import special
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.unmixing.distant import DistantPlane
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
-from tofmix.unmixing.neighbours import (
-    MOST_SURFACES,
-    Members,
-    NeighbourSurfaces,
-    Predictions,
-    find_neighbours,
-    phasor_of,
-    predict,
-)
+from tofmix.unmixing.neighbours import Predictions, find_neighbours, phasor_of, predict
 from tofmix.unmixing.seeds import Seeds, plane_vector
+from tofmix.unmixing.surface_fit import MOST_SURFACES, Members, NeighbourSurfaces
 
 
 class Kind(IntEnum):
@@ -168,17 +161,24 @@ class _Best:
             "chord": np.zeros(count, np.complex128), "scatter": np.zeros(count),
             "log_density": np.full(count, np.nan),
         }  # fmt: skip
-        self._blank = {name: values.copy() for name, values in self._kept.items()}
+        self._blank = {name: values[:1].copy() for name, values in self._kept.items()}
 
-    def put(self, kind: Kind, log_prior: FloatArray, log_density: FloatArray, **values: NDArray[Any]) -> None:
-        """Put one hypothesis of each pixel: log prior and log density (n,), and its values by field."""
+    def put(
+        self, kind: Kind, log_prior: FloatArray, log_density: FloatArray, *, which: IntArray | None = None,
+        **values: NDArray[Any],
+    ) -> None:  # fmt: skip
+        """Put one hypothesis of each pixel, or of `which`: log prior and density (n,), and its values by field."""
+        rows = np.arange(len(self._log)) if which is None else which
         log = log_prior + np.where(np.isfinite(log_density), log_density, -np.inf)
-        self._logs.append(log)
-        better = log > self._log
-        self._log = np.where(better, log, self._log)
-        everything = self._blank | {"kind": np.full(len(log), int(kind)), "log_density": log_density} | values
+        everywhere = np.full(len(self._log), -np.inf)
+        everywhere[rows] = log
+        self._logs.append(everywhere)
+        better = np.flatnonzero(log > self._log[rows])
+        changed = rows[better]
+        self._log[changed] = log[better]
+        everything = {"kind": np.full(len(log), int(kind)), "log_density": log_density} | values
         for name, kept in self._kept.items():
-            kept[better] = everything[name][better]
+            kept[changed] = everything[name][better] if name in everything else self._blank[name]
 
     def unexplained(self) -> IntArray:
         """Pixels (m,) of which no surfaces that are seen beside them are likely."""
@@ -324,7 +324,7 @@ class _Ends:
         self.fresh = np.column_stack([beside.is_fresh, *(np.zeros(count, bool) for _ in spaces)])
         self.known = np.column_stack([beside.is_known, *(np.ones(count, bool) for _ in spaces)])
         even = np.ones(count)
-        self._scatter = [space.scatter for space in spaces]
+        self._spaces, self._scatter = spaces, [space.scatter for space in spaces]
         self._open = [
             Predictions(
                 phasor=np.full(count, space.phasor),
@@ -337,12 +337,11 @@ class _Ends:
         ]
 
     def some(self, which: IntArray) -> "_Ends":
-        """The ends of some of the pixels, without open space."""
-        beside = NeighbourSurfaces(**{field.name: getattr(self.beside, field.name)[which]
-                                      for field in fields(NeighbourSurfaces)})  # fmt: skip
+        """The ends of some of the pixels."""
+        beside = NeighbourSurfaces(**{name: part[which] for name, part in self.beside._asdict().items()})
         here = [Predictions(**{field.name: getattr(part, field.name)[which] for field in fields(Predictions)})
                 for part in self.here]  # fmt: skip
-        return _Ends(self.image, self.pixels[which], beside, here, self.seeds, ())
+        return _Ends(self.image, self.pixels[which], beside, here, self.seeds, self._spaces)
 
     def at(self, number: int) -> Predictions:
         """The end's phasor where it fills the pixel."""
@@ -464,7 +463,7 @@ def _put_distant_pairs(best: _Best, ends: _Ends, planes: tuple[DistantPlane, ...
             if tried.size:
                 pairs.append((one, plane, tried))
     for one, plane, tried in pairs:
-        _put_distant_pair(best, here.some(tried), one, plane, doubtful[tried], count[tried], len(ends.pixels))
+        _put_distant_pair(best, here.some(tried), one, plane, doubtful[tried], count[tried])
 
 
 def _are_apart(one: Predictions, other: Predictions) -> BoolArray:
@@ -487,27 +486,21 @@ def _near_chord(ends: _Ends, one: Predictions, other: Predictions) -> BoolArray:
 
 
 def _put_distant_pair(
-    best: _Best, ends: _Ends, one: int, plane: DistantPlane, pixels: IntArray, count: FloatArray, total: int
+    best: _Best, ends: _Ends, one: int, plane: DistantPlane, which: IntArray, count: FloatArray
 ) -> None:  # fmt: skip
-    """Put the pair of one end and a large surface, of some of the `total` pixels that are judged."""
+    """Put the pair of one end and a large surface, of `which` of the pixels that are judged."""
     chord = _chord(ends, one, _OPEN, plane)
     possible = chord.share <= 1.0 - _SELF_SIGMAS * np.sqrt(chord.variance)
-    share, none = np.clip(chord.share, 0.0, 1.0), np.full(len(pixels), np.nan)
-    values = {
-        "range_mm": np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
-        "range_variance": np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
-        "share": np.column_stack([share, 1.0 - share, none]),
-        "share_variance": np.column_stack([chord.variance, chord.variance, none]),
-        "is_known": ends.known[:, one], "is_fresh": ends.fresh[:, one],
-        "chord": chord.one.phasor - chord.other.phasor, "scatter": np.full(len(pixels), np.inf),
-    }  # fmt: skip
-    log_prior, log_density = np.full(total, -np.inf), np.full(total, -np.inf)
-    log_prior[pixels], log_density[pixels] = _log_share(DISTANT_PRIOR, possible, count), chord.log_density
-    spread = {}
-    for name, some in values.items():
-        spread[name] = np.zeros((total, *some.shape[1:]), some.dtype)
-        spread[name][pixels] = some
-    best.put(Kind.PAIR, log_prior, log_density, **spread)
+    share, none = np.clip(chord.share, 0.0, 1.0), np.full(len(which), np.nan)
+    best.put(
+        Kind.PAIR, _log_share(DISTANT_PRIOR, possible, count), chord.log_density, which=which,
+        range_mm=np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
+        range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
+        share=np.column_stack([share, 1.0 - share, none]),
+        share_variance=np.column_stack([chord.variance, chord.variance, none]),
+        is_known=ends.known[:, one], is_fresh=ends.fresh[:, one], chord=chord.one.phasor - chord.other.phasor,
+        scatter=np.full(len(which), np.inf),
+    )  # fmt: skip
 
 
 def _put_pairs(best: _Best, ends: _Ends) -> None:
@@ -523,24 +516,24 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
             possible &= ends.trusted[:, one] | (ends.trusted[:, other] & (other < _OPEN))
             if not possible.any():
                 continue
-            possible &= ends.apart(one, other)
-            chord = _likeliest([_chord(ends, one, number) for number in others])
+            which = np.flatnonzero(possible & ends.apart(one, other))
+            here = ends.some(which)
+            chord = _likeliest([_chord(here, one, number) for number in others])
             error = _SELF_SIGMAS * np.sqrt(chord.variance)
-            possible &= ends.trusted[:, one] | (1.0 - chord.share >= error)
-            possible &= ends.trusted[:, other] | (chord.share >= error)
-            count += possible
-            pairs.append((one, other, possible, chord))
-    none = np.full(len(ends.pixels), np.nan)
-    for one, other, possible, chord in pairs:
-        share = np.clip(chord.share, 0.0, 1.0)
+            says_more = here.trusted[:, one] | (1.0 - chord.share >= error)
+            says_more &= here.trusted[:, other] | (chord.share >= error)
+            count[which] += says_more
+            pairs.append((one, other, which, here, says_more, chord))
+    for one, other, which, here, says_more, chord in pairs:
+        share, none = np.clip(chord.share, 0.0, 1.0), np.full(len(which), np.nan)
         best.put(
-            Kind.PAIR, _log_share(PRIORS[Kind.PAIR], possible, count), chord.log_density,
+            Kind.PAIR, _log_share(PRIORS[Kind.PAIR], says_more, count[which]), chord.log_density, which=which,
             range_mm=np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
             range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
             share=np.column_stack([share, 1.0 - share, none]),
             share_variance=np.column_stack([chord.variance, chord.variance, none]),
-            is_known=ends.known[:, one] & ends.known[:, other], is_fresh=ends.fresh[:, one] | ends.fresh[:, other],
-            chord=chord.one.phasor - chord.other.phasor, scatter=_noise_along(ends, one, other, chord, share),
+            is_known=here.known[:, one] & here.known[:, other], is_fresh=here.fresh[:, one] | here.fresh[:, other],
+            chord=chord.one.phasor - chord.other.phasor, scatter=_noise_along(here, one, other, chord, share),
         )  # fmt: skip
 
 

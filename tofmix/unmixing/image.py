@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.unmixing.surface_fit import Beams, Measured
 
 ComplexArray = NDArray[np.complex128]
 
@@ -112,6 +113,19 @@ class PhasorImage:
     def light_variance(self) -> FloatArray:
         """Variance of ln A by noise."""
         return np.asarray(self.noise_radial / np.where(self.valid, self.amplitude, 1.0) ** 2)
+
+    @property
+    def beams(self) -> Beams:
+        """Where the pixels look, for kernels."""
+        return Beams(self.directions, self.across, self.down, self.pitch_across, self.pitch_down)
+
+    @property
+    def measured(self) -> Measured:
+        """What the pixels measured, for kernels."""
+        return Measured(
+            self.range_mm, self.range_variance, self.log_light, self.light_variance, self.noise_radial,
+            self.noise_tangential, self.scatter_radial, self.scatter_tangential,
+        )  # fmt: skip
 
     @property
     def pitch(self) -> FloatArray:
@@ -233,26 +247,3 @@ def places(pixels: IntArray, shape: tuple[int, int], around: Window) -> tuple[In
     rows, cols = row[:, np.newaxis] + around.row, col[:, np.newaxis] + around.col
     inside = (rows >= 0) & (rows < shape[0]) & (cols >= 0) & (cols < shape[1])
     return np.where(inside, rows * shape[1] + cols, 0), inside
-
-
-def local_coordinates(
-    image: PhasorImage, pixels: IntArray, others: IntArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Where other pixels (n, place) look, seen from pixels (n,).
-
-    Returns
-    -------
-    (cosine, x, y) : (n, place) float64 each
-        Cosine of the angle between both beams; columns to the right and rows down in the plane across the pixel's beam.
-        A plane's 1 / r over the cosine is affine in x and y.
-    """
-    cosine = dot(image.directions, others, image.directions[pixels])
-    x = dot(image.directions, others, image.across[pixels]) / cosine / image.pitch_across[pixels, np.newaxis]
-    y = dot(image.directions, others, image.down[pixels]) / cosine / image.pitch_down[pixels, np.newaxis]
-    return cosine, x, y
-
-
-def dot(vectors: FloatArray, others: IntArray, own: FloatArray) -> FloatArray:
-    """Scalar products (n, place) of the vectors (pixel, 3) of other pixels (n, place) with one of each, (n, 3)."""
-    parts = (vectors[:, axis][others] * own[:, axis, np.newaxis] for axis in range(3))
-    return np.asarray(sum(parts))

@@ -3,7 +3,7 @@
 1. Pixels that are not certain are judged by the certain ones around them.
 2. What no surface nearby explains may be a large surface that is seen elsewhere, or a thin one: pixels that agree with
    their neighbours. Those join, and all is judged again.
-3. Once more, as the ends of chords are better known now.
+3. Once more where pixels joined or left surfaces, as the ends of chords are better known there.
 
 A pair of equal mixed pixels along a straight edge looks like a thin surface. So a surface one pixel wide may be an end
 of a chord, but never continues itself.
@@ -18,19 +18,19 @@ from scipy import ndimage
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.robust import MAD_TO_SIGMA
 from tofmix.unmixing.distant import distant_planes
-from tofmix.unmixing.hypotheses import ENDS, Findings, Kind, OpenSpace, judge
+from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
-from tofmix.unmixing.neighbours import Members
 from tofmix.unmixing.seeds import Seeds, find_seeds
+from tofmix.unmixing.surface_fit import REACH, Members
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 ROUNDS = 3
-"""Times that all pixels in doubt are judged."""
+"""Times that pixels in doubt are judged."""
 
-_BLOCK = 2048
-"""Pixels that are judged at once: some 10 MB an array."""
+_BLOCK = 1 << 13
+"""Pixels that are judged at once: their surfaces take some 10 MB."""
 
 _OPEN_REACH = 3
 """Pixels from open space within which a pixel may see some of it."""
@@ -86,9 +86,9 @@ def label(image: PhasorImage) -> Labels:
     seeds, spaces = find_seeds(image), _open_space(image)
     doubtful = np.flatnonzero(image.valid & ~seeds.certain)
     members = Members(
-        is_member=seeds.has_plane.copy(), has_plane=seeds.has_plane.copy(), has_light=seeds.certain.copy(),
-        is_known=seeds.has_plane.copy(), is_trusted=seeds.has_plane.copy(), is_fresh=np.zeros(image.count, bool),
-        plane=seeds.plane.copy(), middle=seeds.middle.copy(),
+        is_member=seeds.has_plane, has_plane=seeds.has_plane, has_light=seeds.certain,
+        is_known=seeds.has_plane, is_trusted=seeds.has_plane, is_fresh=np.zeros(image.count, bool),
+        plane=seeds.plane, middle=seeds.middle,
     )  # fmt: skip
     planes = distant_planes(image, seeds) if doubtful.size else ()
     kind = np.where(seeds.certain, int(Kind.CONTINUED), int(Kind.UNKNOWN))
@@ -98,16 +98,22 @@ def label(image: PhasorImage) -> Labels:
         "is_fresh": np.zeros(count, bool), "chord": np.zeros(count, np.complex128), "scatter": np.zeros(count),
         "log_density": np.full(count, np.nan), **{name: np.full((count, ENDS), np.nan) for name in _ENDS},
     }  # fmt: skip
-    square = np.zeros(image.count, bool)
-    if doubtful.size and seeds.certain.any():
-        for number in range(ROUNDS):
-            findings = [
-                judge(image, doubtful[start : start + _BLOCK], members, seeds, planes if number else (), spaces)
-                for start in range(0, doubtful.size, _BLOCK)
-            ]
+    plane, is_distant = np.zeros((count, 3)), np.zeros(count, bool)
+    square = np.zeros(count, bool)
+    pixels = doubtful if seeds.certain.any() else doubtful[:0]
+    for number in range(ROUNDS):
+        for start in range(0, pixels.size, _BLOCK):
+            block = pixels[start : start + _BLOCK]
+            found = judge(image, block, members, seeds, planes if number else (), spaces)
+            plane[block], is_distant[block] = found.plane, found.is_distant
             for name in _FIELDS:
-                arrays[name][doubtful] = np.concatenate([getattr(part, name) for part in findings])
-            square = _next_members(members, image, seeds, arrays["kind"], doubtful, findings)
+                arrays[name][block] = getattr(found, name)
+        if not pixels.size:
+            break
+        before = members
+        members, square = _next_members(image, seeds, arrays["kind"], plane, is_distant)
+        if number > 0:  # the large planes are tried from the second round on, in all pixels
+            pixels = doubtful[_beside_changes(before, members, image.shape)[doubtful]]
     kind = arrays["kind"]
     is_surface = seeds.certain | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE)) | ((kind == Kind.NEW) & square)
     return Labels(**arrays, is_surface=is_surface, seeds=seeds)
@@ -133,26 +139,33 @@ def _open_space(image: PhasorImage) -> tuple[OpenSpace, ...]:
 
 
 def _next_members(
-    members: Members, image: PhasorImage, seeds: Seeds, kind: IntArray, doubtful: IntArray, findings: list[Findings]
-) -> BoolArray:
-    """Settle who is a member in the next round; return which new pixels agree in blocks of 2 x 2."""
+    image: PhasorImage, seeds: Seeds, kind: IntArray, plane: FloatArray, is_distant: BoolArray
+) -> tuple[Members, BoolArray]:
+    """Settle who is a member in the next round, and which new pixels agree in blocks of 2 x 2."""
     continued = np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
     kept = seeds.has_plane & continued
     joined = (kind == Kind.CONTINUED) & ~kept
     fresh = kind == Kind.NEW
     agrees, square = _agreeing(image, seeds, fresh)
-    plane, distant = np.zeros((image.count, 3)), np.zeros(image.count, bool)
-    plane[doubtful] = np.concatenate([part.plane for part in findings])
-    distant[doubtful] = np.concatenate([part.is_distant for part in findings])
-    members.plane = np.where(joined[:, np.newaxis], plane, seeds.plane)
-    members.middle = np.where(joined, np.arange(image.count), seeds.middle)
-    members.has_plane = kept | joined
-    members.is_member = kept | joined | (fresh & agrees)
-    members.has_light = seeds.certain | (kind == Kind.CONTINUED) | (fresh & agrees)
-    members.is_known = kept | joined | (fresh & square)
-    members.is_fresh = fresh & square
-    members.is_trusted = kept | (joined & distant) | (fresh & square)
-    return square
+    next_members = Members(
+        is_member=kept | joined | (fresh & agrees), has_plane=kept | joined,
+        has_light=seeds.certain | (kind == Kind.CONTINUED) | (fresh & agrees),
+        is_known=kept | joined | (fresh & square), is_trusted=kept | (joined & is_distant) | (fresh & square),
+        is_fresh=fresh & square, plane=np.where(joined[:, np.newaxis], plane, seeds.plane),
+        middle=np.where(joined, np.arange(image.count), seeds.middle),
+    )  # fmt: skip
+    return next_members, square
+
+
+def _beside_changes(before: Members, after: Members, shape: tuple[int, int]) -> BoolArray:
+    """Pixels (pixel,) that see another neighbourhood than before: the others are of what they were of."""
+    changed = np.zeros(len(before.middle), bool)
+    for old, new in zip(before, after, strict=True):
+        differs = old != new
+        changed |= differs if differs.ndim == 1 else differs.any(axis=1)
+    changed &= before.is_member | after.is_member
+    side = 2 * REACH + 1
+    return np.asarray(ndimage.binary_dilation(changed.reshape(shape), np.ones((side, side), bool)).ravel())
 
 
 def _agreeing(image: PhasorImage, seeds: Seeds, mask: BoolArray) -> tuple[BoolArray, BoolArray]:

@@ -1,53 +1,56 @@
-"""Weighted least squares of v = a + b x + c y, for many small windows at once."""
-
-from typing import NamedTuple
+"""Weighted least squares of v = a + b x + c y over the places of a small window. Compiled, for kernels to call."""
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.jit import borrowing
+from tofmix.normal_equations import solve
 
-_TINY = 1.0e-12
+TINY = 1.0e-12
 """Part of the sum of weights that is added to the normal matrix: a window without slopes stays regular."""
 
-
-class PlaneFits(NamedTuple):
-    """Coefficients (n, 3), their covariances (n, 3, 3) and residuals (n, place)."""
-
-    coefficients: FloatArray
-    covariance: FloatArray
-    residuals: FloatArray
+_LEAST = float(np.finfo(np.float64).tiny)
 
 
-def fit_planes(
-    x: FloatArray, y: FloatArray, values: FloatArray, weights: FloatArray, slope_weight: FloatArray
-) -> PlaneFits:
-    """Fit each window.
+@borrowing
+def fit_plane(
+    x: FloatArray, y: FloatArray, values: FloatArray, weights: FloatArray, slope_weight: float, normal: FloatArray,
+    coefficients: FloatArray, covariance: FloatArray, residuals: FloatArray,
+) -> None:  # fmt: skip
+    """Fit one window.
 
     Parameters
     ----------
-    x, y, values : (n, place) float64
+    x, y, values : (place,) float64
         Places and what was measured there.
-    weights : (n, place) float64
+    weights : (place,) float64
         One over the variances; 0 leaves a place out.
-    slope_weight : (n,) float64
+    slope_weight : float
         One over the variance of a Gaussian prior of mean 0 on b and on c; 0: none.
-
-    Returns
-    -------
-    PlaneFits
-        A window without weights has coefficients 0.
+    normal : (4, 3) float64
+        Scratch.
+    coefficients, covariance, residuals : (3,), (3, 3), (place,) float64
+        Filled: a, b and c, their covariance, and v - a - b x - c y.
     """
-    weighted_x, weighted_y = weights * x, weights * y
-    normal = np.empty((len(x), 3, 3))
-    normal[:, 0, 0] = weights.sum(axis=1)
-    normal[:, 0, 1] = normal[:, 1, 0] = weighted_x.sum(axis=1)
-    normal[:, 0, 2] = normal[:, 2, 0] = weighted_y.sum(axis=1)
-    normal[:, 1, 2] = normal[:, 2, 1] = (weighted_x * y).sum(axis=1)
-    normal[:, 1, 1] = (weighted_x * x).sum(axis=1) + slope_weight
-    normal[:, 2, 2] = (weighted_y * y).sum(axis=1) + slope_weight
-    normal += (_TINY * normal[:, :1, :1] + np.finfo(float).tiny) * np.eye(3)
-    covariance = np.asarray(np.linalg.inv(normal), np.float64)
-    right: FloatArray = np.stack([(part * values).sum(axis=1) for part in (weights, weighted_x, weighted_y)], axis=-1)
-    coefficients = np.asarray((covariance * right[:, np.newaxis]).sum(axis=-1), np.float64)
-    at, across, down = (coefficients[:, k, np.newaxis] for k in range(3))
-    return PlaneFits(coefficients, covariance, np.asarray(values - at - across * x - down * y))
+    information, right = normal[:3], normal[3]
+    normal[:] = 0.0
+    for k in range(len(x)):
+        weight = weights[k]
+        by_x, by_y = weight * x[k], weight * y[k]
+        information[0, 0] += weight
+        information[0, 1] += by_x
+        information[0, 2] += by_y
+        information[1, 1] += by_x * x[k]
+        information[1, 2] += by_x * y[k]
+        information[2, 2] += by_y * y[k]
+        right[0] += weight * values[k]
+        right[1] += by_x * values[k]
+        right[2] += by_y * values[k]
+    information[1, 1] += slope_weight
+    information[2, 2] += slope_weight
+    least = TINY * information[0, 0] + _LEAST
+    for i in range(3):
+        information[i, i] += least
+    solve(information, right, coefficients, covariance)
+    for k in range(len(x)):
+        residuals[k] = values[k] - coefficients[0] - coefficients[1] * x[k] - coefficients[2] * y[k]

@@ -10,8 +10,10 @@ import numpy as np
 from scipy import special
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.unmixing.image import PhasorImage, local_coordinates, places, window
-from tofmix.unmixing.plane_fit import fit_planes
+from tofmix.jit import borrowing, jit
+from tofmix.unmixing.image import PhasorImage, places, window
+from tofmix.unmixing.plane_fit import fit_plane
+from tofmix.unmixing.surface_fit import Beams, Measured
 
 _FREE = 6
 """Degrees of freedom of a plane through 3 x 3 pixels."""
@@ -72,18 +74,16 @@ class Seeds:
 def find_seeds(image: PhasorImage) -> Seeds:
     """Fit a plane to each 3 x 3 window, in range and in light."""
     around = window(1, middle=True)
-    found = [_windows(image, start) for start in range(0, image.count, _BLOCK)]
-    pixels, plane, range_scatter, range_noise, light_scatter, light_noise = (
-        np.concatenate(parts) for parts in zip(*found, strict=True)
-    )
+    planes, scatters = np.zeros((image.count, 3)), np.zeros((image.count, 4))
+    pixels = _fit_windows(*image.shape, image.valid, image.beams, image.measured, planes, scatters)
+    range_scatter, range_noise, light_scatter, light_noise = scatters[pixels].T
     pattern, texture = _excess(range_scatter, range_noise), _excess(light_scatter, light_noise)
     limit = float(special.chdtri(_FREE, _RARE)) / _FREE
     excess = range_scatter / np.maximum(range_noise + pattern, np.finfo(float).tiny)
     of_plane = excess < limit
     of_surface = of_plane & (light_scatter < limit * (light_noise + texture))
-    score, planes = np.full(image.count, np.inf), np.zeros((image.count, 3))
-    surely = np.zeros(image.count, bool)
-    score[pixels[of_plane]], planes[pixels], surely[pixels[of_surface]] = excess[of_plane], plane, True
+    score, surely = np.full(image.count, np.inf), np.zeros(image.count, bool)
+    score[pixels[of_plane]], surely[pixels[of_surface]] = excess[of_plane], True
     score[~_in_square(np.isfinite(score), image.shape)] = np.inf
     surely = _in_square(surely, image.shape)
     middle, has_plane, certain = (np.zeros(image.count, kind) for kind in (np.int64, bool, bool))
@@ -135,25 +135,61 @@ def _unlike(
     return pixels[unlike]
 
 
-def _windows(image: PhasorImage, start: int) -> tuple[FloatArray | IntArray, ...]:
-    """Middles, planes, and the mean squares of residuals and noise, of ranges and of light, of whole windows."""
-    pixels = np.arange(start, min(start + _BLOCK, image.count))
-    others, inside = places(pixels, image.shape, window(1, middle=True))
-    whole = (inside & image.valid[others]).all(axis=1)
-    pixels, others = pixels[whole], others[whole]
-    cosine, x, y = local_coordinates(image, pixels, others)
-    even, none = np.ones_like(x), np.zeros(len(pixels))
-    near = 1.0 / image.range_mm
-    fits = fit_planes(x, y, near[others] / cosine, even, none)
-    range_scatter = ((fits.residuals * image.range_mm[pixels, np.newaxis] ** 2) ** 2).sum(axis=1) / _FREE
-    light = fit_planes(x, y, image.log_light[others], even, none)
-    light_scatter = (light.residuals**2).sum(axis=1) / _FREE
-    range_variance = image.range_variance
-    light_noise = image.light_variance + 9.0 * range_variance * near**2
-    return (
-        pixels, plane_vector(image, pixels, fits.coefficients), range_scatter, range_variance[others].mean(axis=1),
-        light_scatter, light_noise[others].mean(axis=1),
-    )  # fmt: skip
+@jit
+def _fit_windows(
+    rows: int, cols: int, valid: BoolArray, beams: Beams, measured: Measured, plane: FloatArray, scatters: FloatArray
+) -> IntArray:  # fmt: skip
+    """Fit planes to the 3 x 3 pixels around each pixel whose window is whole, and return those pixels.
+
+    `plane` (pixel, 3) and `scatters` (pixel, 4) are filled there: m, and the mean squares of residuals and of noise, of
+    ranges (mm^2) and of light.
+    """
+    x, y, value, even, residual = np.empty(9), np.empty(9), np.empty(9), np.ones(9), np.empty(9)
+    normal, coefficients, covariance = np.empty((4, 3)), np.empty(3), np.empty((3, 3))
+    other = np.empty(9, np.int64)
+    whole, count = np.empty(rows * cols, np.int64), 0
+    for row in range(1, rows - 1):
+        for col in range(1, cols - 1):
+            pixel, is_whole = row * cols + col, True
+            for k in range(9):
+                other[k] = (row + k // 3 - 1) * cols + col + k % 3 - 1
+                is_whole = is_whole and valid[other[k]]
+            if not is_whole:
+                continue
+            whole[count] = pixel
+            count += 1
+            own, right, down = beams.direction[pixel], beams.across[pixel], beams.down[pixel]
+            range_noise, light_noise = 0.0, 0.0
+            for k in range(9):
+                way, inverse = beams.direction[other[k]], 1.0 / measured.range_mm[other[k]]
+                cosine = way[0] * own[0] + way[1] * own[1] + way[2] * own[2]
+                x[k] = (way[0] * right[0] + way[1] * right[1] + way[2] * right[2]) / cosine / beams.pitch_across[pixel]
+                y[k] = (way[0] * down[0] + way[1] * down[1] + way[2] * down[2]) / cosine / beams.pitch_down[pixel]
+                value[k] = inverse / cosine
+                variance = measured.range_variance[other[k]]
+                range_noise += variance
+                light_noise += measured.light_variance[other[k]] + 9.0 * variance * inverse * inverse
+            fit_plane(x, y, value, even, 0.0, normal, coefficients, covariance, residual)
+            by_right = coefficients[1] / beams.pitch_across[pixel]
+            by_down = coefficients[2] / beams.pitch_down[pixel]
+            for i in range(3):
+                plane[pixel, i] = coefficients[0] * own[i] + by_right * right[i] + by_down * down[i]
+            scatters[pixel, 0] = _mean_square(residual) * measured.range_mm[pixel] ** 4
+            scatters[pixel, 1], scatters[pixel, 3] = range_noise / 9.0, light_noise / 9.0
+            for k in range(9):
+                value[k] = measured.log_light[other[k]]
+            fit_plane(x, y, value, even, 0.0, normal, coefficients, covariance, residual)
+            scatters[pixel, 2] = _mean_square(residual)
+    return whole[:count]
+
+
+@borrowing
+def _mean_square(residual: FloatArray) -> float:
+    """Mean square of the residuals of a plane through 3 x 3 pixels."""
+    total = 0.0
+    for k in range(len(residual)):
+        total += residual[k] * residual[k]
+    return total / _FREE
 
 
 def plane_vector(image: PhasorImage, pixels: IntArray, coefficients: FloatArray) -> FloatArray:
@@ -164,15 +200,6 @@ def plane_vector(image: PhasorImage, pixels: IntArray, coefficients: FloatArray)
         + right / image.pitch_across[pixels, np.newaxis] * image.across[pixels]
         + down / image.pitch_down[pixels, np.newaxis] * image.down[pixels]
     )
-
-
-def plane_coefficients(image: PhasorImage, pixels: IntArray, planes: FloatArray) -> FloatArray:
-    """Coefficients (n, 3) in each pixel's local coordinates, of planes m (n, 3): the inverse of `plane_vector`."""
-    return np.stack([
-        (planes * image.directions[pixels]).sum(axis=-1),
-        (planes * image.across[pixels]).sum(axis=-1) * image.pitch_across[pixels],
-        (planes * image.down[pixels]).sum(axis=-1) * image.pitch_down[pixels],
-    ], axis=-1)  # fmt: skip
 
 
 def _excess(scatter: FloatArray, noise: FloatArray) -> float:
@@ -186,7 +213,10 @@ def _excess_at(scatter: FloatArray, noise: FloatArray, part: float) -> float:
     target = float(special.chdtri(_FREE, 1.0 - part)) / _FREE
 
     def too_small(excess: float) -> bool:
-        return bool(np.quantile(scatter / np.maximum(noise + excess, np.finfo(float).tiny), part) > target)
+        ratio = scatter / np.maximum(noise + excess, np.finfo(float).tiny)
+        # The quantile lies between two of the sorted values; it is worked out where the target does so, too.
+        below = np.count_nonzero(ratio <= target) - int(part * (len(ratio) - 1))
+        return bool(below <= 0 or (below == 1 and np.quantile(ratio, part) > target))
 
     if not too_small(0.0):
         return 0.0

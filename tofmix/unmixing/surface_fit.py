@@ -1,0 +1,424 @@
+"""The surfaces beside a pixel, from the one-surface pixels in a window around it. Compiled.
+
+Each one-surface pixel predicts 1 / r at the pixel in question by its own plane. Predictions that agree are of one
+surface; a plane is then fitted to all its pixels, and another one to their light. `tofmix.unmixing.neighbours` says
+what is done with them.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tofmix.arrays import BoolArray, FloatArray, IntArray
+from tofmix.jit import borrowing, jit
+from tofmix.unmixing.plane_fit import fit_plane
+
+MOST_SURFACES = 4
+"""Surfaces that are looked at beside a pixel, the largest first."""
+
+REACH, NEAR = 4, 3
+"""Reach of the window, pixels, and distance within which a surface must have a pixel."""
+
+_PLACES = (2 * REACH + 1) ** 2 - 1
+"""Pixels of a window, its middle left out."""
+
+_APART_SIGMAS, _APART = 4.0, 0.01
+"""Standard errors, and part of 1 / r, that lie between the predictions of two surfaces."""
+
+_OUTLIER = 16.0
+"""Square of a residual over its variance, of a pixel that belongs to another surface after all."""
+
+_FREE_SLOPE, _KNOWN_SLOPE = 2.0, 0.25
+"""Standard deviation of a slope, in units of pitch / r, before it is measured: 2 is a surface seen at 27 degrees from
+grazing; where pixels bring planes of their own, these are right to a few degrees."""
+
+_LIGHT_SLOPE, _LIGHT_SLOPE_LEAST = 2.0, 0.005
+"""Standard deviation of a slope of u, a pixel: 2 pitches, as the light of a lamp falls towards the image's corners, and
+half a percent."""
+
+_LIGHT_REACH = 2.0
+"""Standard deviation, pixels, of the weights that u is fitted with: light varies where ranges do not."""
+
+_CHANCE = 2.0
+"""Standard deviations of a mean square of residuals that are chance."""
+
+_TINY = 1.0e-30
+"""Least divisor."""
+
+_NUMBERS, _INDICES = 13, 8
+"""Rows of the scratch, of numbers and of indices. The columns are the members in a window, in the order of places."""
+
+_COSINE, _X, _Y, _INVERSE, _VARIANCE, _VALUE, _ERROR = range(7)
+_OWN_X, _OWN_Y, _OWN_VALUE, _OWN_WEIGHT, _OWN_VARIANCE, _RESIDUAL = range(7, _NUMBERS)
+_OTHER, _DOWN, _RIGHT, _ORDER, _GROUP, _SIZE, _CLOSE, _OWN = range(_INDICES)
+
+
+class Beams(NamedTuple):
+    """Where pixels look: `direction`, `across`, `down` (pixel, 3), and the pitches (pixel,), as in `PhasorImage`."""
+
+    direction: FloatArray
+    across: FloatArray
+    down: FloatArray
+    pitch_across: FloatArray
+    pitch_down: FloatArray
+
+
+class Measured(NamedTuple):
+    """What pixels measured, (pixel,) each, as in `PhasorImage`."""
+
+    range_mm: FloatArray
+    range_variance: FloatArray
+    log_light: FloatArray
+    light_variance: FloatArray
+    noise_radial: FloatArray
+    noise_tangential: FloatArray
+    scatter_radial: FloatArray
+    scatter_tangential: FloatArray
+
+
+class Members(NamedTuple):
+    """One-surface pixels, as far as they are known. Arrays are (pixel,).
+
+    Parameters
+    ----------
+    is_member : bool
+        Whether the pixel is one.
+    has_plane : bool
+        Whether it predicts by a plane of its own; else by its own range, as a surface that is seen head-on.
+    has_light : bool
+        Whether its amplitude is that of the surface: beside open space a part of it has the range, and less light.
+    is_known : bool
+        Whether it surely sees one surface; else it only agrees with its neighbours.
+    is_trusted : bool
+        Whether its surface may be continued: it is known, and more than one pixel wide or seen elsewhere too.
+    is_fresh : bool
+        Whether it is known by its agreement with the neighbours alone.
+    plane : (pixel, 3) float64
+        m of 1 / r = m . d, 1 / mm.
+    middle : int64
+        Pixel in the middle of the plane's window.
+    """
+
+    is_member: BoolArray
+    has_plane: BoolArray
+    has_light: BoolArray
+    is_known: BoolArray
+    is_trusted: BoolArray
+    is_fresh: BoolArray
+    plane: FloatArray
+    middle: IntArray
+
+
+class NeighbourSurfaces(NamedTuple):
+    """Surfaces beside pixels (n,), at most `MOST_SURFACES` each. Arrays are (n, surface) unless said otherwise.
+
+    Parameters
+    ----------
+    found : bool
+        Whether there is a surface of this number.
+    near : (n, surface, 3) float64
+        Coefficients of 1 / r in the pixel's local coordinates, 1 / mm.
+    near_covariance : (n, surface, 3, 3) float64
+        Their covariance.
+    light, light_covariance : float64
+        Likewise of u = ln A + 3 ln r.
+    is_known, is_trusted, is_fresh : bool
+        Whether most of its pixels are (`Members`).
+    row, col : float64
+        Middle of its pixels, relative to the pixel.
+    noise_radial, noise_tangential : float64
+        Mean variance of its pixels' mean phasors by noise.
+    scatter_radial, scatter_tangential : float64
+        Mean variance of its pixels' samples.
+    """
+
+    found: BoolArray
+    near: FloatArray
+    near_covariance: FloatArray
+    light: FloatArray
+    light_covariance: FloatArray
+    is_known: BoolArray
+    is_trusted: BoolArray
+    is_fresh: BoolArray
+    row: FloatArray
+    col: FloatArray
+    noise_radial: FloatArray
+    noise_tangential: FloatArray
+    scatter_radial: FloatArray
+    scatter_tangential: FloatArray
+
+
+@jit
+def fill_surfaces(
+    pixels: IntArray, rows: int, cols: int, beams: Beams, measured: Measured, members: Members,
+    pattern_variance: float, texture_variance: float, out: NeighbourSurfaces,
+) -> None:  # fmt: skip
+    """Fill the surfaces beside pixels (n,) of an image of `rows` x `cols`; `out` holds zeros before.
+
+    The variances are those of ranges (mm^2) and of ln A from pixel to pixel, beyond noise.
+    """
+    numbers, indices = np.empty((_NUMBERS, _PLACES)), np.empty((_INDICES, _PLACES), np.int64)
+    normal = np.empty((4, 3))
+    for at in range(len(pixels)):
+        pixel = pixels[at]
+        count = _gather(pixel, rows, cols, beams, measured, members, pattern_variance, numbers, indices)
+        groups = _sort(count, numbers, indices)
+        _measure(count, groups, indices)
+        for number in range(MOST_SURFACES):
+            group = _next_largest(groups, indices)
+            if group < 0:
+                break
+            out.found[at, number] = True
+            size = _collect(count, group, indices)
+            _fit_ranges(pixel, at, number, size, beams, members, numbers, indices, normal, out)
+            _fit_light(pixel, at, number, size, texture_variance, beams, measured, members, numbers, indices, normal,
+                       out)  # fmt: skip
+            _describe(at, number, size, measured, members, indices, out)
+
+
+@borrowing
+def _dot(one: FloatArray, other: FloatArray) -> float:
+    return float(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
+
+
+@borrowing
+def _pitch(pixel: int, beams: Beams) -> float:
+    """The larger of both pitches."""
+    return float(max(beams.pitch_across[pixel], beams.pitch_down[pixel]))
+
+
+@borrowing
+def _gather(
+    pixel: int, rows: int, cols: int, beams: Beams, measured: Measured, members: Members, pattern_variance: float,
+    numbers: FloatArray, indices: IntArray,
+) -> int:  # fmt: skip
+    """Collect the members around a pixel: where they are, and their prediction of 1 / r there with its variance."""
+    row, col = pixel // cols, pixel % cols
+    own = beams.direction[pixel]
+    free = (_FREE_SLOPE * _pitch(pixel, beams)) ** 2
+    count = 0
+    for r in range(max(row - REACH, 0), min(row + REACH + 1, rows)):
+        for c in range(max(col - REACH, 0), min(col + REACH + 1, cols)):
+            other = r * cols + c
+            if other == pixel or not members.is_member[other]:
+                continue
+            way, inverse = beams.direction[other], 1.0 / measured.range_mm[other]
+            cosine = _dot(way, own)
+            square = inverse * inverse
+            variance = (measured.range_variance[other] + pattern_variance) * square * square
+            indices[_OTHER, count], indices[_DOWN, count], indices[_RIGHT, count] = other, r - row, c - col
+            numbers[_COSINE, count], numbers[_INVERSE, count], numbers[_VARIANCE, count] = cosine, inverse, variance
+            numbers[_X, count] = _dot(way, beams.across[pixel]) / cosine / beams.pitch_across[pixel]
+            numbers[_Y, count] = _dot(way, beams.down[pixel]) / cosine / beams.pitch_down[pixel]
+            if members.has_plane[other]:
+                middle = members.middle[other]
+                down, right = middle // cols - row, middle % cols - col
+                numbers[_VALUE, count] = _dot(members.plane[other], own)
+                # A plane through 3 x 3 points has the variance 1 / 9 in its middle, and a slope the variance 1 / 6.
+                numbers[_ERROR, count] = variance * (1.0 / 9.0 + (down * down + right * right) / 6.0)
+            else:
+                away = (r - row) ** 2 + (c - col) ** 2
+                numbers[_VALUE, count] = inverse / cosine
+                numbers[_ERROR, count] = variance + away * free * square
+            count += 1
+    return count
+
+
+@borrowing
+def _sort(count: int, numbers: FloatArray, indices: IntArray) -> int:
+    """Number the surfaces that members belong to, from far to near, and return how many there are.
+
+    Predictions are put in order; where the step to the next is larger than their errors, a new surface begins.
+    """
+    value, error, order, group = numbers[_VALUE], numbers[_ERROR], indices[_ORDER], indices[_GROUP]
+    for k in range(count):
+        at = k
+        while at > 0 and value[order[at - 1]] > value[k]:
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = k
+    number = 0
+    for k in range(count):
+        here = order[k]
+        if k > 0:
+            before = order[k - 1]
+            apart = _APART_SIGMAS * math.sqrt(2.0 * min(error[here], error[before]))
+            if value[here] - value[before] > max(apart, _APART * abs(value[before])):
+                number += 1
+        group[here] = number
+    return number + 1 if count > 0 else 0
+
+
+@borrowing
+def _measure(count: int, groups: int, indices: IntArray) -> None:
+    """Count the members of each surface, and those nearby."""
+    size, close = indices[_SIZE], indices[_CLOSE]
+    for number in range(groups):
+        size[number], close[number] = 0, 0
+    for k in range(count):
+        number = indices[_GROUP, k]
+        size[number] += 1
+        if max(abs(indices[_DOWN, k]), abs(indices[_RIGHT, k])) <= NEAR:
+            close[number] += 1
+
+
+@borrowing
+def _next_largest(groups: int, indices: IntArray) -> int:
+    """Take the surface with most pixels nearby, then with most pixels; -1: those left are of one pixel, or farther."""
+    size, close = indices[_SIZE], indices[_CLOSE]
+    best = -1
+    for number in range(groups):
+        if close[number] > 0 and size[number] > 1 and (
+            best < 0 or close[number] * _PLACES + size[number] > close[best] * _PLACES + size[best]
+        ):  # fmt: skip
+            best = number
+    if best >= 0:
+        close[best] = 0
+    return best
+
+
+@borrowing
+def _collect(count: int, group: int, indices: IntArray) -> int:
+    """List the members of a surface, and return how many they are."""
+    size = 0
+    for k in range(count):
+        if indices[_GROUP, k] == group:
+            indices[_OWN, size] = k
+            size += 1
+    return size
+
+
+@borrowing
+def _fit_ranges(
+    pixel: int, at: int, number: int, size: int, beams: Beams, members: Members, numbers: FloatArray,
+    indices: IntArray, normal: FloatArray, out: NeighbourSurfaces,
+) -> None:  # fmt: skip
+    """Fit a plane to the ranges of a surface: what they are beside the mean of its pixels' own planes."""
+    x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
+        numbers[_OWN_WEIGHT, :size]  # fmt: skip
+    variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
+    coefficients, covariance = out.near[at, number], out.near_covariance[at, number]
+    plane = normal[0]
+    plane[:] = 0.0
+    level, known = 0.0, 0
+    for k in range(size):
+        other, place = indices[_OTHER, indices[_OWN, k]], indices[_OWN, k]
+        level += numbers[_INVERSE, place]
+        if members.has_plane[other]:
+            known += 1
+            for i in range(3):
+                plane[i] += members.plane[other, i]
+    level /= size
+    for i in range(3):
+        plane[i] = plane[i] / known if known > 0 else level * beams.direction[pixel, i]
+    for k in range(size):
+        place = indices[_OWN, k]
+        x[k], y[k], variance[k] = numbers[_X, place], numbers[_Y, place], numbers[_VARIANCE, place]
+        expected = _dot(beams.direction[indices[_OTHER, place]], plane)
+        value[k], weight[k] = (numbers[_INVERSE, place] - expected) / numbers[_COSINE, place], 1.0 / variance[k]
+    m0, m1, m2 = plane[0], plane[1], plane[2]
+    slope = (_KNOWN_SLOPE if known > 0 else _FREE_SLOPE) * _pitch(pixel, beams) * level
+    slope_weight = 1.0 / (slope * slope)
+    fit_plane(x, y, value, weight, slope_weight, normal, coefficients, covariance, residual)
+    left = 0
+    for k in range(size):
+        left += residual[k] * residual[k] * weight[k] <= _OUTLIER
+    if left < size and 2 * left >= size:
+        for k in range(size):
+            if residual[k] * residual[k] * weight[k] > _OUTLIER:
+                weight[k] = 0.0
+        fit_plane(x, y, value, weight, slope_weight, normal, coefficients, covariance, residual)
+    right, down = beams.across[pixel], beams.down[pixel]
+    coefficients[0] += m0 * beams.direction[pixel, 0] + m1 * beams.direction[pixel, 1] + m2 * beams.direction[pixel, 2]
+    coefficients[1] += (m0 * right[0] + m1 * right[1] + m2 * right[2]) * beams.pitch_across[pixel]
+    coefficients[2] += (m0 * down[0] + m1 * down[1] + m2 * down[2]) * beams.pitch_down[pixel]
+    _widen(size, residual, weight, variance, covariance)
+
+
+@borrowing
+def _fit_light(
+    pixel: int, at: int, number: int, size: int, texture_variance: float, beams: Beams, measured: Measured,
+    members: Members, numbers: FloatArray, indices: IntArray, normal: FloatArray, out: NeighbourSurfaces,
+) -> None:  # fmt: skip
+    """Fit u = ln A + 3 ln r of a surface, over its pixels that were not left out of its plane."""
+    x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
+        numbers[_OWN_WEIGHT, :size]  # fmt: skip
+    variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
+    coefficients, covariance = out.light[at, number], out.light_covariance[at, number]
+    lit = False
+    for k in range(size):
+        lit = lit or (weight[k] > 0.0 and members.has_light[indices[_OTHER, indices[_OWN, k]]])
+    level, total = 0.0, 0.0
+    for k in range(size):
+        place = indices[_OWN, k]
+        other, inverse = indices[_OTHER, place], numbers[_INVERSE, place]
+        variance[k] = (
+            measured.light_variance[other] + 9.0 * measured.range_variance[other] * inverse * inverse
+            + texture_variance
+        )  # fmt: skip
+        used = weight[k] > 0.0 and (members.has_light[other] or not lit)
+        away = indices[_DOWN, place] ** 2 + indices[_RIGHT, place] ** 2
+        weight[k] = math.exp(-away / (2.0 * _LIGHT_REACH**2)) / variance[k] if used else 0.0
+        value[k] = measured.log_light[other]
+        level += value[k] * weight[k]
+        total += weight[k]
+    level /= total
+    for k in range(size):
+        value[k] = value[k] - level if weight[k] > 0.0 else 0.0
+    slope = _LIGHT_SLOPE * _pitch(pixel, beams) + _LIGHT_SLOPE_LEAST
+    fit_plane(x, y, value, weight, 1.0 / (slope * slope), normal, coefficients, covariance, residual)
+    coefficients[0] += level
+    _widen(size, residual, weight, variance, covariance)
+
+
+@borrowing
+def _widen(
+    size: int, residual: FloatArray, weight: FloatArray, variance: FloatArray, covariance: FloatArray
+) -> None:  # fmt: skip
+    """Widen a fit's covariance where its residuals scatter more than noise.
+
+    All of it by the excess, at least 1. That of its value by what a surface is, beside its plane: of a crease, or of
+    one that is curved. It is what residuals scatter beyond noise and more than by chance, and more pixels do not lessen
+    it.
+    """
+    used, square, total, squares, level = 0, 0.0, 0.0, 0.0, 0.0
+    for k in range(size):
+        if weight[k] > 0.0:
+            chance = weight[k] * variance[k]  # 1, or less where a pixel counts less
+            used += 1
+            square += residual[k] * residual[k] * weight[k]
+            total += chance
+            squares += chance * chance
+            level += chance * variance[k]
+    inflation = max(1.0, square / max(used - 3, 1))
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] *= inflation
+    total = max(total, _TINY)
+    free = max(total * total / max(squares, _TINY) - 3.0, 1.0)
+    excess = square / total - 1.0 - _CHANCE * math.sqrt(2.0 / free)
+    covariance[0, 0] += max(excess, 0.0) * level / total
+
+
+@borrowing
+def _describe(
+    at: int, number: int, size: int, measured: Measured, members: Members, indices: IntArray, out: NeighbourSurfaces
+) -> None:  # fmt: skip
+    """Fill what most pixels of a surface are, and the means over them."""
+    known, trusted, fresh, part = 0, 0, 0, 1.0 / size
+    for k in range(size):
+        place = indices[_OWN, k]
+        other = indices[_OTHER, place]
+        known += members.is_known[other]
+        trusted += members.is_trusted[other]
+        fresh += members.is_fresh[other]
+        out.row[at, number] += indices[_DOWN, place] * part
+        out.col[at, number] += indices[_RIGHT, place] * part
+        out.noise_radial[at, number] += measured.noise_radial[other] * part
+        out.noise_tangential[at, number] += measured.noise_tangential[other] * part
+        out.scatter_radial[at, number] += measured.scatter_radial[other] * part
+        out.scatter_tangential[at, number] += measured.scatter_tangential[other] * part
+    out.is_known[at, number] = 2 * known >= size
+    out.is_trusted[at, number] = 2 * trusted >= size
+    out.is_fresh[at, number] = 2 * fresh >= size
