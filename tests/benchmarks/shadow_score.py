@@ -1,4 +1,4 @@
-"""Whether a score by held-out blocks names what is hidden in users' scenes: the table of docs/explanation/reconcile.md.
+"""Whether held-out blocks name what users' scenes hide, without a search: the table of docs/results/reconcile-real.md.
 
     PYTHONPATH=tests python tests/benchmarks/shadow_score.py [--cases 240] [--seed 20261124]
 

@@ -6,7 +6,7 @@ these stand the latent states: whether a frame is disturbed (hidden Markov chain
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -120,7 +120,6 @@ class Likelihood:
     evidence: Evidence
     scene: "Scene | Scenes"
     witnesses: "tuple[Witness, ...]" = ()
-    calls: int = field(default=0)
 
     def start(self) -> State:
         """No effects but the model's; latent states not found yet."""
@@ -172,7 +171,6 @@ class Likelihood:
         ValueError
             If the recording has no such frame or pixel.
         """
-        self.calls += 1
         frames, pixels = self._working(state, part)
         added = self._variance(state) if variance is None else variance
         shift = state.pixel_bias if bias is None else bias

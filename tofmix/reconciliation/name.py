@@ -32,8 +32,6 @@ from tofmix.simulation.effects.surface_pose import SurfacePose
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
 PRICE_NATS = 3.0  # of each free parameter
-RIVALS = ("range_offset", "surface_pose")
-"""Simple explanations that always compete."""
 
 _MANY_FRAMES = 80
 _STEPS = 2  # of poses, within the tolerance
