@@ -44,14 +44,23 @@ def further_options() -> None:
 
 
 def images() -> None:
-    """Compile what maps, surfaces and scenes take."""
+    """Compile what unmixing and surfaces take."""
     from tofmix.pipeline.kernels import compile_images
 
     compile_images()
 
 
-PARTS: tuple[Callable[[], None], ...] = (layers, noise_and_reconciliation, further_options, images, learnt_noise)
-"""The first three take nearly as long together as the last two."""
+def scenes() -> None:
+    """Compile what maps, scenes and live densities take."""
+    from tofmix.pipeline.kernels import compile_scenes
+
+    compile_scenes()
+
+
+PARTS: tuple[Callable[[], None], ...] = (
+    layers, noise_and_reconciliation, further_options, scenes, images, learnt_noise
+)  # fmt: skip
+"""The first four take nearly as long together as the last two."""
 
 
 def begin(worker: int) -> None:

@@ -137,9 +137,9 @@ def test_noise_and_offset_of_one_wall_are_never_a_second_path_alone() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [58, 133, 182])
+@pytest.mark.parametrize("number", [58, 182])
 def test_cases_with_a_false_name_at_32ff9fc_have_none(number: int) -> None:
-    """By a law's own spread, a pose of no use, a set that leads back, and a place that no pixel sees."""
+    """By a place that no pixel sees, and by numbers of sets that were counted in two ways."""
     one = draw(20261124, number)
     evidence = make_evidence(one.given, recorded(one), time_s=np.arange(120) / 25.0)
     found = reconcile(one.given, evidence, Settings(kinds=KINDS)).as_dict()

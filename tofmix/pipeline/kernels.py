@@ -37,6 +37,7 @@ def compile_all() -> None:
     """Compile the kernels of all commands and options, or load them from their cache."""
     compile_options()
     compile_images()
+    compile_scenes()
     compile_noise()
     learnt.warm_up()
 
@@ -53,7 +54,14 @@ def compile_options() -> None:
 
 
 def compile_images() -> None:
-    """Compile the kernels of unmixing, maps, surfaces, scenes and live densities, or load them from their cache."""
+    """Compile the kernels of unmixing and surfaces, or load them from their cache."""
+    _, sensor, _ = _made_up()
+    _compile_edges(sensor)
+    _compile_unmixing(_with_sigma(sensor))
+
+
+def compile_scenes() -> None:
+    """Compile the kernels of maps, scenes and live densities, or load them from their cache."""
     range_mm, sensor, _ = _made_up()
     camera = _with_sigma(sensor)
     layers = layer_pixels(range_mm, camera)
@@ -64,8 +72,6 @@ def compile_images() -> None:
     live.add(range_mm[:1, 0, :1])
     live.modes()
     find_modes(range_mm[:, 0, 0], NoiseCurve(np.array([_RANGE_MM]), np.array([10.0])))
-    _compile_edges(sensor)
-    _compile_unmixing(camera)
     _compile_casts()
 
 
