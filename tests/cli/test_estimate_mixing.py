@@ -128,6 +128,7 @@ def test_api_gives_the_values_that_the_command_writes(tofmix: Tofmix, sums: Path
     np.testing.assert_array_equal(back.phasor_share, made.phasor_share)
 
 
+@pytest.mark.slow
 def test_inspect_says_and_draws_what_the_samples_are_of(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
     out, events = tmp_path / "a.h5", tmp_path / "events.h5"
     assert tofmix("estimate", sums, *WINDOWS, "-o", out).code == 0

@@ -78,9 +78,8 @@ def _killed_at(recording: Path, cells: int, number: signal.Signals) -> "subproce
     return subprocess.run([sys.executable, "-c", program, *arguments], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize(
-    "number", [signal.SIGKILL, *(pytest.param(n, marks=pytest.mark.slow) for n in (signal.SIGINT, signal.SIGTERM))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_a_killed_run_is_gone_on_with(
     tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes, number: signal.Signals
 ) -> None:

@@ -74,6 +74,7 @@ def test_info_says_the_learnt_noise_in_a_line_and_part_by_part(tofmix: Tofmix, p
     assert noise["background_q50"] == pytest.approx(0.15)
 
 
+@pytest.mark.slow
 def test_inspect_prints_and_draws_the_mixture(
     tofmix: Tofmix, case: Made, paths: tuple[Path, Path], tmp_path: Path
 ) -> None:

@@ -66,6 +66,7 @@ def test_one_background_of_all_pixels_is_written_as_a_map(tofmix: Tofmix, tmp_pa
         assert "noise_width_spread" not in root["sensor"].attrs
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not CONTRACT.exists(), reason="the shared contract checker is not beside this checkout")
 def test_files_fit_the_contract(recording: Path, layers: Path) -> None:
     for path in (recording, layers):

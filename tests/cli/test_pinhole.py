@@ -101,6 +101,7 @@ def test_exported_points_of_the_wall_lie_on_it(tofmix: Tofmix, layers: Path, tmp
     assert (np.abs(off) < 5 * errors + 2).all()
 
 
+@pytest.mark.slow
 def test_map_report_and_inspect_take_a_pinhole(tofmix: Tofmix, recording: Path, layers: Path, tmp_path: Path) -> None:
     made = tofmix("map", layers, "-o", tmp_path / "a.yaml", "--cell", 100, "--json")
     assert made.code == 0, made.err

@@ -287,6 +287,7 @@ def test_the_help_has_examples_and_stands_after_map(tofmix: Tofmix) -> None:
     assert names.index("surfaces") == names.index("map") + 1
 
 
+@pytest.mark.slow
 def test_report_shows_surfaces_of_the_same_layers_alone(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     surfaces, page = tmp_path / "a.surfaces.h5", tmp_path / "a.html"
     assert tofmix("surfaces", layers).code == 0

@@ -26,6 +26,7 @@ def _gathered(values: FloatArray, sigma_mm: float) -> Readings:
     return gather(values, len(values), np.array([1000.0]), np.array([sigma_mm]), *scratch)
 
 
+@pytest.mark.slow
 def test_a_last_group_is_filled_up_with_what_never_came() -> None:
     data = _gathered(np.array([1.0, 2.0, 2.0, 5.0]), 10.0)
     assert data.value.tolist() == [1.0, 2.0] + [5.0] * (LANES - 2)

@@ -88,9 +88,8 @@ def test_wave_is_found_where_most_samples_are_lost(small: Model) -> None:
     assert named_kinds(reconciled(small, *hidden, kinds=kinds)) == ["dropout", "wiggling"]
 
 
-@pytest.mark.parametrize(
-    "shifts_mm", [(0.4, -0.7, 1.6), pytest.param((0.63, -1.75, -2.23), marks=pytest.mark.slow)], ids=["right", "two"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("shifts_mm", [(0.4, -0.7, 1.6), (0.63, -1.75, -2.23)], ids=["right", "two"])
 def test_offset_keeps_its_name_where_poses_are_nearly_right(model: Model, shifts_mm: tuple[float, ...]) -> None:
     """A walk follows the errors of the poses too: by a tenth of sigma, which is taken as right, or up to two.
 
@@ -113,9 +112,8 @@ def test_offset_keeps_its_name_where_poses_are_nearly_right(model: Model, shifts
         assert {n.effect.kind for n in result.named} <= {"range_offset"}
 
 
-@pytest.mark.parametrize(
-    "every", [9, pytest.param(33, marks=pytest.mark.slow), pytest.param(5, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("every", [9, 33, 5])
 def test_small_offset_is_found_beside_pixels_that_hold_one_value(model: Model, every: int) -> None:
     """What each sample of these pixels gains does not count against how little an offset gains."""
     hidden = stuck(model, every), MAKE["range_offset"](offset_mm=1.0)
@@ -140,9 +138,8 @@ def test_stuck_pixels_on_a_lattice_are_found_all_and_no_others(small: Model, ste
     assert np.isfinite(found.map.values).ravel().nonzero()[0].tolist() == list(range(0, pixels, 33))
 
 
-@pytest.mark.parametrize(
-    "spread", [{"column_sigma_mm": 0.8}, pytest.param({"pixel_sigma_mm": 1.0}, marks=pytest.mark.slow)], ids=str
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("spread", [{"column_sigma_mm": 0.8}, {"pixel_sigma_mm": 1.0}], ids=str)
 def test_pattern_of_a_tenth_of_sigma_is_found_over_all_pixels(model: Model, spread: dict[str, float]) -> None:
     """The held-out pixels are too few for it; the panel sees it, since it looks at all pixels."""
     kinds = ("fixed_pattern", "range_offset", "excess_noise", "stuck_pixels")

@@ -40,9 +40,9 @@ WAVE = MAKE["wiggling"](amplitude_mm=20.0, phase_rad=0.7)
     ("effect", "kinds"),
     [
         pytest.param(WAVE, FEW, id="wiggling, few rivals"),
-        pytest.param(WAVE, KINDS, id="wiggling", marks=slow),
-        pytest.param(MAKE["scattering"](share=0.05), KINDS, id="scattering", marks=slow),
-        pytest.param(MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=1.5), KINDS, id="drift", marks=slow),
+        pytest.param(WAVE, KINDS, id="wiggling"),
+        pytest.param(MAKE["scattering"](share=0.05), KINDS, id="scattering"),
+        pytest.param(MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=1.5), KINDS, id="drift"),
     ],
 )
 @pytest.mark.slow
@@ -51,7 +51,8 @@ def test_structured_effect_is_named_beside_columns(small: Model, effect: Effect,
     assert named_within_errors(reconciled(two, effect, COLUMNS, kinds=kinds), (effect, COLUMNS))
 
 
-@pytest.mark.parametrize("kinds", [FEW, pytest.param(KINDS, marks=slow)], ids=["few rivals", "all rivals"])
+@pytest.mark.slow
+@pytest.mark.parametrize("kinds", [FEW, KINDS], ids=["few rivals", "all rivals"])
 def test_columns_alone_are_a_pattern_and_nothing_else(small: Model, kinds: tuple[str, ...]) -> None:
     assert named_within_errors(reconciled(small, COLUMNS, kinds=kinds), (COLUMNS,))
 

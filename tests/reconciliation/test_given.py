@@ -56,12 +56,11 @@ def test_recording_agrees_with_a_model_that_has_its_effect(model: Model, small: 
     assert reconciled(has, GIVEN[name], seed=3, kinds=RIVALS).verified.verdict == "agree"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
-    ["temperature_drift", "stuck_pixels",
-     *(pytest.param(name, marks=pytest.mark.slow)
-       for name in ("interference", "motion", "pixel_crosstalk", "temporal_correlation"))],
-)  # fmt: skip
+    ["temperature_drift", "stuck_pixels", "interference", "motion", "pixel_crosstalk", "temporal_correlation"],
+)
 def test_missing_offset_is_found_beside_the_effect_that_a_model_has(small: Model, name: str) -> None:
     """Effects in time, in bursts, with a memory, among neighbours and in single pixels."""
     has = _with(small, GIVEN[name])
@@ -73,6 +72,7 @@ def test_missing_offset_is_found_beside_the_effect_that_a_model_has(small: Model
     assert named.parameters["offset_mm"] == pytest.approx(8.0, abs=4 * named.stderr["offset_mm"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("given", "statistic"),
     [

@@ -105,6 +105,7 @@ def _kinds(result: Reconciliation) -> list[str]:
     return [n.effect.kind for n in result.named]
 
 
+@pytest.mark.slow
 def test_second_distance_tells_an_offset_from_a_pose_that_one_cannot(model: Model) -> None:
     near, far = board(model, 1500.0), board(model, 3000.0)
     hidden = MAKE["range_offset"](offset_mm=1.5)
@@ -152,6 +153,7 @@ def test_pose_of_one_scene_is_named_for_its_recording_alone(model: Model, other:
     assert {place["recording"] for place in said["where"]} == {2}
 
 
+@pytest.mark.slow
 def test_pixel_is_stuck_where_both_recordings_hold_the_same_value(model: Model, other: Model) -> None:
     pairs = [(model, recorded(model)), (other, recorded(other, seed=6))]
     for _, evidence in pairs:

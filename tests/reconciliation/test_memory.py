@@ -88,6 +88,7 @@ def test_noise_averaged_over_frames_is_an_unexplained_memory(small: Model, frame
     assert result.where[0].statistic == "memory"
 
 
+@pytest.mark.slow
 def test_memory_beside_random_values_is_found_and_leaves_no_gap(model: Model) -> None:
     """Random values are not remembered, while the memory of the noise runs on below them."""
     hidden = MAKE["temporal_correlation"](coefficient=0.4), MAKE["outliers"](probability=0.02)

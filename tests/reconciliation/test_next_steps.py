@@ -16,6 +16,7 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface
 
 
+@pytest.mark.slow
 def test_every_verdict_ends_with_a_step(small: Model) -> None:
     kinds = ("range_offset", "surface_pose")
     agree = reconciled(small, kinds=kinds)

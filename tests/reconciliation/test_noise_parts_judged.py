@@ -47,15 +47,16 @@ def test_recording_agrees_with_a_model_that_has_its_noise(small: Model, name: st
     assert result.verified.floor.gap < 1.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "real", "statistics"),
     [
         ({}, PARTS["shape"], {"skew"}),
-        pytest.param(PARTS["shape"], {}, {"skew"}, marks=pytest.mark.slow),
-        pytest.param({}, PARTS["widths"], {"spread_pattern"}, marks=pytest.mark.slow),
-        pytest.param(PARTS["widths"], {"width_spread": 0.4}, {"widths"}, marks=pytest.mark.slow),
+        pytest.param(PARTS["shape"], {}, {"skew"}),
+        pytest.param({}, PARTS["widths"], {"spread_pattern"}),
+        pytest.param(PARTS["widths"], {"width_spread": 0.4}, {"widths"}),
         (PARTS["widths"], {}, {"widths"}),
-        pytest.param(PARTS["all"], PARTS["all"] | {"shape": None}, {"skew"}, marks=pytest.mark.slow),
+        pytest.param(PARTS["all"], PARTS["all"] | {"shape": None}, {"skew"}),
     ],
 )
 def test_model_with_other_noise_does_not_agree(
@@ -75,13 +76,12 @@ def test_background_that_the_model_lacks_is_named_as_outliers(small: Model) -> N
     assert named.parameters["probability"] == pytest.approx(0.05, abs=4 * named.stderr["probability"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("hidden", "name"),
     [
-        pytest.param(MAKE["range_offset"](offset_mm=8.0), "offset_mm", marks=pytest.mark.slow),
-        pytest.param(
-            MAKE["interference"](probability=0.3, sigma_mm=30.0, burst_frames=3.0), "sigma_mm", marks=pytest.mark.slow
-        ),
+        pytest.param(MAKE["range_offset"](offset_mm=8.0), "offset_mm"),
+        pytest.param(MAKE["interference"](probability=0.3, sigma_mm=30.0, burst_frames=3.0), "sigma_mm"),
         (MAKE["outliers"](probability=0.03), "probability"),
     ],
     ids=lambda value: getattr(value, "kind", value),
@@ -95,6 +95,7 @@ def test_effect_beside_all_parts_is_found_with_its_number(small: Model, hidden: 
     assert named.parameters[name] == pytest.approx(getattr(hidden, name), abs=4 * named.stderr[name])
 
 
+@pytest.mark.slow
 def test_noise_of_all_pixels_is_no_matter_of_their_widths(small: Model) -> None:
     has, factor = with_noise(small, **PARTS["all"]), 1.3
     (named,) = outcome(has, has, MAKE["excess_noise"](factor=factor)).named

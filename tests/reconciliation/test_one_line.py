@@ -60,7 +60,8 @@ def test_an_offset_of_one_wall_in_a_few_pixels_is_never_agreement(rows: int, col
     assert {"range_offset"} in [{n.effect.kind for n in found.named}, *sets]
 
 
-@pytest.mark.parametrize(("rows", "cols"), [SHAPES[0], pytest.param(*SHAPES[1], marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("rows", "cols"), SHAPES)
 def test_the_panel_has_no_statistic_of_lines_that_are_not_there(rows: int, cols: int) -> None:
     model = scene(rows=rows, cols=cols)
     evidence = _record(model, MAKE["range_offset"](offset_mm=30.0), frames=900)  # 200 held-out samples a pixel

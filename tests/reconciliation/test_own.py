@@ -18,12 +18,13 @@ WEAK, STRONG = (MAKE["wiggling"](amplitude_mm=a, phase_rad=0.5) for a in (12.0, 
 FAINT, CLEAR = (MAKE["multipath"](surface="near", share=s, extra_path_mm=900.0) for s in (0.06, 0.10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("given", "true", "kinds"),
     [
         pytest.param(WEAK, STRONG, ("wiggling", "range_offset"), id="wiggling, few rivals"),
-        pytest.param(WEAK, STRONG, KINDS, marks=pytest.mark.slow, id="wiggling"),
-        pytest.param(FAINT, CLEAR, KINDS, marks=pytest.mark.slow, id="multipath"),
+        pytest.param(WEAK, STRONG, KINDS, id="wiggling"),
+        pytest.param(FAINT, CLEAR, KINDS, id="multipath"),
     ],
 )
 def test_given_effect_with_wrong_numbers_is_unexplained_and_told_its_better_ones(

@@ -100,6 +100,7 @@ def _middles(low: float, high: float, cells: int) -> FloatArray:
     return np.asarray(0.5 * (edges[1:] + edges[:-1]))
 
 
+@pytest.mark.slow
 def test_average_over_spreads_is_that_over_a_fine_grid(rng: np.random.Generator) -> None:
     noise, spreads = rng.uniform(0.5, 2.0, PIXELS), (2.0, 1.0, 0.7)
     biases = draw(rng, (2.0, 1.5, 0.7), noise)

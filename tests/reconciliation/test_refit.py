@@ -36,10 +36,11 @@ def added(model: Model, evidence: Evidence, kinds: Sequence[str]) -> Found:
     return numeric(chosen[place].effect), errors[place]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "flat",
     [
-        pytest.param(False, marks=pytest.mark.slow, id="a slanted wall"),
+        pytest.param(False, id="a slanted wall"),
         pytest.param(True, id="three boards that face the camera"),
     ],
 )

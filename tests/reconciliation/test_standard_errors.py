@@ -34,12 +34,13 @@ def test_every_kind_with_errors_is_tried() -> None:
     assert tried | EXACTLY_KNOWN == set(EFFECTS), "add the kind to EFFECTS_OF in tests/reconcile_errors.py"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "beside", "recordings", "mean_square"),
     [
         pytest.param(scene(rows=12, cols=14, frames=60), (), 6, (0.2, 2.6), id="independent noise, few"),
-        pytest.param(scene(), (), 16, (0.35, 2.0), marks=pytest.mark.slow, id="independent noise"),
-        pytest.param(scene(), (MEMORY,), 16, (0.35, 2.0), marks=pytest.mark.slow, id="noise with a memory"),
+        pytest.param(scene(), (), 16, (0.35, 2.0), id="independent noise"),
+        pytest.param(scene(), (MEMORY,), 16, (0.35, 2.0), id="noise with a memory"),
     ],
 )
 def test_offset_and_wave_lie_within_their_errors(
@@ -121,6 +122,7 @@ def test_fitted_map_is_shrunk_by_the_posterior_covariance(rng: np.random.Generat
     np.testing.assert_allclose(marginal_pattern(found, (rows, cols), (2.0, 1.0, 0.7))[1], wanted, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_number_at_its_bound_has_no_error_and_others_keep_theirs(small: Model) -> None:
     """All samples are lost by their amplitude, none by chance."""
     hidden = MAKE["dropout"](probability=0.0, threshold=15.0, threshold_noise=2.0), MAKE["range_offset"](offset_mm=9.0)
@@ -132,6 +134,7 @@ def test_number_at_its_bound_has_no_error_and_others_keep_theirs(small: Model) -
         assert all(abs(named.parameters[k] - getattr(truth, k)) < 4 * error for k, error in named.stderr.items())
 
 
+@pytest.mark.slow
 def test_full_well_between_two_amplitudes_has_an_error_of_their_gap(model: Model) -> None:
     """Beside samples that are lost by chance too; the error is of the gap between the amplitudes."""
     hidden = MAKE["saturation"](full_well_amplitude=FULL), MAKE["dropout"](probability=0.01)

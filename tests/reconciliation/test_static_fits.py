@@ -68,6 +68,7 @@ def test_two_recordings_have_own_biases_and_share_one_pattern(model: Model, reco
     assert gain == pytest.approx(0.5 * mean**2 * (lit @ weighed[:, 0]), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_pose_gives_back_its_part_of_the_offset_when_fitted_together(model: Model, record: Record) -> None:
     """A pose that was fitted alone has a part of the offset; fitted together, both are what they are."""
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=20.0), MAKE["range_offset"](offset_mm=8.0)

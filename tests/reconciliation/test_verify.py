@@ -33,6 +33,7 @@ def test_panel_of_held_out_frames_does_not_depend_on_the_fitted_ones(model: Mode
     assert panels[0] == panels[1]
 
 
+@pytest.mark.slow
 def test_floor_is_simulated_at_the_recordings_frame_rate_not_the_models(small: Model) -> None:
     """The model file says 4 Hz, the recording's times 10 Hz."""
     evidence = recorded(small, MAKE["temperature_drift"](amplitude_mm=20.0, time_constant_s=2.0))
@@ -80,6 +81,7 @@ class Inconsistent(RangeOffset):
         samples.add_bias(80.0)
 
 
+@pytest.mark.slow
 def test_model_whose_own_simulation_is_far_from_its_prediction_explains_nothing(small: Model) -> None:
     evidence = recorded(small, MAKE["range_offset"](offset_mm=8.0))
     likelihood = Likelihood(evidence, Scene(small, evidence.time_s))

@@ -89,6 +89,7 @@ def _ratios(model: Model, evidence: Evidence) -> dict[str, float]:
     return log_ratios(model, evidence, Scene(model, evidence.time_s).mixture())
 
 
+@pytest.mark.slow
 def test_amplitude_walk_acts_on_recorded_amplitudes(model: Model) -> None:
     darker = tuple(replace(s, reflectivity=0.5 * s.reflectivity) if s.name == "wall" else s for s in model.surfaces)
     hidden = MAKE["amplitude_walk"](scale_mm=12.0, reference_amplitude=60.0, exponent=1.0)

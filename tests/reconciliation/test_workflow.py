@@ -107,6 +107,7 @@ def test_reconciling_again_gives_the_same_outcome(small: Model) -> None:
     assert again.as_dict() == first.as_dict()
 
 
+@pytest.mark.slow
 def test_drift_before_a_pause_keeps_its_time_constant(small: Model) -> None:
     """A minute and a half after 6 s, in which it came to its end."""
     evidence = recorded(small, MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=1.0))

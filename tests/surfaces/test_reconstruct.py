@@ -33,6 +33,7 @@ def test_points_of_a_half_planes_edge_are_right_within_their_errors() -> None:
     assert 0.6 < total.z_rms < 1.5  # points of an edge are not independent
 
 
+@pytest.mark.slow
 def test_errors_of_edges_are_right_where_shares_are_unmixed() -> None:
     total = None
     for seed in range(1, 7):

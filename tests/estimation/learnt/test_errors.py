@@ -46,6 +46,7 @@ CASES: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.compiled("thousands of pixels")
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("distance", [3.5, 8.0])

@@ -168,6 +168,7 @@ def test_objective_is_the_likelihood_and_the_priors_written_out(name: str, rng: 
         em_step(pixel.data, k, pixel.fit, pixel.law, pixel.beam, pixel.scratch)
 
 
+@pytest.mark.slow
 def test_objective_counts_drift_and_its_prior(rng: np.random.Generator) -> None:
     noise = pixel_noise(drift_mm=(15.0, 0.0, 8.0))
     samples = _two_surfaces(rng)
@@ -245,6 +246,7 @@ def test_accelerated_steps_end_where_many_plain_ones_do(name: str, rng: np.rando
     assert pixel.value(k) == pytest.approx(value, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_shares_of_a_fit_add_up_to_1(rng: np.random.Generator) -> None:
     samples = _two_surfaces(rng)
     samples[1::9] = TOP_MM + SIGMA_MM * rng.standard_normal(14)

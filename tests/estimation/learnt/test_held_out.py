@@ -36,6 +36,7 @@ def test_wrong_sigma_loses_the_kullback_leibler_distance(factor: float, rng: np.
     assert float(np.mean(right - wrong)) == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KNOWN)
 def test_true_shape_predicts_best(name: str, rng: np.random.Generator) -> None:
     samples = surfaces(rng, (100, 200), (2000.0,), errors=KNOWN[name].draw)

@@ -167,6 +167,7 @@ def test_the_same_pixels_teach_the_same(rng: np.random.Generator) -> None:
     assert (one.noise.background, one.noise.memory) == (other.noise.background, other.noise.memory)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sigma", "holds"), [(SIGMA_MM, True), (2.0 * SIGMA_MM, False), (0.5 * SIGMA_MM, False)])
 def test_a_given_curve_holds_where_nothing_predicts_better(sigma: float, holds: bool, rng: np.random.Generator) -> None:
     given = NoiseCurve(np.array([2000.0]), np.array([sigma]))

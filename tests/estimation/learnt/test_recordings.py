@@ -188,6 +188,7 @@ def test_pixels_scatter_where_most_differ_by_more_than_their_step(samples: Float
     assert scatters(Pixels(samples=samples.astype(np.float32), rounding_mm=1.0)) is does
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sigma", "kept"), [(SIGMA_MM, True), (2.0 * SIGMA_MM, False)])
 def test_a_files_curve_is_replaced_only_where_samples_contradict_it(
     sigma: float, kept: bool, rng: np.random.Generator

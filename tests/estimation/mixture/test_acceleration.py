@@ -40,6 +40,7 @@ def test_acceleration_converges_to_the_likelihood_of_em(mode: int, rng: np.rando
     assert np.mean(sooner) > sized(0.9, 0.7)
 
 
+@pytest.mark.slow
 def test_acceleration_returns_negative_iterations_without_convergence(rng: np.random.Generator, sensor: Sensor) -> None:
     samples = readings_of(draw(rng, sensor, ranges_mm=[1500, 1540], shares=[0.5, 0.5], n=100, pixels=1))
     fit = new_components(2)

@@ -102,6 +102,7 @@ def test_scattered_samples_of_a_weak_surface_are_gathered(sensor: Sensor) -> Non
     assert layers.range[0, 0] == pytest.approx(1000, abs=1)
 
 
+@pytest.mark.slow
 @pytest.mark.compiled("a frequency over 4000 pixels")
 @pytest.mark.parametrize("share", [0.01, 0.1])
 def test_outliers_that_fall_together_are_no_surfaces_when_the_sensor_expects_them(

@@ -122,6 +122,7 @@ def test_unknown_amplitudes_leave_the_curve(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(found.sigma, plain.sigma, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.compiled("a frequency over 4000 pixels")
 @pytest.mark.parametrize("light", [25.0, 100.0, 400.0])
 def test_one_surface_stays_one_at_any_amplitude(rng: np.random.Generator, light: float) -> None:

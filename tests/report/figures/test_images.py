@@ -7,6 +7,7 @@ from tofmix.report.figures.images import category_image, colour_scale, gap_image
 from tofmix.report.theme import DARK, LIGHT, Theme, drawing
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [(144, 176), (1, 176), (40, 1), (1, 1), (3, 500)])
 @pytest.mark.parametrize("theme", [LIGHT, DARK])
 def test_images_of_any_shape_are_drawn(shape: tuple[int, int], theme: Theme) -> None:

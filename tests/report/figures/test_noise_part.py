@@ -94,6 +94,7 @@ def test_a_page_without_learnt_noise_has_no_part_about_it(
                          "</footer>\n</body>\n</html>")  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_map_shows_the_background_of_each_pixel(make_source: MakeSource) -> None:
     share = np.linspace(0.0, 0.3, 48).reshape(IMAGE)
     case = made(Parts(background=0.1), frames=FRAMES, image=IMAGE)

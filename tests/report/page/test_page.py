@@ -132,9 +132,8 @@ def test_names_are_escaped(make_layers: Callable[..., Layers], make_source: Call
     assert page.all("b") == page.all("u") == []
 
 
-@pytest.mark.parametrize(
-    ("shape", "max_layers"), [((1, 1), 1), ((1, 20), 4), pytest.param((20, 1), 2, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("shape", "max_layers"), [((1, 1), 1), ((1, 20), 4), ((20, 1), 2)])
 def test_images_of_any_shape(
     shape: tuple[int, int],
     max_layers: int,
@@ -147,6 +146,7 @@ def test_images_of_any_shape(
     assert len(page.all("img")) == 5 + min(3, max_layers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("status", [Status.NO_SURFACE, Status.TOO_FEW_SAMPLES])
 def test_no_surface_anywhere(status: Status, make_source: Callable[..., LayersSource]) -> None:
     layers = Layers.empty((5, 6), 3)
@@ -163,6 +163,7 @@ def test_a_sensor_of_which_nothing_is_known(
     assert "not known" in page.text
 
 
+@pytest.mark.slow
 def test_several_windows_show_the_chosen_one(
     make_layers: Callable[..., Layers],
     make_source: Callable[..., LayersSource],

@@ -251,6 +251,7 @@ CHORDS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CHORDS)
 def test_labels_of_ends_stand_inside_the_axes_and_apart(name: str) -> None:
     figure = drawn(made_plane(Mixing.PHASOR, CHORDS[name]))
@@ -267,6 +268,7 @@ def test_labels_of_ends_stand_inside_the_axes_and_apart(name: str) -> None:
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
 
 
+@pytest.mark.slow
 def test_the_figure_says_what_the_pixel_is_and_writes_the_shares() -> None:
     axes = main_axes(drawn(made_plane(Mixing.PHASOR, CHORDS["open space"])))
     assert axes.get_title(loc="left") == "row 3, column 5, complex plane: phasor sums"

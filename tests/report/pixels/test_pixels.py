@@ -182,6 +182,7 @@ def at_the_fold(frames: int = 200) -> tuple[PixelView, np.ndarray[Any, np.dtype[
     return view, samples
 
 
+@pytest.mark.slow
 def test_a_surface_across_the_fold_has_one_mode_and_is_drawn_in_one_piece() -> None:
     view, samples = at_the_fold()
     assert view.modes_mm is not None

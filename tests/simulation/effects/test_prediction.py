@@ -139,6 +139,7 @@ def test_memory_changes_no_marginal(bench: Bench) -> None:
         np.testing.assert_array_equal(getattr(plain, name), getattr(other, name))
 
 
+@pytest.mark.slow
 def test_crosstalk_predicts_mean_variance_and_shape(bench: Bench) -> None:
     """Where neighbours see several surfaces too: what the most uncertain two see is told apart."""
     (one,) = effects({"kind": "pixel_crosstalk", "share": 0.04})
