@@ -51,6 +51,7 @@ def test_function_reconcile_is_not_hidden_by_the_package_of_reconciliation() -> 
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.slow
 def test_estimate_gives_the_values_that_the_command_writes(recording: Path, tmp_path: Path) -> None:
     _command("estimate", recording, "-o", tmp_path / "command.h5", "--window", 15, "--stride", 10)
     found = tm.estimate(recording, window=15, stride=10)

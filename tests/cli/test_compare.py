@@ -56,6 +56,7 @@ def test_the_tolerance_and_the_share_that_may_differ(tofmix: Tofmix, layers: Pat
     assert tofmix("compare", layers, moved, "--allow", 1.9 / 48).code == ExitCode.DIFFERENT
 
 
+@pytest.mark.slow
 def test_the_page_is_written_and_the_code_stays(tofmix: Tofmix, layers: Path, moved: Path, tmp_path: Path) -> None:
     page = tmp_path / "c.html"
     shown = tofmix("compare", layers, moved, "--html", page, "--window", 1)

@@ -65,6 +65,7 @@ def test_a_wrong_curve_is_told_in_one_line(tofmix: Tofmix, tmp_path: Path, sampl
     assert "times the measured one" not in tofmix("estimate", right, "--noise", "auto").err
 
 
+@pytest.mark.slow
 def test_a_curve_that_samples_contradict_is_replaced_unless_the_file_is_insisted_on(
     tofmix: Tofmix, tmp_path: Path, samples: np.ndarray
 ) -> None:

@@ -91,6 +91,7 @@ def test_contradictions_are_usage_errors(tofmix: Tofmix, tmp_path: Path, extra: 
     assert tofmix("estimate", _folded(tmp_path / "a.h5"), *extra).code == ExitCode.USAGE
 
 
+@pytest.mark.slow
 def test_a_circle_too_short_for_the_camera_is_refused(tofmix: Tofmix, tmp_path: Path) -> None:
     outcome = tofmix("estimate", _folded(tmp_path / "a.h5"), "--unambiguous-range", 500)
     assert outcome.code == ExitCode.BAD_INPUT

@@ -47,6 +47,7 @@ def test_an_array_needs_no_sensor_and_what_it_does_not_tell_stays_unknown(tofmix
     assert "No range_max_mm" in told.out
 
 
+@pytest.mark.slow
 def test_commands_name_the_missing_camera_data(tofmix: Tofmix, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", samples((60, 8, 8)))
     tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5")

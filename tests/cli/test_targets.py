@@ -58,6 +58,7 @@ def _make(tofmix: Tofmix, folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_recording_has_the_axis_of_the_contract(made: Path) -> None:
     with h5py.File(made / "t.h5") as root:
         np.testing.assert_array_equal(root["range"][...], samples())

@@ -62,6 +62,7 @@ def _equation_1(model: Model, truth: Truth, r: Floats) -> Floats:
     return total
 
 
+@pytest.mark.slow
 def test_p_values_of_2000_pixels_against_equation_1_are_uniform() -> None:
     """The scene of the paper in pixels of one degree, so that one in eight is mixed; +-0.5 mm undoes the rounding."""
     scene = parse_model(builtin_text("three-boards"), source="three-boards")

@@ -144,6 +144,7 @@ def test_ranges_that_fold_are_unmixed_and_stay_on_the_circle() -> None:
     assert broken == []
 
 
+@pytest.mark.slow
 def test_wall_beyond_the_fold_is_a_plane_of_its_true_ranges() -> None:
     boards = two_boards(np.random.default_rng(6))[:2]
     for range_mm in (4980.0, 5150.0):  # across the fold of 4997 mm, and beyond it

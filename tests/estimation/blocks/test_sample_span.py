@@ -44,6 +44,7 @@ class Stored(ArrayRecording):
         return super().read_range(frames, rows)
 
 
+@pytest.mark.slow
 @given(
     shape=st.tuples(st.integers(1, 40), st.integers(1, 30)),
     step=st.tuples(st.integers(1, 50), st.integers(1, 40)),

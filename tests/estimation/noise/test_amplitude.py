@@ -45,9 +45,8 @@ def errors(
     return np.asarray(measured.curve.sigma(seen, light) / true - 1.0)
 
 
-@pytest.mark.parametrize(
-    "exponent", [pytest.param(0.7, marks=pytest.mark.slow), 0.85, pytest.param(1.0, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("exponent", [0.7, 0.85, 1.0])
 def test_sigma_by_range_and_amplitude_is_measured(rng: np.random.Generator, exponent: float) -> None:
     recording, seen, light = reflective(rng, exponent)
     measured = measure_noise(recording)

@@ -39,6 +39,7 @@ def _titles(page: str) -> list[str]:
     return re.findall(r"<h3>(.*?)</h3>", page)
 
 
+@pytest.mark.slow
 def test_page_tells_the_missing_effect_and_where_it_shows(page: str) -> None:
     assert "my &lt;recording&gt;.h5" in page
     assert "<board>" not in page
