@@ -95,6 +95,19 @@ def expected(recording: Path) -> bytes:
     return output.read_bytes()
 
 
+@pytest.mark.compiled("25,344 fits, twice")
+def test_unmixed_layers_of_phasor_sums_have_the_bytes_of_a_local_run(cluster: Cluster, tmp_path: Path) -> None:
+    made = [*TOFMIX, "simulate", "three-boards", "--averaged", "--frames", "30", "-o", str(tmp_path / "boards.h5")]
+    subprocess.run(made, check=True, capture_output=True)
+    for output, extra in (("local.layers.h5", ()), ("cluster.layers.h5", ("--scheduler", str(cluster.file)))):
+        given = ("estimate", str(tmp_path / "boards.h5"), "-o", str(tmp_path / output), "--mixing", "phasor", *extra)
+        done = subprocess.run([*TOFMIX, *given], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "cluster.layers.h5").read_bytes() == (tmp_path / "local.layers.h5").read_bytes()
+    with open_layers(tmp_path / "local.layers.h5") as layers:
+        assert layers.mixing_law is not None
+
+
 def first_blocks_of(running: "subprocess.Popen[str]", folder: Path) -> None:
     """Wait until the first blocks are in the journal."""
     journal = folder / ".a.layers.h5.journal-wal"
