@@ -1,6 +1,6 @@
 """EM iterations over one pixel whose fit is rows of an array, as `mixture.components` has it, or a struct of arrays.
 
-    PYTHONPATH=tests:. NUMBA_CACHE_DIR=DIR python tests/benchmarks/fit_layout.py
+    NUMBA_CACHE_DIR=DIR python tests/benchmarks/fit_layout.py
 
 DIR is empty: the time of the first call is that of compiling. "As a part" is a kernel that others call, with
 references to arrays not counted (`tofmix.jit.borrowing`); "by itself" is one of plain `jit`.

@@ -520,14 +520,14 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
             here = ends.some(which)
             chord = _likeliest([_chord(here, one, number) for number in others])
             error = _SELF_SIGMAS * np.sqrt(chord.variance)
-            says_more = here.trusted[:, one] | (1.0 - chord.share >= error)
-            says_more &= here.trusted[:, other] | (chord.share >= error)
-            count[which] += says_more
-            pairs.append((one, other, which, here, says_more, chord))
-    for one, other, which, here, says_more, chord in pairs:
+            is_distinct = here.trusted[:, one] | (1.0 - chord.share >= error)
+            is_distinct &= here.trusted[:, other] | (chord.share >= error)
+            count[which] += is_distinct
+            pairs.append((one, other, which, here, is_distinct, chord))
+    for one, other, which, here, is_distinct, chord in pairs:
         share, none = np.clip(chord.share, 0.0, 1.0), np.full(len(which), np.nan)
         best.put(
-            Kind.PAIR, _log_share(PRIORS[Kind.PAIR], says_more, count[which]), chord.log_density, which=which,
+            Kind.PAIR, _log_share(PRIORS[Kind.PAIR], is_distinct, count[which]), chord.log_density, which=which,
             range_mm=np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
             range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
             share=np.column_stack([share, 1.0 - share, none]),

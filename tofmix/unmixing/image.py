@@ -10,14 +10,38 @@ A plane gives the phasor of a pixel that it fills: z = exp(u - 3 ln r + i r / K)
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from tofmix.unmixing.surface_fit import Beams, Measured
 
 ComplexArray = NDArray[np.complex128]
+
+
+class Beams(NamedTuple):
+    """Where pixels look: `direction`, `across`, `down` (pixel, 3), and the pitches (pixel,), as in `PhasorImage`."""
+
+    direction: FloatArray
+    across: FloatArray
+    down: FloatArray
+    pitch_across: FloatArray
+    pitch_down: FloatArray
+
+
+class Measured(NamedTuple):
+    """What pixels measured, (pixel,) each, as in `PhasorImage`."""
+
+    range_mm: FloatArray
+    range_variance: FloatArray
+    log_light: FloatArray
+    light_variance: FloatArray
+    noise_radial: FloatArray
+    noise_tangential: FloatArray
+    scatter_radial: FloatArray
+    scatter_tangential: FloatArray
+
 
 LEAST_SAMPLES = 3
 """Samples from which on a pixel's mean phasor is used."""

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
-from tofmix.arrays import BoolArray, FloatArray
+from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.unmixing.hypotheses import Kind
-from tofmix.unmixing.image import PhasorImage, variance_along
+from tofmix.unmixing.image import PhasorImage, places, variance_along, window
 from tofmix.unmixing.labels import Labels
 
 LEAST_PHASOR_SHARE = 0.05
@@ -33,6 +33,11 @@ _REACH, _LEAST_ALONG = 3, 5
 
 _DIFFERENT = 4.0
 """Standard errors by which an edge differs from the others of the image before its own law is taken."""
+
+_LEAST_DIFFERING = 0.05
+"""Part of the pixels that tell the law, which those at edges of another law must exceed. One in 100 of the pairs that
+are sure may have a wrong surface, as `probability` says; and these lie together, at a corner, or beside a surface that
+no pixel sees alone."""
 
 _BY_CHANCE = 3.0
 """Standard errors above 0 from which on a share of phasor sums is no chance."""
@@ -65,7 +70,8 @@ def measure_law(image: PhasorImage, labels: Labels) -> Law:
     """Measure the share of phasor sums, of the image and of each edge.
 
     Edges between surfaces, and those of a surface beside open space, are measured apart: a camera may sum the one and
-    not the other. Where an edge differs from the others of its kind, its own share is taken.
+    not the other. Where an edge differs from the others of its kind, its own share is taken, if such edges have more
+    pixels than wrong surfaces may have.
     """
     value, error = _of_pixels(image, labels)
     telling = error < _TELLING
@@ -78,10 +84,13 @@ def measure_law(image: PhasorImage, labels: Labels) -> Law:
     at, at_error = np.full(image.count, share), np.full(image.count, share_error)
     if (telling & beside_open).any():
         at[beside_open], at_error[beside_open] = _median(value[telling & beside_open], error[telling & beside_open])
+    widest = np.maximum(error, _error(image, labels, at))  # where surfaces are wrong, q may seem to be known well
     for edges in (~beside_open, beside_open):
-        own, own_error = _along_edges(image, telling & edges, value, error)
-        differs = edges & (np.abs(own - at) > _DIFFERENT * np.hypot(own_error, at_error))
-        at[differs], at_error[differs] = own[differs], own_error[differs]
+        group = telling & edges
+        pixels, own, own_error = _along_edges(image, group, np.asarray(edges, np.bool_), value, widest)
+        differs = np.abs(own - at[pixels]) > _DIFFERENT * np.hypot(own_error, at_error[pixels])
+        if group[pixels[differs]].sum() > _LEAST_DIFFERING * group.sum():
+            at[pixels[differs]], at_error[pixels[differs]] = own[differs], own_error[differs]
     return Law(
         phasor_share=share, pixels=int(main.sum()), is_sum=(at > LEAST_PHASOR_SHARE) & (at > _BY_CHANCE * at_error)
     )
@@ -94,29 +103,47 @@ def _median(value: FloatArray, error: FloatArray) -> tuple[float, float]:
 
 def _of_pixels(image: PhasorImage, labels: Labels) -> tuple[FloatArray, FloatArray]:
     """Q of each pixel and its standard error (pixel,), infinite where the pixel tells nothing."""
+    pair, parallel, noise, jump = _along_chords(image, labels)
+    value = 1.0 - (1.0 - 1.0 / np.maximum(image.samples, 1.0)) * (parallel - noise) / jump
+    return np.where(pair, value, 0.0), np.where(pair, _error_of(image, parallel, noise, jump), np.inf)
+
+
+def _error(image: PhasorImage, labels: Labels, share: FloatArray) -> FloatArray:
+    """Standard error (pixel,) of a pixel's q where the true one is `share` (pixel,)."""
+    pair, _, noise, jump = _along_chords(image, labels)
+    return np.where(pair, _error_of(image, noise + np.clip(1.0 - share, 0.0, 1.0) * jump, noise, jump), np.inf)
+
+
+def _error_of(image: PhasorImage, parallel: FloatArray, noise: FloatArray, jump: FloatArray) -> FloatArray:
+    free = np.maximum(image.samples - 1.0, 1.0)
+    return np.asarray(np.hypot(np.sqrt(2.0 / free) * np.hypot(parallel, noise) / jump, _LEAST_ERROR))
+
+
+def _along_chords(image: PhasorImage, labels: Labels) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray]:
+    """Pixels whose pair of surfaces is sure, the variance along its chord, that of noise, and that of jumps."""
     share = labels.share[:, 0]
     pair = (labels.kind == Kind.PAIR) & labels.is_known & (labels.probability >= _LEAST_PROBABILITY)
     pair &= (np.abs(share - 0.5) <= 0.5 - _LEAST_SHARE) & np.isfinite(labels.scatter)
     length = np.where(pair, np.abs(labels.chord), 1.0)
-    along = labels.chord / length
     jump = np.where(pair, share * (1.0 - share), 1.0) * length**2
-    parallel = variance_along(image.covariance, along)
-    noise = np.where(pair, labels.scatter, 0.0)
-    free = np.maximum(image.samples - 1.0, 1.0)
-    value = 1.0 - (1.0 - 1.0 / np.maximum(image.samples, 1.0)) * (parallel - noise) / jump
-    error = np.hypot(np.sqrt(2.0 / free) * np.hypot(parallel, noise) / jump, _LEAST_ERROR)
-    return np.where(pair, value, 0.0), np.where(pair, error, np.inf)
+    return pair, variance_along(image.covariance, labels.chord / length), np.where(pair, labels.scatter, 0.0), jump
 
 
 def _along_edges(
-    image: PhasorImage, group: BoolArray, value: FloatArray, error: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Weighted mean of q over the pixels of a group around each pixel, and its standard error, infinite without one."""
-    square = np.ones((2 * _REACH + 1, 2 * _REACH + 1))
-    weight = np.where(group, 1.0 / error**2, 0.0)
-    parts = (part.reshape(image.shape) for part in (weight, weight * value))
-    total, product = (ndimage.convolve(part, square, mode="constant").ravel() for part in parts)
-    count = ndimage.convolve(group.reshape(image.shape).astype(int), square.astype(int), mode="constant").ravel()
-    known = count >= _LEAST_ALONG
-    mean = np.where(known, product / np.where(known, total, 1.0), 0.0)
-    return mean, np.where(known, 1.0 / np.sqrt(np.where(known, total, 1.0)), np.inf)
+    image: PhasorImage, group: BoolArray, edges: BoolArray, value: FloatArray, error: FloatArray
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Pixels of `edges` with enough of a group around them, the median of q over these, and its standard error.
+
+    A median, because some pixels have wrong surfaces: a narrow surface beside a chord makes a pixel that sees it alone
+    look like a sum.
+    """
+    square = np.ones((2 * _REACH + 1, 2 * _REACH + 1), np.int64)
+    count = ndimage.convolve(group.reshape(image.shape).astype(np.int64), square, mode="constant").ravel()
+    pixels = np.flatnonzero(edges & image.valid & (count >= _LEAST_ALONG))
+    others, inside = places(pixels, image.shape, window(_REACH, middle=True))
+    inside &= group[others]
+    size = inside.sum(axis=1)
+    ordered = np.sort(np.where(inside, value[others], np.inf), axis=1)
+    middle = (np.take_along_axis(ordered, np.stack([(size - 1) // 2, size // 2], axis=1), axis=1)).mean(axis=1)
+    square_sum = np.where(inside, error[others], 0.0) ** 2
+    return pixels, middle, np.sqrt(0.5 * math.pi * square_sum.sum(axis=1)) / size

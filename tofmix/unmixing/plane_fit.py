@@ -10,6 +10,7 @@ TINY = 1.0e-12
 """Part of the sum of weights that is added to the normal matrix: a window without slopes stays regular."""
 
 _LEAST = float(np.finfo(np.float64).tiny)
+"""Added besides: a window without weights stays regular, with coefficients 0."""
 
 
 @borrowing

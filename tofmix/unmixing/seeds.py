@@ -11,9 +11,8 @@ from scipy import special
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.jit import borrowing, jit
-from tofmix.unmixing.image import PhasorImage, places, window
+from tofmix.unmixing.image import Beams, Measured, PhasorImage, places, window
 from tofmix.unmixing.plane_fit import fit_plane
-from tofmix.unmixing.surface_fit import Beams, Measured
 
 _FREE = 6
 """Degrees of freedom of a plane through 3 x 3 pixels."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.jit import borrowing, jit
+from tofmix.unmixing.image import Beams, Measured
 from tofmix.unmixing.plane_fit import fit_plane
 
 MOST_SURFACES = 4
@@ -52,29 +53,6 @@ _NUMBERS, _INDICES = 13, 8
 _COSINE, _X, _Y, _INVERSE, _VARIANCE, _VALUE, _ERROR = range(7)
 _OWN_X, _OWN_Y, _OWN_VALUE, _OWN_WEIGHT, _OWN_VARIANCE, _RESIDUAL = range(7, _NUMBERS)
 _OTHER, _DOWN, _RIGHT, _ORDER, _GROUP, _SIZE, _CLOSE, _OWN = range(_INDICES)
-
-
-class Beams(NamedTuple):
-    """Where pixels look: `direction`, `across`, `down` (pixel, 3), and the pitches (pixel,), as in `PhasorImage`."""
-
-    direction: FloatArray
-    across: FloatArray
-    down: FloatArray
-    pitch_across: FloatArray
-    pitch_down: FloatArray
-
-
-class Measured(NamedTuple):
-    """What pixels measured, (pixel,) each, as in `PhasorImage`."""
-
-    range_mm: FloatArray
-    range_variance: FloatArray
-    log_light: FloatArray
-    light_variance: FloatArray
-    noise_radial: FloatArray
-    noise_tangential: FloatArray
-    scatter_radial: FloatArray
-    scatter_tangential: FloatArray
 
 
 class Members(NamedTuple):

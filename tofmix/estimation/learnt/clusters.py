@@ -95,12 +95,12 @@ def find_clusters(samples: Float32Array, beam: Beam) -> Clusters:
         rest = n
         left[:n] = value[:n]
         for _ in range(MOST_IN_PIXEL):
-            place, crowded = _crowd(left, rest, curve_range, curve_sigma)
-            if crowded < max(LEAST_IN_CLUSTER, LEAST_SHARE * n):
+            place, crowd_size = _crowd(left, rest, curve_range, curve_sigma)
+            if crowd_size < max(LEAST_IN_CLUSTER, LEAST_SHARE * n):
                 break
             sigma = sigma_at(place, curve_range, curve_sigma)
             a, b = place - WINDOW * sigma, place + WINDOW * sigma
-            if _clear(value, n, place, a, b, crowded, curve_range, curve_sigma):
+            if _clear(value, n, place, a, b, crowd_size, curve_range, curve_sigma):
                 owner[count], low[count], high[count] = pixel, a, b
                 count += 1
             kept = 0
@@ -134,7 +134,7 @@ def _clear(
     place: float,
     a: float,
     b: float,
-    crowded: float,
+    crowd_size: float,
     curve_range: FloatArray,
     curve_sigma: FloatArray,
 ) -> bool:
@@ -146,7 +146,7 @@ def _clear(
         while stop < n and y[stop] <= y[first] + 2.0 * CLOSE * sigma:
             stop += 1
         middle = 0.5 * (y[first] + y[stop - 1])
-        if a <= middle <= b and abs(middle - place) >= APART * sigma and stop - first > max(CLEAR * crowded, 1.0):
+        if a <= middle <= b and abs(middle - place) >= APART * sigma and stop - first > max(CLEAR * crowd_size, 1.0):
             return False
     return True
 

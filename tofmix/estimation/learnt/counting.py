@@ -49,7 +49,7 @@ from tofmix.estimation.learnt.law import Law, at_table, precision_of_t
 from tofmix.estimation.learnt.steps import value_of_jump
 from tofmix.estimation.mixture.counting import COUNT_ITER, COUNT_TOL, LEAST_BOUND, MIN_SUPPORT, SPLIT_SIGMAS
 from tofmix.estimation.mixture.false_alarms import least_gain
-from tofmix.estimation.mixture.share_step import LARGEST_SHARE, next_share
+from tofmix.estimation.mixture.share_step import LARGEST_SHARE, LEAST_BEND, next_share
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
@@ -71,7 +71,6 @@ _STEEPEST, _SPLIT, _PLAIN = 0, 1, 2  # starts of one surface more
 _STEP = 0.5  # sigmas between the places where a new surface is tried
 _QUICK_STEPS = 3  # Newton steps for the share of a new surface in a gain bound; twice as many before a fit
 _LEAST_SHARE = 1.0e-9  # where less share is left, the other shares are not scaled up
-_LEAST_BEND = 1.0e-12  # second derivative by a share, for a surface that changes no sample's density
 _LEAST_INFORMATION = 1.0e-6  # least information by sample; less is rounding
 
 
@@ -291,7 +290,7 @@ def _best_share(ratio: FloatArray, outside: float, steps: int) -> float:
     """
     part = 1.0 / (len(ratio) + outside)
     for _ in range(steps):
-        slope, bend = 0.0, _LEAST_BEND
+        slope, bend = 0.0, LEAST_BEND
         for j in range(len(ratio)):
             excess = ratio[j] - 1.0
             term = excess / (1.0 + part * excess)

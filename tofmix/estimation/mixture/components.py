@@ -1,10 +1,8 @@
 """The surfaces of a mixture under fit, and scratch arrays for the fit.
 
-Both are plain arrays with a row for each quantity. A kernel that takes a dozen arrays
-out of a structure spends more time on counting references to them than on a pixel's
-samples. Where references are not counted, a structure of four rows is as fast as the
-array (0.336 and 0.332 us a round of EM, `tests/benchmarks/fit_layout.py`); it stays an
-array because fits are copied, sorted and extrapolated as wholes.
+Both are plain arrays with a row for each quantity, because fits are copied, sorted and
+extrapolated as wholes. A structure of four arrays would be as fast: 0.34 and 0.33 us a
+round of EM (`tests/benchmarks/fit_layout.py`).
 
 `Components` (ROWS, capacity + 1): rows MEAN and SIGMA in mm, WEIGHT, SUPPORT (the sum of
 a surface's responsibilities, in samples), GAIN (what the likelihood loses without it,

@@ -127,9 +127,9 @@ def _most_unexplained(data: Readings, k: int, fit: Components, beam: Beam, scrat
     for centre in unexplained[:n]:
         reach = UNEXPLAINED_SIGMAS * sigma_at(centre, beam.curve_range, beam.curve_sigma)
         first, stop = within_reach(unexplained[:n], first, stop, centre - reach, centre + reach)
-        grouped = total_of(counts[first:stop])
-        if grouped > most:
-            most, place = grouped, product_of(unexplained[first:stop], counts[first:stop]) / grouped
+        group_size = total_of(counts[first:stop])
+        if group_size > most:
+            most, place = group_size, product_of(unexplained[first:stop], counts[first:stop]) / group_size
     return most, place
 
 
@@ -155,10 +155,10 @@ def _settle(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratc
 def _add_unexplained(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -> int:
     """Add surfaces for samples that only c_r explains; return the surfaces."""
     while k < capacity_of(fit):
-        grouped, place = _most_unexplained(data, k, fit, beam, scratch)
-        if grouped < MIN_SUPPORT:
+        group_size, place = _most_unexplained(data, k, fit, beam, scratch)
+        if group_size < MIN_SUPPORT:
             break
-        k = _add_surface(k, place, grouped / data.total, fit, beam)
+        k = _add_surface(k, place, group_size / data.total, fit, beam)
         _settle(data, k, fit, beam, scratch)
         if fit[SUPPORT, k - 1] < MIN_SUPPORT:
             break

@@ -34,7 +34,7 @@ from tofmix.estimation.mixture.components import (
     Scratch,
 )
 from tofmix.estimation.mixture.em import ROOT_TWO_PI, gaussians, mix
-from tofmix.estimation.mixture.share_step import next_share
+from tofmix.estimation.mixture.share_step import LEAST_BEND, next_share
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.reach import whole_lanes, within_reach
 from tofmix.estimation.samples import Readings
@@ -52,9 +52,6 @@ _NEWTON_STEPS = 6
 
 _QUICK_STEPS = 3
 """Newton steps of the best share at each place that is compared: the order of places needs no more."""
-
-_LEAST_BEND = 1.0e-12
-"""Least second derivative by a share: a surface that changes no sample's density has none."""
 
 _LEAST_NORM = 1.0e-6
 """Below this, by sample, a direction is no direction: its information is rounding."""
@@ -204,6 +201,6 @@ def best_share(data: Readings, place: float, beam: Beam, scratch: Scratch) -> fl
         slope = product_of(term, data.times)
         for j in range(m):
             term[j] *= term[j]
-        bend = product_of(term, data.times) + _LEAST_BEND
+        bend = product_of(term, data.times) + LEAST_BEND
         share = next_share(share, slope, bend)
     return share

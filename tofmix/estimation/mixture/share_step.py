@@ -9,6 +9,9 @@ from tofmix.jit import borrowing
 LARGEST_SHARE = 0.9
 """A new surface is given at most this share: the rest stays with the surfaces that are there."""
 
+LEAST_BEND = 1.0e-12
+"""Least negative second derivative, nat: a surface that changes no sample's density has none."""
+
 
 @borrowing
 def next_share(share: float, slope: float, bend: float) -> float:
