@@ -12,7 +12,7 @@ stand for themselves: none of the others does what they do. Leaking neighbours m
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from tofmix.arrays import FloatArray
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects import EFFECTS, Effect
+from tofmix.simulation.effects.base import Level
 from tofmix.simulation.model import Model
 from tofmix.simulation.prediction import predict
 from users.cases import FRAMES, RATE_HZ, Case
@@ -86,7 +87,8 @@ def known(case: Case) -> Known:
     true = case.true if case.sort == "pose" else replace(case.given, effects=static)
     own_bias = next((float(e.pixel_sigma_mm) for e in case.hidden if e.kind == "fixed_pattern"), 0.0)  # type: ignore[attr-defined]
     seen = replace(laws.seen(true, slower=_memory(case.hidden)), pattern_mm=own_bias)
-    traces = _needed(truth, lambda kinds: laws.loss(seen, kinds))
+    loss_of = laws.losses(seen)
+    traces = _needed(truth, loss_of)
     aliases: list[tuple[float, tuple[str, ...]]] = []
     if traces:
         for size in range(1, len(traces) + 1):
@@ -94,7 +96,7 @@ def known(case: Case) -> Known:
                 smaller = any(set(s) < set(kinds) for _, s in aliases)
                 if set(kinds) >= set(traces) or smaller:
                     continue
-                loss = laws.loss(seen, kinds)
+                loss = loss_of(kinds)
                 if loss <= KNOWN_NATS:
                     aliases.append((loss, kinds))
     aliases.sort()
@@ -150,7 +152,8 @@ class _Laws:
 
     def __init__(self, given: Model) -> None:
         self.given = given
-        self.at_rest = predict(given, cast_scene(given))
+        self.truth = cast_scene(given)
+        self.at_rest = predict(given, self.truth)
         self.now = (np.arange(TENTHS) + 0.5) * FRAMES / TENTHS / RATE_HZ
         self.laws: dict[str, list[list[_Column]]] = {}
         for kind, columns in _COLUMNS.items():
@@ -160,7 +163,9 @@ class _Laws:
 
     def change(self, model: Model, time_s: float = 0.0) -> tuple[FloatArray, FloatArray]:
         """What another model does to mean and log width (pixel,) of each pixel's main surface."""
-        return _difference(self.at_rest, predict(model, time_s=time_s))
+        moves = any(e.level is Level.GEOMETRY for e in (*model.acting(), *self.given.acting()))
+        same = not moves and model.surfaces == self.given.surfaces
+        return _difference(self.at_rest, predict(model, self.truth if same else None, time_s=time_s))
 
     def of(self, size: float, kind: str, **values: Any) -> _Column:  # noqa: ANN401  parameters
         """A column: an effect over its size, the same at all times."""
@@ -185,22 +190,23 @@ class _Laws:
             width_information=np.full(sigma.size, 2.0 * FRAMES / slower),
         )  # fmt: skip
 
-    def loss(self, seen: _Seen, kinds: Sequence[str]) -> float:
-        """Nats that the best set of laws of some kinds is behind the truth."""
-        least = math.inf
-        choices: list[list[list[_Column]]] = [self.laws[kind] for kind in kinds]
-        for chosen in _products(choices):
-            least = min(least, _left(seen, [c for law in chosen for c in law], self.given))
-        return least
+    def losses(self, seen: _Seen) -> Callable[[Sequence[str]], float]:
+        """Nats that the best set of laws of some kinds is behind the truth, as a function of the kinds."""
+        columns: list[_Column] = []
+        places: dict[str, list[list[int]]] = {}
+        for kind, laws in self.laws.items():
+            places[kind] = []
+            for law in laws:
+                places[kind].append(list(range(len(columns), len(columns) + len(law))))
+                columns += law
+        squares = _Squares(seen, columns, self.given)
 
+        def loss(kinds: Sequence[str]) -> float:
+            return min(
+                squares.left([i for law in chosen for i in law]) for chosen in product(*(places[k] for k in kinds))
+            )
 
-def _products(choices: list[list[list[_Column]]]) -> Iterator[list[list[_Column]]]:
-    if not choices:
-        yield []
-        return
-    for first in choices[0]:
-        for rest in _products(choices[1:]):
-            yield [first, *rest]
+        return loss
 
 
 def _difference(before: Prediction, after: Prediction) -> tuple[FloatArray, FloatArray]:
@@ -210,37 +216,53 @@ def _difference(before: Prediction, after: Prediction) -> tuple[FloatArray, Floa
     return mean, np.log(ratio)
 
 
-def _left(seen: _Seen, columns: Sequence[_Column], given: Model) -> float:
-    """Half of the weighted squares that the columns leave, the model's own errors fitted too."""
+class _Squares:
+    """Weighted squares that sets of columns leave: the products of all columns are made once, a set takes its own."""
+
+    def __init__(self, seen: _Seen, columns: Sequence[_Column], given: Model) -> None:
+        use = seen.use
+        errors, prices = _own_errors(seen, given)
+        information = seen.information[:, use]
+        whole = information.sum(axis=0)
+        root, wide = np.sqrt(information), np.sqrt(seen.width_information[use])
+        of_mean = np.sqrt(whole / (1 + whole * seen.pattern_mm**2))  # each pixel's own bias is integrated out
+
+        def weighed(bias: FloatArray, width: FloatArray) -> FloatArray:
+            mean = bias[:, use].mean(axis=0)
+            return np.concatenate([((bias[:, use] - mean) * root).ravel(), mean * of_mean, width[use] * wide])
+
+        design = np.stack([weighed(b, w) for b, w in (*columns, *errors)], axis=1)
+        wanted = weighed(seen.bias, seen.width)
+        self._gram = design.T @ design + np.diag([0.0] * len(columns) + [price**2 for price in prices])
+        self._pull = design.T @ wanted
+        self._whole = float(wanted @ wanted)
+        self._errors = range(len(columns), design.shape[1])
+
+    def left(self, columns: Sequence[int]) -> float:
+        """Half of the weighted squares that these columns leave, the model's own errors fitted too."""
+        taken = [*columns, *self._errors]
+        gram, pull = self._gram[np.ix_(taken, taken)], self._pull[taken]
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
+        found = np.linalg.lstsq(gram / scale[:, None] / scale, pull / scale, rcond=1e-12)[0] / scale
+        return 0.5 * float(self._whole - 2 * pull @ found + found @ gram @ found)
+
+
+def _own_errors(seen: _Seen, given: Model) -> tuple[list[_Column], list[float]]:
+    """The model's own errors, as columns: the noise, and place and tilts of each surface. And the price of each."""
     use = seen.use
     nothing = np.zeros((TENTHS, use.size))
     rows, cols = given.sensor.shape
     row, col = np.divmod(np.arange(use.size), cols)
-    free: list[tuple[FloatArray, FloatArray, float]] = [(*c, 0.0) for c in columns]
-    free.append((nothing, np.ones(use.size), 1.0 / _NOISE))
+    columns: list[_Column] = [(nothing, np.ones(use.size))]
+    prices = [1.0 / _NOISE]
     for number in range(len(given.surfaces)):
         own = use & (seen.surface == number)
         if own.any():
             error = _TOLERANCE * float(np.median(seen.sigma[own]))
             laws = (np.ones(use.size), 2 * col / cols - 1, 2 * row / rows - 1)
-            moves = (np.tile(np.where(own, law, 0.0), (TENTHS, 1)) for law in laws)
-            free += [(move, np.zeros(use.size), 1.0 / error) for move in moves]
-    information = seen.information[:, use]
-    whole = information.sum(axis=0)
-    root, wide = np.sqrt(information), np.sqrt(seen.width_information[use])
-    of_mean = np.sqrt(whole / (1 + whole * seen.pattern_mm**2))  # each pixel's own bias is integrated out
-
-    def weighed(bias: FloatArray, width: FloatArray) -> FloatArray:
-        mean = bias[:, use].mean(axis=0)
-        return np.concatenate([((bias[:, use] - mean) * root).ravel(), mean * of_mean, width[use] * wide])
-
-    design = np.stack([weighed(b, w) for b, w, _ in free], axis=1)
-    wanted = weighed(seen.bias, seen.width)
-    gram = design.T @ design + np.diag([p**2 for *_, p in free])
-    pull = design.T @ wanted
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-30))
-    found = np.linalg.lstsq(gram / scale[:, None] / scale, pull / scale, rcond=1e-12)[0] / scale
-    return 0.5 * float(wanted @ wanted - 2 * pull @ found + found @ gram @ found)
+            columns += [(np.tile(np.where(own, law, 0.0), (TENTHS, 1)), np.zeros(use.size)) for law in laws]
+            prices += [1.0 / error] * len(laws)
+    return columns, prices
 
 
 def _per_surface(laws: _Laws, make: Callable[[str], list[_Column]]) -> Iterator[list[_Column]]:
