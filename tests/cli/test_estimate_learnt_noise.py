@@ -22,7 +22,7 @@ def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Skewed noise on background, of whole mm, in two windows; four cells; thresholds of few draws."""
     monkeypatch.setattr("tofmix.grid.CELL_PIXELS", 24)
     fewer = functools.partial(calibrate, draws=100)
-    monkeypatch.setattr("tofmix.estimation.learnt.recordings.calibrate", fewer)
+    monkeypatch.setattr("tofmix.estimation.learnt.recordings.known_thresholds", fewer)
     rng = np.random.default_rng(11)
     share, size = rng.uniform(0.0, 0.5, ROWS * COLS), (2 * FRAMES, ROWS * COLS)
     samples = surfaces(rng, size, (1500.0,), errors=KNOWN["skewed"].draw, background=share)

@@ -32,7 +32,7 @@ COLS = 15
 def few_draws(monkeypatch: pytest.MonkeyPatch) -> None:
     """Thresholds from a few hundred draws a cell: near enough where none is asked to hold a promise."""
     fewer = functools.partial(calibrate, draws=300)
-    monkeypatch.setattr("tofmix.estimation.learnt.recordings.calibrate", fewer)
+    monkeypatch.setattr("tofmix.estimation.learnt.recordings.known_thresholds", fewer)
 
 
 def _recording(samples: FloatArray, sensor: Sensor = CAMERA) -> ArrayRecording:

@@ -11,6 +11,7 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.curve_check import doubts
 from tofmix.estimation.learnt.held_out import flat_thresholds
+from tofmix.estimation.learnt.known_thresholds import known_thresholds
 from tofmix.estimation.learnt.learning import (
     MANY_PIXELS,
     MAX_LAYERS,
@@ -22,7 +23,6 @@ from tofmix.estimation.learnt.learning import (
 )
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import background_shares
-from tofmix.estimation.learnt.thresholds import calibrate
 from tofmix.estimation.learnt.words import noise_words
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
 from tofmix.estimation.noise.series import quantisation_step, read_runs
@@ -185,7 +185,7 @@ def learn_noise(
             curve = measured.curve
         return FoundNoise(sensor=replace(sensor, noise=curve), measured=measured, lesson=lesson)
     beam = beam_of(replace(sensor, noise=noise.curve))
-    thresholds = calibrate(
+    thresholds = known_thresholds(
         noise, beam, lesson.ranges_mm, samples=_numbers(pixels, min_samples, window),
         rounding_mm=pixels.rounding_mm, workers=workers, progress=progress,
     )  # fmt: skip
@@ -281,7 +281,7 @@ def calibrated(
     )
     pixels = pixels_of(source, window_frames * samples_a_frame(source), window_frames * samples_a_frame(source))
     ranges = np.sort(medians(pixels.samples))
-    thresholds = calibrate(
+    thresholds = known_thresholds(
         noise,
         beam_of(sensor),
         ranges if ranges.size else np.array(sensor.noise.range_mm),
