@@ -23,7 +23,7 @@ from tofmix.simulation.effects.base import Effect, Latent, Level
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.saturation import Saturation
 from tofmix.simulation.model import Model
-from tofmix.simulation.prediction import predict
+from tofmix.simulation.prediction import equation_1, predict
 from tofmix.simulation.surface import Surface
 from tofmix.simulation.truth import Truth
 
@@ -167,7 +167,7 @@ class Scene:
         self._table = shape_table(model.sensor.noise.shape)
         self._caster = PolygonCaster(model.sensor)
         self.beams = beam_directions_of(model.sensor.optics, model.sensor.shape).reshape(-1, 3)
-        self._casts: OrderedDict[tuple[Surface, ...], Truth] = OrderedDict()
+        self._casts: OrderedDict[tuple[Surface, ...], tuple[Truth, Prediction]] = OrderedDict()
         self.distance = np.array([_plane_distance(s) for s in model.surfaces])
 
     @cached_property
@@ -197,16 +197,17 @@ class Scene:
         """Those of some effects that act in this scene."""
         return tuple(e for e in effects if getattr(e, "surface", None) in (None, *self.names))
 
-    def _truth(self, surfaces: tuple[Surface, ...]) -> Truth:
-        """The scene cast with its surfaces where they are."""
-        truth = self._casts.pop(surfaces, None)
-        if truth is None:
+    def _cast(self, surfaces: tuple[Surface, ...]) -> tuple[Truth, Prediction]:
+        """The scene cast with its surfaces where they are, and what is predicted of it without effects."""
+        kept = self._casts.pop(surfaces, None)
+        if kept is None:
             truth = self._caster.cast(replace(self._still, surfaces=surfaces))
-            most = max(_KEPT, _KEPT_BYTES // max(_size(truth), 1))
+            kept = truth, equation_1(truth, self._still)
+            most = max(_KEPT, _KEPT_BYTES // max(_size(kept), 1))
             while len(self._casts) >= most:
                 self._casts.popitem(last=False)
-        self._casts[surfaces] = truth  # as the last one used
-        return truth
+        self._casts[surfaces] = kept  # as the last one used
+        return kept
 
     def _times(self, effects: tuple[Effect, ...]) -> FloatArray:
         """Times (time,) at which the scene is worked out, s; one where it does not change but for a bias of frames."""
@@ -248,7 +249,10 @@ class Scene:
             e for e in effects if e.latent not in LINKING and not _stands_apart(e) and not isinstance(e, Saturation)
         )
         model = replace(self._still, effects=(*self._still.effects, *acting))
-        parts = [predict(model, self._truth(self._placed(effects, float(t))), time_s=float(t)) for t in times]
+        parts = []
+        for t in times:
+            truth, without_effects = self._cast(self._placed(effects, float(t)))
+            parts.append(predict(model, truth, time_s=float(t), without_effects=without_effects))
         for part in parts:
             for well in wells:
                 _saturate(part, well)
@@ -258,12 +262,14 @@ class Scene:
         most, pixels = max(len(p.weight) for p in parts), parts[0].weight.shape[1]
 
         def stack(name: str, fill: float) -> FloatArray:
+            if len(parts) == 1:
+                return np.asarray(getattr(parts[0], name)[None])
             out = np.full((len(parts), most, pixels), fill)
             for rows, part in zip(out, parts, strict=True):
                 rows[: len(part.weight)] = getattr(part, name)
             return out
 
-        surface = stack("surface", -1).astype(np.int64)
+        surface = stack("surface", -1).astype(np.int64, copy=False)
         velocity = np.stack([self._velocities(effects, float(t)) for t in times])
         key = np.clip(
             (self.time_s * len(times) / max(float(self.time_s[-1]), 1e-9)).astype(np.int64), 0, len(times) - 1
@@ -297,9 +303,9 @@ def _stands_apart(effect: Effect) -> bool:
     return effect.level is Level.GEOMETRY or effect.frame_bias(np.zeros(1)) is not None
 
 
-def _size(truth: Truth) -> int:
-    """Bytes of a cast."""
-    return sum(getattr(truth, name).nbytes for name in Truth.__dataclass_fields__)
+def _size(kept: tuple[Truth | Prediction, ...]) -> int:
+    """Bytes of a cast and of its prediction."""
+    return sum(getattr(getattr(of, name), "nbytes", 0) for of in kept for name in of.__dataclass_fields__)
 
 
 def _plane_distance(surface: Surface) -> float:

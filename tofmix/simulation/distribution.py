@@ -68,7 +68,7 @@ class Prediction(Echoes):
         """Make `share` of all samples random values, at the cost of everything but the random values there are."""
         kept = (1.0 - self.outlier - share) / (1.0 - self.outlier)
         self.weight, self.invalid = self.weight * kept, self.invalid * kept
-        self.outlier += share
+        self.outlier = self.outlier + share
 
     def split(self, probability: FloatArray | float) -> tuple["Prediction", "Prediction"]:
         """Two copies that share the weights: 1 - probability and probability; `join` puts them together."""

@@ -4,6 +4,7 @@ Use `predict` to hold a recording against a model. The outcome is the marginal d
 samples (memory, bursts of frames, neighbours) is named by each effect and not here.
 """
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -57,7 +58,14 @@ def equation_1(truth: Truth, model: Model) -> Prediction:
     )
 
 
-def predict(model: Model, truth: Truth | None = None, *, time_s: float = 0.0, seed: int | None = None) -> Prediction:
+def predict(
+    model: Model,
+    truth: Truth | None = None,
+    *,
+    time_s: float = 0.0,
+    seed: int | None = None,
+    without_effects: Prediction | None = None,
+) -> Prediction:
     """The marginal distribution of each pixel's sample at a time.
 
     Parameters
@@ -70,14 +78,17 @@ def predict(model: Model, truth: Truth | None = None, *, time_s: float = 0.0, se
         Time since the first frame, s.
     seed : int, optional
         Seed of the recording, which decides what is drawn once (patterns, widths); the model's own if it is left out.
+    without_effects : Prediction, optional
+        `equation_1` of the truth and the model, where it is known already; it stays as it is.
 
     Returns
     -------
     Prediction
         The mixture. Each effect's `predicts` says whether its part is exact.
     """
-    truth = cast_scene(model, time_s=time_s) if truth is None else truth
-    prediction = equation_1(truth, model)
+    if without_effects is None:
+        without_effects = equation_1(cast_scene(model, time_s=time_s) if truth is None else truth, model)
+    prediction = copy.copy(without_effects)  # effects put new arrays in the place of those they change
     names = tuple(surface.name for surface in model.surfaces)
     seed = model.recording.seed if seed is None else seed
     width = drawn_widths(model.sensor, seed=seed)
