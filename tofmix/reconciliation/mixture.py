@@ -279,13 +279,15 @@ class Scene:
             of_effect = effect.frame_bias(self.time_s)
             bias += 0.0 if of_effect is None else of_effect
         first, true_range = parts[0], stack("true_range_mm", 1.0)
+        rate = np.zeros(true_range.shape)
+        if velocity.any():
+            rate = true_range * np.take_along_axis(velocity[:, None], surface, axis=2)
         sensor = self.model.sensor
         share = 0.0 if sensor.noise.background is None else sensor.noise.background
         background = np.broadcast_to(share, sensor.shape).ravel().astype(np.float64)
         return Mixture(
             weight=stack("weight", 0.0), mean=stack("range_mm", 1.0), sigma=np.maximum(stack("sigma_mm", 1.0), 0.05),
-            rate=true_range * np.take_along_axis(velocity[:, None], surface, axis=2), lit=surface >= 0,
-            surface=surface, amplitude=stack("amplitude", 0.0), true_range=true_range,
+            rate=rate, lit=surface >= 0, surface=surface, amplitude=stack("amplitude", 0.0), true_range=true_range,
             invalid=np.stack([p.invalid for p in parts]), outlier=np.zeros(pixels) + first.outlier,
             background=background, low=first.limits_mm[0], high=first.limits_mm[1], step=first.step_mm,
             period=first.period_mm or 0.0, key=key, since=self.time_s - times[key], frame_bias=bias,
