@@ -7,7 +7,6 @@ import pytest
 from reconcile_errors import scene
 from recordings import MAKE
 
-from tofmix.reconciliation import mixture as module
 from tofmix.reconciliation.mixture import Mixture, Scene
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.model import Model
@@ -82,10 +81,8 @@ def test_rate_of_a_moving_surface_is_the_change_of_its_ranges(small: Model) -> N
     np.testing.assert_allclose(change[alone], moving.rate[:-1][alone], rtol=5e-3)
 
 
-def test_casts_that_are_kept_are_bounded(small: Model, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "_KEPT_BYTES", 0)
-    monkeypatch.setattr(module, "_KEPT", 5)
-    tight = Scene(small, TIME_S)
+def test_casts_that_are_kept_are_bounded(small: Model) -> None:
+    tight = Scene(small, TIME_S, kept_bytes=0, kept=5)
     for shift in range(20):
         tight.mixture((MAKE["surface_pose"](surface="near", shift_mm=float(shift)),))
-    assert len(tight._casts) == 5
+    assert tight.casts == 5

@@ -33,7 +33,6 @@ LINKING = (Latent.FRAME, Latent.PIXEL, Latent.MEMORY)
 _TIMES = (4, 8, 16, 32)  # at how many a scene that changes is worked out: the most, unless surfaces alone move
 _STEP_MM = 15.0  # that a surface moves from one to the next, if there are enough of them
 _SOON_S = 1e-3  # over which a surface's velocity is taken
-_KEPT_BYTES, _KEPT = 1 << 26, 2 * _TIMES[-1]  # of casts: at most so much memory, at least so many
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,6 +146,8 @@ class Scene:
         The model, with the effects it has already.
     time_s : (frame,) float64
         Times of the frames.
+    kept_bytes, kept : int
+        Casts that are kept: at most so much memory, at least so many.
 
     Attributes
     ----------
@@ -154,9 +155,12 @@ class Scene:
         Unit vectors along the beams of the pixels' centres.
     """
 
-    def __init__(self, model: Model, time_s: FloatArray) -> None:
+    def __init__(
+        self, model: Model, time_s: FloatArray, *, kept_bytes: int = 1 << 26, kept: int = 2 * _TIMES[-1]
+    ) -> None:
         self.model = model
         self.time_s = time_s
+        self._kept_bytes, self._kept = kept_bytes, kept
         self.names = tuple(surface.name for surface in model.surfaces)
         self.members: tuple[Scene, ...] = (self,)
         self.links = tuple(e for e in model.effects if e.latent in LINKING and not _mapped_bias(e))
@@ -185,6 +189,11 @@ class Scene:
         return out
 
     @property
+    def casts(self) -> int:
+        """How many casts are kept."""
+        return len(self._casts)
+
+    @property
     def effects(self) -> tuple[Effect, ...]:
         """What the model has already."""
         return self.model.effects
@@ -203,7 +212,7 @@ class Scene:
         if kept is None:
             truth = self._caster.cast(replace(self._still, surfaces=surfaces))
             kept = truth, equation_1(truth, self._still)
-            most = max(_KEPT, _KEPT_BYTES // max(_size(kept), 1))
+            most = max(self._kept, self._kept_bytes // max(_size(kept), 1))
             while len(self._casts) >= most:
                 self._casts.popitem(last=False)
         self._casts[surfaces] = kept  # as the last one used
