@@ -8,7 +8,7 @@ import fcntl
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-from tofmix.jit import cache_folder
+from tofmix.compiled.jit import cache_folder
 
 
 def layers() -> None:

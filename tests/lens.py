@@ -1,4 +1,4 @@
-"""A lens by brute force, independent of `tofmix.pinhole`: OpenCV's formula, undone by its fixed-point iteration.
+"""A lens by brute force, independent of `tofmix.optics.pinhole`: OpenCV's formula, undone by its fixed-point iteration.
 
 Use `distorted` for the formula and `undistorted` to look along a pixel. Nothing here is fast.
 """

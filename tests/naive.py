@@ -5,10 +5,10 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from tofmix.arrays import FloatArray
-from tofmix.geometry import check_view, pixel_angles
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.grid import Grid
 from tofmix.mapping.pose import Pose
+from tofmix.optics.geometry import check_view, pixel_angles
 from tofmix.sensor import NoiseCurve, Sensor
 
 Array = NDArray[np.float64]

@@ -7,6 +7,7 @@ shape alone are of tens of thousands of simulated series.
 import numpy as np
 from numpy.typing import NDArray
 
+from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.noise.series import (
     CLIP_SIGMAS,
     LEAST_KEPT,
@@ -15,7 +16,6 @@ from tofmix.estimation.noise.series import (
     SeriesStatistics,
 )
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.robust import MAD_TO_SIGMA
 
 ROUNDS = 4
 

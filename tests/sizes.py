@@ -2,7 +2,7 @@
 
 from typing import TypeVar
 
-from tofmix.jit import config
+from tofmix.compiled.jit import config
 
 T = TypeVar("T")
 

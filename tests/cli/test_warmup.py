@@ -11,7 +11,7 @@ from files import boards, write_recording
 from numba.core import event
 from sizes import sized
 
-from tofmix.jit import cache_folder
+from tofmix.compiled.jit import cache_folder
 
 KERNELS = 24
 """Kernels that commands call: other kernels are compiled inside these."""

@@ -15,8 +15,8 @@ from tofmix.mapping.grid import Grid, plan_grid
 from tofmix.mapping.occupancy import count_light
 from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
 from tofmix.mapping.pose import Pose
-from tofmix.pinhole import Pinhole
-from tofmix.projection import pixel_extent_rad
+from tofmix.optics.pinhole import Pinhole
+from tofmix.optics.projection import pixel_extent_rad
 from tofmix.sensor import Sensor
 
 LENS: dict[str, Any] = {"fx": 57.0, "fy": 55.0, "cx": 1.3, "cy": 0.8}

@@ -6,7 +6,7 @@ from numpy.random import default_rng
 from plates import SMALL, Plate, facing, scene, wall
 
 from tofmix.layers import Layers
-from tofmix.projection import beam_directions_of
+from tofmix.optics.projection import beam_directions_of
 from tofmix.surfaces.linking import link
 from tofmix.surfaces.nodes import make_nodes
 from tofmix.surfaces.reconstruct import reconstruct

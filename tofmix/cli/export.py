@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from tofmix.io.exporters.image import RangeImage
     from tofmix.io.layers.layers_file import LayersFile
     from tofmix.io.surfaces_file import SurfacesFile
+    from tofmix.optics.projection import Projection
     from tofmix.points import PointFilter
-    from tofmix.projection import Projection
 
 _POINTS_ONLY = ("min_weight", "min_probability", "fov")
 _IMAGES_ONLY = ("layer", "scale")
@@ -197,7 +197,7 @@ def _export_points(
 def _optics(file: "LayersFile", fov: str | None) -> "Projection":
     """The projection: --fov, with equal angles, or from the layers file."""
     from tofmix.cli.import_camera import view_of
-    from tofmix.equiangular import Equiangular
+    from tofmix.optics.equiangular import Equiangular
 
     view = view_of(fov)
     if view is not None:

@@ -68,7 +68,7 @@ def circle_of(source: "RecordingFile") -> float:
     BadInputError
         If its modulation frequency is not known.
     """
-    from tofmix.ranging import unambiguous_range_mm
+    from tofmix.optics.ranging import unambiguous_range_mm
 
     frequency = source.sensor.modulation_frequency_hz
     if frequency is None:

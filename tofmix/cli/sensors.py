@@ -9,7 +9,7 @@ from tofmix.cli.options import examples, json_option
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
-    from tofmix.projection import Projection
+    from tofmix.optics.projection import Projection
     from tofmix.sensors import CameraSheet
 
 
@@ -79,7 +79,7 @@ def _as_dict(name: str, sheet: "CameraSheet") -> dict[str, Any]:
 
 
 def _optics(projection: "Projection") -> dict[str, Any]:
-    from tofmix.projection import projection_values
+    from tofmix.optics.projection import projection_values
 
     return {"name": projection.name, **projection_values(projection)}
 

@@ -24,8 +24,8 @@ def warmup(*, as_json: bool) -> None:
     folder, for later runs too.
     """
     from tofmix.cli.estimate_files import announced
+    from tofmix.compiled.jit import cache_folder
     from tofmix.io.model_file import load_model
-    from tofmix.jit import cache_folder
     from tofmix.pipeline.kernels import compile_all
     from tofmix.reconciliation.warm_up import warm_up
 

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from scipy.special import erf
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
 from tofmix.layers import Layers
-from tofmix.projection import Projection, pixel_extent_rad
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import Projection, pixel_extent_rad
 from tofmix.sensor import Sensor
 
 MAX_INCIDENCE_DEG = 60.0

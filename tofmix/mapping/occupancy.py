@@ -21,13 +21,13 @@ from numpy.typing import ArrayLike
 from scipy.special import betainc
 
 from tofmix.arrays import ByteArray, Float32Array, FloatArray
-from tofmix.equiangular import Equiangular
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.grid import Grid
 from tofmix.mapping.image_kernel import count_cells
 from tofmix.mapping.kernel import count_levels
 from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
 from tofmix.mapping.pose import Pose
+from tofmix.optics.equiangular import Equiangular
 
 MIN_SHARE = 0.05
 """Default of the share of the light through a cell that an obstacle there stops at least."""

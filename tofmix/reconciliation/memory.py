@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ndtr, ndtri
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.reconciliation.joint import views
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.mixture import Mixture

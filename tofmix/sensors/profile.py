@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
-from tofmix.projection import Projection
-from tofmix.ranging import unambiguous_range_mm
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import Projection
+from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 
 MAX_PIXELS_A_SIDE = 4096  # beyond any such camera; a typing error must not ask for terabytes

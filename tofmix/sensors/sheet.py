@@ -7,7 +7,7 @@ asked for, `CameraSheet.profile` gives the whole `SensorProfile`, or says what i
 from dataclasses import dataclass, fields
 from typing import Any
 
-from tofmix.projection import Projection
+from tofmix.optics.projection import Projection
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 from tofmix.sensors.profile import MAX_PIXELS_A_SIDE, SensorProfile
 

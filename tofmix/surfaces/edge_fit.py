@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.surfaces.half_plane import chord, chord_outside, covered, covered_by_both
 
 LINE, ARC, BAR = 0, 1, 2

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 from tofmix.surfaces.cuts import Cuts
 from tofmix.surfaces.edge_fit import AHEAD, BACK, BAR, KIND, WORTH
 from tofmix.surfaces.found import NO_SURFACE

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing, jit
-from tofmix.normal_equations import solve
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.normal_equations import solve
 
 PRIOR_SLOPE = 1.5
 """Standard deviation of a surface's slope, tangent of the angle off the beam, before its neighbours are seen."""

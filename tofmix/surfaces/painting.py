@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.regions import inside
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.layers import Layers
-from tofmix.projection import Projection, beam_directions_of, unit
+from tofmix.optics.projection import Projection, beam_directions_of, unit
 from tofmix.sensor import Sensor
 from tofmix.surfaces.cuts import Cuts, make_cuts
 from tofmix.surfaces.edge_fit import FIT_COLUMNS, fit_edges

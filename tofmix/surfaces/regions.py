@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.surfaces.edge_fit import (
     AHEAD,
     ANGLE,

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 from tofmix.surfaces.cuts import Cuts
 from tofmix.surfaces.edge_fit import (
     AHEAD,

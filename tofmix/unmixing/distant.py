@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.robust import MAD_TO_SIGMA
+from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.unmixing.image import PhasorImage
 from tofmix.unmixing.seeds import Seeds
 

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import ndimage
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.robust import MAD_TO_SIGMA
+from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.unmixing.distant import distant_planes
 from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
-from tofmix.ranging import unambiguous_range_mm
+from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.sensor import Sensor
 
 FIELDS = ("real", "imaginary", "variance_real", "variance_imaginary", "covariance", "samples", "turn")

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import special
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.unmixing.image import Beams, Measured, PhasorImage, places, window
 from tofmix.unmixing.plane_fit import fit_plane
 

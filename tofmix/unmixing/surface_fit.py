@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.unmixing.image import Beams, Measured
 from tofmix.unmixing.plane_fit import fit_plane
 

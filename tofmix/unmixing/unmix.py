@@ -7,8 +7,8 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.flags import Status
 from tofmix.layers import Layers
-from tofmix.pinhole import Pinhole
-from tofmix.projection import beam_directions_of
+from tofmix.optics.pinhole import Pinhole
+from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import Sensor
 from tofmix.unmixing.image import make_image
 from tofmix.unmixing.labels import label

@@ -15,11 +15,11 @@ from made_up import LayersInMemory, made_up_layers
 from PIL import Image
 from pypcd4.pypcd4 import PointCloud
 
-from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.exporters import POINT_WRITERS, export_image, export_points
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.las import SCALE_M
+from tofmix.optics.equiangular import Equiangular
 from tofmix.points import POINT_DTYPE, LayerPoints, PointArray
 
 SHAPE, MAX_LAYERS = (3, 6, 7), 4

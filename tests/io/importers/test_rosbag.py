@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from reading import depths, read_source
 
 from tofmix.errors import BadInputError, UsageError
-from tofmix.pinhole import Pinhole
+from tofmix.optics.pinhole import Pinhole
 
 SECOND = 10**9
 FRAMES = 5

@@ -15,10 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.compiled.jit import jit
+from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.jit import jit
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
-from tofmix.robust import MAD_TO_SIGMA
 
 SERIES_FRAMES = 100
 """Frames of a series: long enough to tell a shape, short enough for drift to be a polynomial."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.flags import Status, status_name
-from tofmix.projection import projection_values
+from tofmix.optics.projection import projection_values
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary.findings import Finding, count_findings, target_findings
 from tofmix.report.summary.noise_numbers import noise_numbers

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
-from tofmix.projection import cell_nodes
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import cell_nodes
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.casting.cast_cells import cast_cells, reached_cells
 from tofmix.simulation.casting.cast_kernel import cast_row, reached_row

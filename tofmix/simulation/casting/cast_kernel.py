@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 from tofmix.simulation.casting.scene import SceneArrays
 
 NOTHING = -1  # no surface in any beam of the cell

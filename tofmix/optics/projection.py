@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
-from tofmix.pinhole import Pinhole
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.pinhole import Pinhole
 
 
 class Projection(Protocol):

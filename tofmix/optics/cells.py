@@ -1,14 +1,14 @@
 """Kernels for directions within a pixel's cell: a smooth patch through nine rays.
 
-The nine are `tofmix.projection.cell_nodes`. Between them a ray is a polynomial of second degree in each direction. It
-is exact for a pinhole. With a lens of k1 = -0.1 and pixels of half a degree it is off by less than a millionth of a
-pixel.
+The nine are `tofmix.optics.projection.cell_nodes`. Between them a ray is a polynomial of second degree in each
+direction. It is exact for a pinhole. With a lens of k1 = -0.1 and pixels of half a degree it is off by less than a
+millionth of a pixel.
 """
 
 import math
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing
+from tofmix.compiled.jit import borrowing
 
 
 @borrowing

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
-from tofmix.geometry import check_view
+from tofmix.optics.geometry import check_view
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

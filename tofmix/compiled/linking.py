@@ -6,7 +6,7 @@ top: most of this is thrown away. Here a callee is translated to LLVM's form and
 so. It is optimised, and becomes machine code, inside the kernel that Python calls. The
 first estimate takes 26 s instead of 68, later ones 2.30 instead of 2.43 s, and the
 results are the same to the last bit (`tests/benchmarks/jit_linking.py`). This reaches
-into numba's private parts. So `tofmix.jit.LINKS_WITH` names the versions of numba that
+into numba's private parts. So `tofmix.compiled.jit.LINKS_WITH` names the versions of numba that
 it was tried with; with any other, kernels are compiled by numba alone.
 
 A kernel that Python calls too, as in a test, is then compiled by itself as usual.

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from naive import beam_directions
 
-from tofmix.geometry import largest_angle_deg, pixel_angles, ray_over_depth
-from tofmix.pinhole import Pinhole
-from tofmix.projection import beam_directions_of
+from tofmix.optics.geometry import largest_angle_deg, pixel_angles, ray_over_depth
+from tofmix.optics.pinhole import Pinhole
+from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors import load_profile
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model import Model

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tofmix.jit import jit
-from tofmix.vector import exp_minus, log_of, moments_of, product_of, sums_of, total_of
+from tofmix.compiled.jit import jit
+from tofmix.compiled.vector import exp_minus, log_of, moments_of, product_of, sums_of, total_of
 
 
 @jit

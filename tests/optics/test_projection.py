@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from naive import beam_directions
 
-from tofmix.equiangular import Equiangular
-from tofmix.pinhole import Pinhole
-from tofmix.projection import (
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.pinhole import Pinhole
+from tofmix.optics.projection import (
     PROJECTIONS,
     Projection,
     beam_directions_of,

@@ -1,7 +1,7 @@
 """Normal equations of a plane: three numbers from their information matrix. Compiled, for kernels to call."""
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing
+from tofmix.compiled.jit import borrowing
 
 
 @borrowing

@@ -10,7 +10,7 @@ import pytest
 from numba.core.errors import NumbaError
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing, config, jit
+from tofmix.compiled.jit import borrowing, config, jit
 
 pytestmark = pytest.mark.skipif(bool(config.DISABLE_JIT), reason="there is no compiler to look at")
 
@@ -49,7 +49,7 @@ def test_callees_are_linked_and_not_compiled_by_themselves() -> None:
 
 
 def test_with_another_numba_callees_are_compiled_by_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tofmix.jit.LINKS_WITH", ((0, 1), (0, 2)))
+    monkeypatch.setattr("tofmix.compiled.jit.LINKS_WITH", ((0, 1), (0, 2)))
     power, total = _kernels()
     plain = total(np.array([0.1, 0.7, 3.3]), 4)
     assert power.signatures != []

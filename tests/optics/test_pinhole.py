@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tofmix.pinhole import Distortion, Pinhole
+from tofmix.optics.pinhole import Distortion, Pinhole
 
 WIDE: dict[str, Any] = {"fx": 125.7, "fy": 138.3, "cx": 87.2, "cy": 70.9}
 LENSES = [

@@ -10,10 +10,10 @@ import pytest
 from measured import coverage_environment
 
 import tofmix
-from tofmix import jit
+from tofmix.compiled import jit
 
 PROGRAM = """
-from tofmix.jit import cache_folder
+from tofmix.compiled.jit import cache_folder
 import numpy as np
 from tofmix.estimation.peaks.density import density
 from tofmix.sensor import NoiseCurve
@@ -47,7 +47,7 @@ def test_a_read_only_package_and_home_fall_back_to_a_private_folder(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    monkeypatch.setattr("tofmix.jit._writable", lambda _: False)
+    monkeypatch.setattr("tofmix.compiled.jit._writable", lambda _: False)
     monkeypatch.setattr("tempfile.gettempdir", lambda: str(tmp_path))
     folder = jit._base_folder()
     assert folder.parent == tmp_path
@@ -101,7 +101,7 @@ def test_a_compiled_function_computes() -> None:
 @pytest.mark.slow
 def test_a_damaged_cache_or_a_full_disk_does_not_fail_a_run(tmp_path: Path) -> None:
     script = tmp_path / "kernel.py"
-    script.write_text("from tofmix.jit import jit\n@jit\ndef twice(x):\n    return 2 * x\nprint(twice(21))\n")
+    script.write_text("from tofmix.compiled.jit import jit\n@jit\ndef twice(x):\n    return 2 * x\nprint(twice(21))\n")
     full = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
     (tmp_path / "full.py").write_text(full + script.read_text())
     environment = {"PATH": "", "PYTHONPATH": str(Path(tofmix.__file__).parents[1]), "HOME": str(tmp_path)}

@@ -9,7 +9,7 @@ that is not writable in the user's cache folder, or else in the temporary folder
 ``nogil=True``: threads run kernels side by side on one process's memory.
 ``error_model="numpy"``: a division by zero gives inf or NaN as in NumPy, and the
 loop vectorises; kernels never rely on an exception.
-Kernels that others call are compiled as a part of these (`jit_linking`), with the
+Kernels that others call are compiled as a part of these (`linking`), with the
 versions of numba that this was tested with; others compile each by itself.
 No ``fastmath``: sums must not depend on how the compiler reorders them on another
 machine.
@@ -27,7 +27,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numba
 
-from tofmix import jit_linking
+from tofmix.compiled import linking
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -36,10 +36,10 @@ LINKS_WITH = (0, 60), (0, 68)
 """Oldest and newest version of numba that compiles callees as a part of their callers."""
 
 config: Any = numba.config  # its settings are made at run time, unknown to a type checker
-_PACKAGE = Path(__file__).parent
-_KERNEL_FOLDERS = ("estimation", "mapping", "reconciliation", "simulation", "surfaces", "unmixing")
-_KERNEL_FILES = "cells.py", "learnt_noise.py", "normal_equations.py", "robust.py", "vector.py"
-"""Kernels that several of the folders use."""
+_PACKAGE = Path(__file__).parents[1]
+_KERNEL_FOLDERS = ("compiled", "estimation", "mapping", "reconciliation", "simulation", "surfaces", "unmixing")
+_KERNEL_FILES = "learnt_noise.py", "optics/cells.py"
+"""Files of other folders with a kernel, or a constant that kernels use."""
 _WITHOUT_KERNELS = ("reading.py", "sequence.py")
 """Modules above the kernels, which no kernel takes a constant from."""
 
@@ -70,7 +70,7 @@ def borrowing(function: Callable[P, R]) -> Callable[P, R]:
 
 def _link_into_callers(compiled: Any, *, borrows: bool) -> None:  # noqa: ANN401  a dispatcher, or without the JIT a function
     if hasattr(compiled, "get_call_template") and LINKS_WITH[0] <= numba.version_info.short <= LINKS_WITH[1]:
-        callee = jit_linking.Callee(compiled, borrows=borrows)
+        callee = linking.Callee(compiled, borrows=borrows)
         compiled.get_call_template, compiled.get_overload = callee.template, callee.code
 
 
@@ -140,8 +140,7 @@ def _writable(folder: Path) -> bool:
 
 def _fingerprint() -> str:
     """Hash of every source file that may hold a kernel, or a constant that one has compiled in."""
-    own = Path(__file__), Path(jit_linking.__file__), *(_PACKAGE / name for name in _KERNEL_FILES)
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in own))
+    digest = hashlib.sha256(b"".join((_PACKAGE / name).read_bytes() for name in _KERNEL_FILES))
     for name in _KERNEL_FOLDERS:
         for source in sorted((_PACKAGE / name).rglob("*.py")):
             if source.name in _WITHOUT_KERNELS:

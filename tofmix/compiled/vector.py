@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing
+from tofmix.compiled.jit import borrowing
 
 LANES = 8
 """Loops over a multiple of this many numbers leave nothing over."""
