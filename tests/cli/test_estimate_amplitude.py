@@ -5,9 +5,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
 from numpy.typing import NDArray
-from sizes import sized
+from support.commandline import Tofmix
+from support.sizes import sized
 
 from tofmix.errors import ExitCode
 

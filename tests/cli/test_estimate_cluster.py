@@ -10,7 +10,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 from tofmix.io.layers.layers_file import open_layers

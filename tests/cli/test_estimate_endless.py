@@ -5,9 +5,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
-from sizes import sized
+from support.commandline import Tofmix
+from support.files import boards, write_recording
+from support.sizes import sized
 
 import tofmix as tm
 from tofmix.layers import LAYER_FIELDS

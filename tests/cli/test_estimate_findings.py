@@ -7,8 +7,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import write_recording
+from support.commandline import Tofmix
+from support.files import write_recording
 
 from tofmix.errors import ExitCode
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import write_recording
-from learnt_pixels import KNOWN, surfaces
+from support.commandline import Tofmix
+from support.files import write_recording
+from support.learnt_pixels import KNOWN, surfaces
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.thresholds import calibrate

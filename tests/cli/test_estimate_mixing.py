@@ -7,8 +7,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
-from lock_in import small
+from support.commandline import Tofmix
+from support.lock_in import small
 
 from tofmix.api.estimates import Estimate
 from tofmix.errors import ExitCode

@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
-from sizes import sized
+from support.commandline import Tofmix
+from support.files import boards, write_recording
+from support.sizes import sized
 
 from tofmix.errors import ExitCode
 from tofmix.io.layers.journal import journal_path, open_journal

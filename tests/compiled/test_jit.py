@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from measured import coverage_environment
+from support.measured import coverage_environment
 
 import tofmix
 from tofmix.compiled import jit

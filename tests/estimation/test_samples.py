@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from benchmarks import binning
-from sizes import sized
+from support.sizes import sized
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.vector import LANES

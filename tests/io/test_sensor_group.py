@@ -7,7 +7,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group

@@ -9,7 +9,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from planes_found import COLS, FACTOR, LAYERS, ROWS, board_and_wall, nothing_found, provenance, write_surfaces
+from support.planes_found import COLS, FACTOR, LAYERS, ROWS, board_and_wall, nothing_found, provenance, write_surfaces
 
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.layers.layers_file import open_layers

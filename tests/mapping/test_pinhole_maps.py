@@ -4,11 +4,11 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import lens
 import numpy as np
 import pytest
-from alike import MakeLayers
-from sizes import sized
+from support import lens
+from support.alike import MakeLayers
+from support.sizes import sized
 
 from tofmix.mapping.beams import Beams, beams_from_layers
 from tofmix.mapping.grid import Grid, plan_grid

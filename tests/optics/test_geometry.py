@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from naive import beam_directions
+from support.naive import beam_directions
 
 from tofmix.optics.geometry import largest_angle_deg, pixel_angles, ray_over_depth
 from tofmix.optics.pinhole import Pinhole

@@ -3,11 +3,11 @@
 import math
 from typing import Any
 
-import lens
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support import lens
 
 from tofmix.optics.pinhole import Distortion, Pinhole
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from naive import beam_directions
+from support.naive import beam_directions
 
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole

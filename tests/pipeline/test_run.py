@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError
 from tofmix.estimation.settings import EstimateOptions

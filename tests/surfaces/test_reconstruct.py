@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from edges import between, camera, counted, drawn, estimated, judge_parts, judge_places
-from plates import SMALL, Plate, Scene, bars, disks, facing, half_plane, lattice, scene, tilted_rectangles, wall
+from support.edges import between, camera, counted, drawn, estimated, judge_parts, judge_places
+from support.plates import SMALL, Plate, Scene, bars, disks, facing, half_plane, lattice, scene, tilted_rectangles, wall
 
 from tofmix.flags import Mixing
 from tofmix.layers import Layers

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from blind.geometry import Surface
-from lock_in import FAMILIES, SMALL, Scene, crease, made, one_wall
-from unmixing_twins import least_squares, local, surfaces_beside
+from support.lock_in import FAMILIES, SMALL, Scene, crease, made, one_wall
+from support.unmixing_twins import least_squares, local, surfaces_beside
 
 from tofmix.optics.equiangular import Equiangular
 from tofmix.optics.pinhole import Pinhole

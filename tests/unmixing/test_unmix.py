@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from blind.geometry import Surface
-from lock_in import FAMILIES, SMALL, Scene, judge, made, random_boards, small, two_boards
+from support.lock_in import FAMILIES, SMALL, Scene, judge, made, random_boards, small, two_boards
 
 from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, settled_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sizes import sized
+from support.sizes import sized
 
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.layering import layer_pixels

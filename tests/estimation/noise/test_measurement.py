@@ -1,11 +1,11 @@
 """The measured curve against the one that samples were drawn with, and its parts against slow references."""
 
-import noise_twins
 import numpy as np
 import pytest
-from drawing import draw
 from numpy.typing import NDArray
-from sizes import sized
+from support import noise_twins
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.estimation.noise import series as noise_series
 from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise

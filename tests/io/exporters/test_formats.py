@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import laspy
-import naive_png
 import numpy as np
 import plyfile
 import pytest
-from made_up import LayersInMemory, made_up_layers
 from PIL import Image
 from pypcd4.pypcd4 import PointCloud
+from support import naive_png
+from support.made_up import LayersInMemory, made_up_layers
 
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.exporters import POINT_WRITERS, export_image, export_points

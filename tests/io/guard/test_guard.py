@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 import tofmix
 from tofmix.errors import BadInputError, StorageError

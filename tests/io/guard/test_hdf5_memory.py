@@ -9,7 +9,7 @@ from pathlib import Path
 
 import h5py
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.io.guard.hdf5_memory import make_room
 

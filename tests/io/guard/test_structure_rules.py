@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError
 from tofmix.io.guard import structure_rules

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from naive import beam_directions
 from numpy.typing import NDArray
+from support.naive import beam_directions
 
 from tofmix.io.importers.conversion import Conversion
 from tofmix.optics.geometry import ray_over_depth

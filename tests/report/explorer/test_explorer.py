@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learnt_noises import ALL, Parts, camera
-from unpacking import samples_of, unpack
+from support.learnt_noises import ALL, Parts, camera
+from support.unpacking import samples_of, unpack
 
 from tofmix.layers import Layers
 from tofmix.recording import SampleSource

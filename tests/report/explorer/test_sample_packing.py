@@ -1,7 +1,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from unpacking import samples_of
+from support.unpacking import samples_of
 
 from tofmix.recording import ArrayRecording
 from tofmix.report.explorer.packing import pack_numbers

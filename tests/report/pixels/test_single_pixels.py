@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learnt_noises import ALL, SIGMA_MM, Made, Parts, made
-from noise_parts import skewed
+from support.learnt_noises import ALL, SIGMA_MM, Made, Parts, made
+from support.noise_parts import skewed
 
 from tofmix.arrays import FloatArray
 from tofmix.layers import Layers

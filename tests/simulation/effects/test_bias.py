@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Floats, Recorded, effect
+from support.effect_bench import Bench, Floats, Recorded, effect
 
 from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.simulation.effects import PixelMap

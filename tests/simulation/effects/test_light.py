@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Recorded, effect
 from numpy.typing import ArrayLike, NDArray
+from support.effect_bench import Bench, Recorded, effect
 
 from tofmix.optics.ranging import unambiguous_range_mm
 

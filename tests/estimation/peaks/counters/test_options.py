@@ -8,8 +8,8 @@ import click
 import h5py
 import numpy as np
 import pytest
-from drawing import draw
-from files import boards, write_recording
+from support.drawing import draw
+from support.files import boards, write_recording
 
 from tofmix.cli.estimate import COUNTER_OPTIONS, estimate
 from tofmix.cli.main import run

@@ -10,7 +10,7 @@ import pytest
 
 from tofmix.cli.main import main
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "sample_data").glob("*.md")])
 NAMES = [str(page.relative_to(ROOT)) for page in PAGES]
 TUTORIALS = sorted((ROOT / "docs/tutorials").glob("*.md"))

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from blind.camera import Device
 from blind.geometry import Surface, View
-from lock_in import RANGES_MM, made
-from plates import FULL, PARTS, Plate, Scene, scene
 
+from support.lock_in import RANGES_MM, made
+from support.plates import FULL, PARTS, Plate, Scene, scene
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.settings import EstimateOptions

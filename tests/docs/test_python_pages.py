@@ -6,13 +6,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.flags import STATUS_MEANINGS, status_name
 from tofmix.layers import LAYER_FIELDS
 from tofmix.simulation.model_toml import parse_model
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGES = ("tutorials/python.md", "how-to/python.md", "reference/formats.md")
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 

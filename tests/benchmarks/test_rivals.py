@@ -2,14 +2,14 @@
 
 from dataclasses import replace
 
-import naive
 import numpy as np
 import pytest
 from benchmarks.rivals import ForwardModel, fit_decaying_shares, fit_thin_beam
-from drawing import draw
 from scipy.integrate import trapezoid
 from scipy.optimize import minimize_scalar
 from scipy.stats import norm
+from support import naive
+from support.drawing import draw
 
 from tofmix.sensor import NoiseCurve, Sensor
 

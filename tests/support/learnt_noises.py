@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from files import write_recording
-from noise_parts import skewed
 
+from support.files import write_recording
+from support.noise_parts import skewed
 from tofmix.arrays import FloatArray
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.learnt.held_out import flat_thresholds

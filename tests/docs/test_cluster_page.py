@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
-PAGE = (Path(__file__).parents[1] / "docs/how-to/cluster.md").read_text()
+PAGE = (Path(__file__).parents[2] / "docs/how-to/cluster.md").read_text()
 
 
 def script(name: str) -> str:

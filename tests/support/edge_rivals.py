@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from edges import matched
-from plates import PARTS, Scene
 from scipy.ndimage import map_coordinates, spline_filter
 
+from support.edges import matched
+from support.plates import PARTS, Scene
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.layers import Layers
 

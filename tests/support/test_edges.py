@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 from blind.geometry import View, cast
-from edge_rivals import RIVALS, reach_of_area, youngs_lines, youngs_points
-from edges import (
+
+from support.edge_rivals import RIVALS, reach_of_area, youngs_lines, youngs_points
+from support.edges import (
     between,
     camera,
     counted,
@@ -19,8 +20,8 @@ from edges import (
     worst_pixels,
     wrong_parts,
 )
-from lock_in import two_boards
-from plates import PARTS, Plate, Scene, facing, half_plane, scene, wall
+from support.lock_in import two_boards
+from support.plates import PARTS, Plate, Scene, facing, half_plane, scene, wall
 
 TINY = View(rows=16, cols=20, fov_horizontal_deg=5.34, fov_vertical_deg=4.3, range_max_mm=7000.0)
 

@@ -3,18 +3,18 @@
 import csv
 from pathlib import Path
 
-import naive
 import numpy as np
 import pytest
 from benchmarks.plain import PlainFit, Variances, fit_gaussians
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sizes import sized
+from support import naive
+from support.sizes import sized
 
 pytestmark = pytest.mark.slow  # of the benchmarks alone
 
-CLASSIC = Path(__file__).parents[2] / "shared" / "real" / "classic_1d"
+CLASSIC = Path(__file__).parents[3] / "shared" / "real" / "classic_1d"
 needs_classic = pytest.mark.skipif(not CLASSIC.is_dir(), reason="the classic data are not beside the checkout")
 
 

@@ -4,8 +4,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from recordings import MAKE, simulated
 
+from support.recordings import MAKE, simulated
 from tofmix.reconciliation.curvature import Numbers
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.fits import Fitted, fit
