@@ -105,7 +105,7 @@ def test_imports_point_one_way() -> None:
 ORDER = {
     "estimation": ("noise", "peaks", "mixture", "learnt", "blocks"),
     "io": ("atomic", "guard", "recording", "layers", "importers", "exporters", "verify"),
-    "report": ("summary", "pixels", "figures", "explorer", "page", "comparison", "gap"),
+    "report": ("summary", "descriptions", "pixels", "figures", "explorer", "page", "comparison", "gap"),
     "simulation": ("casting", "effects"),
 }
 """Subfolders of a folder: each may import those before it. What two of them use stands in the folder above."""

@@ -56,7 +56,8 @@ def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
     elif as_json:
         click.echo(json.dumps(_as_dict(name, sheet)))
     else:
-        from tofmix.report.summary.descriptions import describe_sensor, format_description
+        from tofmix.report.descriptions.camera import describe_sensor
+        from tofmix.report.descriptions.description import format_description
 
         click.echo(format_description(describe_sensor(sheet, name=name)))
 

@@ -85,7 +85,7 @@ def surfaces_path(layers: Path) -> Path:
 
 
 def _reconstruct(file: "LayersFile", window: int, factor: int) -> "WindowSurfaces":
-    from tofmix.cli.estimate_files import announced
+    from tofmix.cli.compiling import announced
     from tofmix.surfaces.reconstruct import reconstruct
 
     layers = file.read_window(window)

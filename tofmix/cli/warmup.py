@@ -23,7 +23,7 @@ def warmup(*, as_json: bool) -> None:
     the user's cache if the package is read-only. NUMBA_CACHE_DIR sets another
     folder, for later runs too.
     """
-    from tofmix.cli.estimate_files import announced
+    from tofmix.cli.compiling import announced
     from tofmix.compiled.jit import cache_folder
     from tofmix.io.model_file import load_model
     from tofmix.pipeline.kernels import compile_all

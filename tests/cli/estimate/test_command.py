@@ -175,7 +175,7 @@ def test_damage_found_half_way_leaves_nothing(tofmix: Tofmix, tmp_path: Path) ->
 
 
 def test_layers_file_passes_the_format_checker(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
-    contract = Path(__file__).parents[3] / "shared" / "check_contract.py"
+    contract = Path(__file__).parents[4] / "shared" / "check_contract.py"
     if not contract.exists():
         pytest.skip("the contract's checker is not beside this checkout")
     tofmix("estimate", recording, "--window", 15)

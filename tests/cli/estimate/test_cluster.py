@@ -45,7 +45,7 @@ class Cluster:
             time.sleep(0.05)
 
     def _start(self, *command: object) -> "subprocess.Popen[bytes]":
-        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
         with (self.folder / "log").open("ab") as log:
             return subprocess.Popen(
                 [str(part) for part in command], stdout=log, stderr=log, cwd=self.folder, env=environment

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tofmix.cli.options import note, progress_bar
+from tofmix.cli.options import AUTO, FILE, note, progress_bar
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from tofmix.estimation.settings import EstimateOptions
     from tofmix.io.recording.recording_file import RecordingFile
     from tofmix.sensor import NoiseCurve, Sensor
-
-FILE, AUTO = "file", "auto"
-"""As in `tofmix.estimation.noise_choice`, which imports numba."""
 
 
 def outlier_choice(text: str) -> str | float:

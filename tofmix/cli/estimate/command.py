@@ -1,4 +1,4 @@
-"""``tofmix estimate``: a recording in, a layers file out."""
+"""The command ``tofmix estimate``: a recording in, a layers file out."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -6,8 +6,18 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from tofmix.cli.options import HDF5_PATH, MEMORY, PATH, SHARD, default_workers, examples, json_option, overwrite_option
-from tofmix.cli.sensor_choice import AUTO, circle_choice, outlier_choice, spell
+from tofmix.cli.estimate.noise import circle_choice, outlier_choice, spell
+from tofmix.cli.options import (
+    AUTO,
+    HDF5_PATH,
+    MEMORY,
+    PATH,
+    SHARD,
+    default_workers,
+    examples,
+    json_option,
+    overwrite_option,
+)
 from tofmix.errors import UsageError
 
 if TYPE_CHECKING:
@@ -187,7 +197,8 @@ def estimate(
     dimensions window, row, col and layer, near to far. Several recordings need
     --output-dir; - reads their names from stdin, one a line.
     """
-    from tofmix.cli.estimate_files import Request, estimate_files
+    from tofmix.cli.estimate.request import Request
+    from tofmix.cli.estimate.runs import estimate_files
     from tofmix.estimation.noise_choice import check_parts
     from tofmix.estimation.settings import EstimateOptions
 
