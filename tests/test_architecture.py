@@ -104,7 +104,7 @@ def test_imports_point_one_way() -> None:
 
 ORDER = {
     "estimation": ("noise", "peaks", "mixture", "learnt", "blocks"),
-    "io": ("atomic", "guard", "recording", "layers", "importers", "exporters", "verify"),
+    "io": ("atomic", "guard", "recording", "layers", "surfaces", "importers", "exporters", "verify"),
     "report": ("summary", "descriptions", "pixels", "figures", "explorer", "page", "comparison", "gap"),
     "simulation": ("casting", "effects"),
 }

@@ -47,7 +47,7 @@ from tofmix.io.exporters.fine_points import FIELDS, FinePoints
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import outlines, trace
 from tofmix.io.exporters.planes_obj import triangles
-from tofmix.io.surfaces_file import SurfacesFile, open_surfaces
+from tofmix.io.surfaces.surfaces_file import SurfacesFile, open_surfaces
 
 FOV_DEG = (16.0, 12.0)
 DEPTH_M = (BOARD_MM / 1000, WALL_MM / 1000)

@@ -103,12 +103,13 @@ def _of_text(name: str) -> "Description":
 
 
 def _of_hdf5(path: Path) -> "Description":
-    from tofmix.io import surfaces_file
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers import layers_file
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.range_check import look, unit_doubt, zeros_doubt
     from tofmix.io.recording.recording_file import open_recording
+    from tofmix.io.surfaces.fields import FORMAT as SURFACES_FORMAT
+    from tofmix.io.surfaces.surfaces_file import open_surfaces
     from tofmix.report.descriptions.layers import describe_layers
     from tofmix.report.descriptions.recording import describe_recording
     from tofmix.report.descriptions.surfaces import describe_surfaces
@@ -117,8 +118,8 @@ def _of_hdf5(path: Path) -> "Description":
     if kind == layers_file.FORMAT:
         with open_layers(path) as layers:
             return describe_layers(layers, name=str(path), file_bytes=size)
-    if kind == surfaces_file.FORMAT:
-        with surfaces_file.open_surfaces(path) as surfaces:
+    if kind == SURFACES_FORMAT:
+        with open_surfaces(path) as surfaces:
             return describe_surfaces(surfaces, name=str(path), file_bytes=size)
     with open_recording(path, check_units=False) as recording:
         found = look(recording)

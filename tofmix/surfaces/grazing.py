@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.surfaces.cuts import Cuts
-from tofmix.surfaces.edge_fit import AHEAD, BACK, BAR, KIND, WORTH
+from tofmix.surfaces.edge_shape import AGREES, AHEAD, BACK, BAR, KIND
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.half_plane import covered
 from tofmix.surfaces.regions import FIRST, ONE, REGION_COLUMNS, SHAPE, continue_edge, set_edge
@@ -102,7 +102,7 @@ def _continue(
                     cut = first_cut[r, c]
                     while cut >= 0:
                         run = fits[cut, BACK] + fits[cut, AHEAD]
-                        if fits[cut, WORTH] > 0.0 and run > longest:
+                        if fits[cut, AGREES] > 0.0 and run > longest:
                             for side in range(2 if fits[cut, KIND] == BAR else 1):
                                 continue_edge(fits[cut], lines[cut, side], rays[row, col], row - r, col - c, here)
                                 area = covered(here[0], here[1], here[2])

@@ -11,8 +11,9 @@ from tofmix.layers import Layers
 from tofmix.optics.projection import Projection, beam_directions_of, unit
 from tofmix.sensor import Sensor
 from tofmix.surfaces.cuts import Cuts, make_cuts
-from tofmix.surfaces.edge_fit import FIT_COLUMNS, fit_edges
+from tofmix.surfaces.edge_fit import fit_edges
 from tofmix.surfaces.edge_lines import trace
+from tofmix.surfaces.edge_shape import FIT_COLUMNS
 from tofmix.surfaces.found import NO_SURFACE, Planes, WindowSurfaces
 from tofmix.surfaces.grazing import continue_edges
 from tofmix.surfaces.linking import Linked, link

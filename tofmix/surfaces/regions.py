@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.surfaces.edge_fit import (
+from tofmix.surfaces.edge_fit import REACH
+from tofmix.surfaces.edge_pixels import share_of
+from tofmix.surfaces.edge_shape import (
+    AGREES,
     AHEAD,
     ANGLE,
     ARC,
@@ -20,13 +23,10 @@ from tofmix.surfaces.edge_fit import (
     BAR,
     KIND,
     OFFSET,
-    REACH,
     THIRD,
     VAR_ANGLE,
     VAR_OFFSET,
     VAR_THIRD,
-    WORTH,
-    share_of,
 )
 from tofmix.surfaces.half_plane import clip, covered, covered_by_both, polygon_area
 
@@ -178,13 +178,13 @@ def choose_regions(
     for cut in range(len(fits)):
         region, row, col = out[cut], rows[cut], cols[cut]
         _own_region(fits[cut], region)
-        if fits[cut, WORTH] > 0.0 and min(fits[cut, BACK], fits[cut, AHEAD]) >= _SHORT:
+        if fits[cut, AGREES] > 0.0 and min(fits[cut, BACK], fits[cut, AHEAD]) >= _SHORT:
             continue
         used = _gather(
             cut, fits, lines, rows, cols, cut_labels, first_cut, next_cut, rays, chosen, sides, local, here
         )  # fmt: skip
         _tell(cut_labels[cut], row, col, count, labels, inverses, up_to, samples, floor, planes, directions, told)
-        if fits[cut, WORTH] > 0.0 and told[4, 0] < 0.0:
+        if fits[cut, AGREES] > 0.0 and told[4, 0] < 0.0:
             continue
         own = 0.0
         for place in range(9):
@@ -198,7 +198,7 @@ def choose_regions(
                 )  # fmt: skip
             area = _own_area(fits[cut], lines[cut], rays[r, c], r - row, c - col, here, there, work)
             own += _misfit(area, told[place])
-        if _best(used, local, told, work, best) < own and not (fits[cut, WORTH] > 0.0 and best[0] == ONE):
+        if _best(used, local, told, work, best) < own and not (fits[cut, AGREES] > 0.0 and best[0] == ONE):
             # A neighbour's edge by itself is no better than an own one that agrees.
             region[SHAPE] = best[0]
             for k in range(1 if best[0] == ONE else 2):
@@ -225,7 +225,7 @@ def _gather(
             for c in range(max(col - _AROUND, 0), min(col + _AROUND + 1, width)):
                 other = first_cut[r, c]
                 while other >= 0:
-                    fitting = fits[other, WORTH] > 0.0 and int(fits[other, BACK] + fits[other, AHEAD]) == longest
+                    fitting = fits[other, AGREES] > 0.0 and int(fits[other, BACK] + fits[other, AHEAD]) == longest
                     if cut_labels[other] == cut_labels[cut] and fitting:
                         for side in range(2 if fits[other, KIND] == BAR else 1):
                             continue_edge(fits[other], lines[other, side], rays[row, col], row - r, col - c, here)

@@ -13,19 +13,8 @@ from scipy.spatial import cKDTree
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.surfaces.cuts import Cuts
-from tofmix.surfaces.edge_fit import (
-    AHEAD,
-    ANGLE,
-    BACK,
-    BAR,
-    COLUMNS,
-    KIND,
-    REACH,
-    VAR_ANGLE,
-    VAR_THIRD,
-    WORTH,
-    own_area,
-)
+from tofmix.surfaces.edge_fit import REACH
+from tofmix.surfaces.edge_shape import AGREES, AHEAD, ANGLE, BACK, BAR, COLUMNS, KIND, VAR_ANGLE, VAR_THIRD, own_area
 from tofmix.surfaces.shares import Shares
 
 _SHARED = 0.25
@@ -75,7 +64,7 @@ def _alike(length: FloatArray) -> FloatArray:
 def _excess(fits: FloatArray, cuts: Cuts, shares: Shares) -> FloatArray:
     """Variance (cut,) that an edge's pixels show beyond their errors and chance, in units of these."""
     row, col = cuts.row, cuts.col
-    told = (fits[:, WORTH] > 0) & (fits[:, KIND] != BAR) & (cuts.entry == 0) & (shares.count[row, col] > 1)
+    told = (fits[:, AGREES] > 0) & (fits[:, KIND] != BAR) & (cuts.entry == 0) & (shares.count[row, col] > 1)
     chosen = np.flatnonzero(told)
     out = np.zeros(len(fits))
     if not chosen.size:

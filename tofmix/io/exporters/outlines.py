@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.io.exporters.placing import on_planes
 from tofmix.io.extras import need
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.surfaces.found import NO_SURFACE
 
 TOLERANCE = 1.0

@@ -8,7 +8,7 @@ from tofmix.surfaces.found import SurfacesProvenance
 
 
 class SurfacesHeader(Protocol):
-    """Interface of a surfaces file, as `tofmix.io.surfaces_file.SurfacesFile` has it."""
+    """Interface of a surfaces file, as `tofmix.io.surfaces.surfaces_file.SurfacesFile` has it."""
 
     max_layers: int
     factor: int
