@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from support.naive import beam_directions
+from support.naive import beam_directions, pixel_angles
 
-from tofmix.optics.geometry import largest_angle_deg, pixel_angles, ray_over_depth
+from tofmix.optics.geometry import largest_angle_deg, ray_over_depth
 from tofmix.optics.pinhole import Pinhole
 from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors import load_profile

@@ -8,7 +8,7 @@ from tofmix.arrays import FloatArray
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.grid import Grid
 from tofmix.mapping.pose import Pose
-from tofmix.optics.geometry import check_view, pixel_angles
+from tofmix.optics.geometry import check_view
 from tofmix.sensor import NoiseCurve, Sensor
 
 Array = NDArray[np.float64]
@@ -138,6 +138,11 @@ def light(beams: Beams, pose: Pose, grid: Grid, *, rays: int) -> tuple[Array, Ar
             stopped[hit & inside] += part
         passed[hit & (leave <= beams.free_to_mm)] += beams.samples_no_return[row, col] / rays**2
     return stopped, passed
+
+
+def pixel_angles(pixels: int, fov_deg: float) -> FloatArray:
+    """Angle from the axis of each of `pixels` in a row or column, (pixels,) rad: (i - (n - 1) / 2) fov / n."""
+    return np.asarray(np.deg2rad((np.arange(pixels) - (pixels - 1) / 2) * fov_deg / pixels), dtype=np.float64)
 
 
 def beam_directions(rows: int, cols: int, *, fov_horizontal_deg: float, fov_vertical_deg: float) -> FloatArray:

@@ -27,11 +27,6 @@ def check_view(fov_horizontal_deg: float, fov_vertical_deg: float) -> None:
             raise ValueError(f"{name}: {value:g} is not above 0 and up to {most:g}")
 
 
-def pixel_angles(pixels: int, fov_deg: float) -> FloatArray:
-    """Angle from the axis of each of `pixels` in a row or column, (pixels,) rad: (i - (n - 1) / 2) fov / n."""
-    return np.asarray(np.deg2rad((np.arange(pixels) - (pixels - 1) / 2) * fov_deg / pixels), dtype=np.float64)
-
-
 def ray_over_depth(directions: FloatArray) -> FloatArray:
     """Range over depth along z of each beam, at least 1.
 

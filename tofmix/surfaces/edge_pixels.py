@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
+from tofmix.compiled.plane import dot
 from tofmix.surfaces.edge_shape import (
     ANGLE,
     BACK,
@@ -75,14 +76,14 @@ def collect(
             continue
         one = pixels[found]
         ray = rays[r, c]
-        depth = _along(frame[2], ray[0])
+        depth = dot(frame[2], ray[0])
         if depth <= 0.0:
             continue
-        one[X], one[Y] = _along(frame[0], ray[0]) / depth, _along(frame[1], ray[0]) / depth
+        one[X], one[Y] = dot(frame[0], ray[0]) / depth, dot(frame[1], ray[0]) / depth
         for k in range(2):
-            change = _along(frame[2], ray[1 + k])
-            one[X_ROW + 2 * k] = (_along(frame[0], ray[1 + k]) - one[X] * change) / depth
-            one[Y_ROW + 2 * k] = (_along(frame[1], ray[1 + k]) - one[Y] * change) / depth
+            change = dot(frame[2], ray[1 + k])
+            one[X_ROW + 2 * k] = (dot(frame[0], ray[1 + k]) - one[X] * change) / depth
+            one[Y_ROW + 2 * k] = (dot(frame[1], ray[1 + k]) - one[Y] * change) / depth
         one[SHARE], one[SAMPLES], one[FLOOR] = share, samples[r, c], floor[r, c]
         one[HIDES] = 0.0
         if labels[r, c, 0] != label and share > 0.0:
@@ -109,11 +110,6 @@ def _hide(
     pixel[HIDES_ROW], pixel[HIDES_COL] = math.cos(fits[cut, ANGLE]), math.sin(fits[cut, ANGLE])
     pixel[HIDES_AT] = -fits[cut, OFFSET]
     return True
-
-
-@borrowing
-def _along(x: FloatArray, y: FloatArray) -> float:
-    return float(x[0] * y[0] + x[1] * y[1] + x[2] * y[2])
 
 
 @borrowing

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.compiled.normal_equations import solve
+from tofmix.compiled.plane import dot, solve
 
 PRIOR_SLOPE = 1.5
 """Standard deviation of a surface's slope, tangent of the angle off the beam, before its neighbours are seen."""
@@ -46,12 +46,6 @@ def add(
         right[i] += direction[i] * inverse / variance
         for j in range(3):
             information[i, j] += direction[i] * direction[j] / variance
-
-
-@borrowing
-def dot(x: FloatArray, y: FloatArray) -> float:
-    """Scalar product of two vectors (3,)."""
-    return float(x[0] * y[0] + x[1] * y[1] + x[2] * y[2])
 
 
 @borrowing

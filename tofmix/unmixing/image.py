@@ -246,16 +246,6 @@ class Window:
     row: IntArray
     col: IntArray
 
-    @property
-    def distance_squared(self) -> IntArray:
-        """Square of the distance from the middle, pixels."""
-        return np.asarray(self.row**2 + self.col**2)
-
-    @property
-    def ring(self) -> IntArray:
-        """Larger of the distances along rows and columns, pixels."""
-        return np.maximum(np.abs(self.row), np.abs(self.col))
-
 
 def window(reach: int, *, middle: bool = False) -> Window:
     """Window of (2 reach + 1)^2 places."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.plane import dot
 from tofmix.unmixing.image import Beams, Measured
 from tofmix.unmixing.plane_fit import fit_plane
 
@@ -156,11 +157,6 @@ def fill_surfaces(
 
 
 @borrowing
-def _dot(one: FloatArray, other: FloatArray) -> float:
-    return float(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
-
-
-@borrowing
 def _pitch(pixel: int, beams: Beams) -> float:
     """The larger of both pitches."""
     return float(max(beams.pitch_across[pixel], beams.pitch_down[pixel]))
@@ -182,17 +178,17 @@ def _gather(
             if other == pixel or not members.is_member[other]:
                 continue
             way, inverse = beams.direction[other], 1.0 / measured.range_mm[other]
-            cosine = _dot(way, own)
+            cosine = dot(way, own)
             square = inverse * inverse
             variance = (measured.range_variance[other] + pattern_variance) * square * square
             indices[_OTHER, count], indices[_DOWN, count], indices[_RIGHT, count] = other, r - row, c - col
             numbers[_COSINE, count], numbers[_INVERSE, count], numbers[_VARIANCE, count] = cosine, inverse, variance
-            numbers[_X, count] = _dot(way, beams.across[pixel]) / cosine / beams.pitch_across[pixel]
-            numbers[_Y, count] = _dot(way, beams.down[pixel]) / cosine / beams.pitch_down[pixel]
+            numbers[_X, count] = dot(way, beams.across[pixel]) / cosine / beams.pitch_across[pixel]
+            numbers[_Y, count] = dot(way, beams.down[pixel]) / cosine / beams.pitch_down[pixel]
             if members.has_plane[other]:
                 middle = members.middle[other]
                 down, right = middle // cols - row, middle % cols - col
-                numbers[_VALUE, count] = _dot(members.plane[other], own)
+                numbers[_VALUE, count] = dot(members.plane[other], own)
                 # A plane through 3 x 3 points has the variance 1 / 9 in its middle, and a slope the variance 1 / 6.
                 numbers[_ERROR, count] = variance * (1.0 / 9.0 + (down * down + right * right) / 6.0)
             else:
@@ -293,7 +289,7 @@ def _fit_ranges(
     for k in range(size):
         place = indices[_OWN, k]
         x[k], y[k], variance[k] = numbers[_X, place], numbers[_Y, place], numbers[_VARIANCE, place]
-        expected = _dot(beams.direction[indices[_OTHER, place]], plane)
+        expected = dot(beams.direction[indices[_OTHER, place]], plane)
         value[k], weight[k] = (numbers[_INVERSE, place] - expected) / numbers[_COSINE, place], 1.0 / variance[k]
     m0, m1, m2 = plane[0], plane[1], plane[2]
     slope = (_KNOWN_SLOPE if known > 0 else _FREE_SLOPE) * _pitch(pixel, beams) * level

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 FORMAT = "tofmix-surfaces"
 
-LEAST_FACTOR, MOST_FACTOR = 2, 32
-"""Parts along each side of a pixel that `tofmix surfaces` offers."""
+MOST_FACTOR = 32
+"""Parts along each side of a pixel at most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

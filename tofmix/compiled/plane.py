@@ -1,7 +1,13 @@
-"""Normal equations of a plane: three numbers from their information matrix. Compiled, for kernels to call."""
+"""Vectors of three numbers, and the normal equations of a plane. Compiled, for kernels to call."""
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
+
+
+@borrowing
+def dot(one: FloatArray, other: FloatArray) -> float:
+    """Scalar product of two vectors (3,)."""
+    return float(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
 
 
 @borrowing
