@@ -34,7 +34,7 @@ ONE, BOTH, EITHER, ALL = 0, 1, 2, 3
 """A region is one side of an edge; on that side of two edges; of either; or of three, as at the end of a bar."""
 
 # Columns of a region: which of these, then three edges of five numbers each.
-SHAPE, FIRST, SECOND, THIRD_EDGE = 0, 1, 6, 11
+SHAPE, FIRST, SECOND, THIRD_EDGE = 0, 1, 6, 11  # columns at which they begin
 DOWN, RIGHT, AT, BEND, VARIANCE = range(5)
 REGION_COLUMNS = 16
 """An edge is the place where y - BEND (y^2 + s^2) / 2 = 0, with y = DOWN u + RIGHT v - AT

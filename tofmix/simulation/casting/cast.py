@@ -23,10 +23,13 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.surface import MAX_LENGTH_MM
 from tofmix.simulation.truth import Truth
 
-# A surface or a gap of less than this share of a pixel is left out, and the others take its place. Shares are right
-# to 0.001; one sample in 10,000 is what the sensor's random values (p(c_r)) yield anyway; and an edge that lies on the
-# border of two pixels must not count as a surface of both by a rounding error.
 MIN_SHARE = 1.0e-4
+"""A surface or a gap of less than this share of a pixel is left out, and the others take its place.
+
+Shares are right to 0.001; one sample in 10,000 is what the sensor's random values (p(c_r)) yield anyway; and an edge
+that lies on the border of two pixels must not count as a surface of both by a rounding error.
+"""
+
 MAX_SURFACES = 4096  # so that never all shares of a pixel are below MIN_SHARE
 MAX_LAYERS = 255  # n_modes is uint8
 
