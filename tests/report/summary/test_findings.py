@@ -1,7 +1,7 @@
 import pytest
 
 from tofmix.report.summary.findings import Remedy, count_findings, sample_findings, sigma_findings
-from tofmix.report.summary.thresholds import Thresholds
+from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 
 REMEDY = Remedy(recording="a b.h5", window_frames=40, windows=2)
 
