@@ -260,7 +260,7 @@ def estimate_windows(
         part = Layers(**{spec.name: getattr(out, spec.name)[window] for spec in layer_fields(source.sensor)})
         insist, circle_mm = options.mixing is MixingChoice.PHASOR, options.unambiguous_range_mm
         unmixed = unmix(part, means, source.sensor, insist=insist, circle_mm=circle_mm)
-        shares[window], pixels[window] = unmixed.phasor_share, unmixed.telling_pixels
+        shares[window], pixels[window] = unmixed.phasor_share, unmixed.informative_pixels
         for spec in out.fields:
             getattr(out, spec.name)[window] = getattr(unmixed.layers, spec.name)
     return EstimatedWindows(layers=out, phasor_share=shares, phasor_pixels=pixels)
