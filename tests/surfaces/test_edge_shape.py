@@ -8,6 +8,7 @@ import pytest
 from tofmix.arrays import FloatArray
 from tofmix.surfaces.edge_run import is_of_run
 from tofmix.surfaces.edge_shape import ARC, predict
+from tofmix.surfaces.settings import EdgeSettings
 
 _GRID = (np.arange(400) + 0.5) / 400 - 0.5
 
@@ -36,5 +37,5 @@ def test_area_under_an_arc_is_that_of_its_circle(radius: float, most: float) -> 
 def test_other_side_of_a_circle_is_not_of_an_arcs_run() -> None:
     fit = np.zeros(11)
     fit[3] = 1.0 / 4.0  # curvature; the circle's other side is 8 pixels along the normal
-    assert is_of_run(ARC, fit, 1.0, 0.0, _pixel(0.0, 0.0), 2.0, 2.0)
-    assert not is_of_run(ARC, fit, 1.0, 0.0, _pixel(8.0, 0.0), 2.0, 2.0)
+    assert is_of_run(ARC, fit, 1.0, 0.0, _pixel(0.0, 0.0), 2.0, 2.0, EdgeSettings())
+    assert not is_of_run(ARC, fit, 1.0, 0.0, _pixel(8.0, 0.0), 2.0, 2.0, EdgeSettings())

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.surfaces.edge_pixels import collect
-from tofmix.surfaces.edge_run import RUN_HALF_WIDTH, adjust, chi_square, disagreement
+from tofmix.surfaces.edge_run import adjust, chi_square, disagreement
 from tofmix.surfaces.edge_shape import (
     AGREES,
     AHEAD,
@@ -32,24 +32,7 @@ from tofmix.surfaces.edge_shape import (
     Y,
 )
 from tofmix.surfaces.half_plane import covered
-
-REACH = 12
-"""Pixels on each side that a run grows to at most."""
-
-_LONG_RUN = 4.0
-"""Pixels on a side from which on a run grows by two at a time."""
-
-_FIRST_TURN = 0.15
-"""Change of direction, rad, that a run may have after its first pixels."""
-
-_STEPS = 4
-"""Steps of Gauss and Newton's method after a run has grown."""
-
-_MOST_DISAGREEMENT = 3.0
-"""Standard deviations up to which a run agrees: one in a thousand that belongs to it does not."""
-
-_LEAST_CURVATURE_GAIN = 9.0
-"""Chi-square that a curvature must save: three standard errors."""
+from tofmix.surfaces.settings import EdgeSettings
 
 
 @borrowing
@@ -104,7 +87,7 @@ def _first_bar(pixels: FloatArray, count: int, start: FloatArray) -> None:
 @borrowing
 def _best_start(
     kind: int, pixels: FloatArray, count: int, start: FloatArray, trial: FloatArray, best: FloatArray,
-    normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray,
+    normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray, settings: EdgeSettings,
 ) -> None:  # fmt: skip
     """Move a first guess to the best of a few fits of the nearest pixels.
 
@@ -121,8 +104,8 @@ def _best_start(
         else:
             trial[OFFSET] += 0.15 * shift
             trial[THIRD] += 0.15 * shift
-        adjust(kind, pixels, count, trial, start, reach, reach, 2 * _STEPS, normal, right, out, work)
-        total = chi_square(kind, pixels, count, trial, reach, reach, out, work)
+        adjust(kind, pixels, count, trial, start, reach, reach, 2 * settings.steps, normal, right, out, work, settings)
+        total = chi_square(kind, pixels, count, trial, reach, reach, out, work, settings)
         if total < least:
             least = total
             for i in range(FIT_COLUMNS):
@@ -134,54 +117,51 @@ def _best_start(
 @borrowing
 def _grow(
     kind: int, pixels: FloatArray, count: int, fit: FloatArray, start: FloatArray, normal: FloatArray,
-    right: FloatArray, out: FloatArray, work: FloatArray,
+    right: FloatArray, out: FloatArray, work: FloatArray, settings: EdgeSettings,
 ) -> None:  # fmt: skip
     """Fit an edge to the pixel and its neighbours, then to a run as long as the shares agree with it."""
     back, ahead = (2.0, 2.0) if kind == ARC else (1.0, 1.0)
     for i in range(FIT_COLUMNS):
         fit[i] = start[i]
-    adjust(kind, pixels, count, fit, start, back, ahead, 3 * _STEPS, normal, right, out, work)
-    fit[AGREES] = (
-        1.0 if disagreement(kind, pixels, count, fit, back, ahead, -9.0, -9.0, out, work) < _MOST_DISAGREEMENT else 0.0
-    )
+    adjust(kind, pixels, count, fit, start, back, ahead, 3 * settings.steps, normal, right, out, work, settings)
+    most = settings.agree_sigmas
+    off = disagreement(kind, pixels, count, fit, back, ahead, -9.0, -9.0, out, work, settings)
+    fit[AGREES] = 1.0 if off < most else 0.0
     go_back, go_ahead, pace = fit[AGREES] > 0.0, fit[AGREES] > 0.0, 1.0
     while go_back or go_ahead:
-        more_back = (
-            go_back
-            and back + pace <= REACH
-            and disagreement(kind, pixels, count, fit, back + pace, ahead, back, ahead, out, work) < _MOST_DISAGREEMENT
-        )
-        more_ahead = (
-            go_ahead
-            and ahead + pace <= REACH
-            and disagreement(kind, pixels, count, fit, back, ahead + pace, back, ahead, out, work) < _MOST_DISAGREEMENT
-        )
+        more_back, more_ahead = False, False
+        if go_back and back + pace <= settings.longest_run:
+            off = disagreement(kind, pixels, count, fit, back + pace, ahead, back, ahead, out, work, settings)
+            more_back = off < most
+        if go_ahead and ahead + pace <= settings.longest_run:
+            off = disagreement(kind, pixels, count, fit, back, ahead + pace, back, ahead, out, work, settings)
+            more_ahead = off < most
         if pace == 1.0:
             go_back, go_ahead = more_back, more_ahead
         if more_back or more_ahead:
             old_back, old_ahead = back, ahead
             back, ahead = back + (pace if more_back else 0.0), ahead + (pace if more_ahead else 0.0)
-            adjust(kind, pixels, count, fit, start, back, ahead, _STEPS, normal, right, out, work)
-            if disagreement(kind, pixels, count, fit, back, ahead, -9.0, -9.0, out, work) > _MOST_DISAGREEMENT:
+            adjust(kind, pixels, count, fit, start, back, ahead, settings.steps, normal, right, out, work, settings)
+            if disagreement(kind, pixels, count, fit, back, ahead, -9.0, -9.0, out, work, settings) > most:
                 # The new ones agreed one by one, and not together.
                 back, ahead = old_back, old_ahead
-                adjust(kind, pixels, count, fit, start, back, ahead, _STEPS, normal, right, out, work)
+                adjust(kind, pixels, count, fit, start, back, ahead, settings.steps, normal, right, out, work, settings)
                 go_back, go_ahead = go_back and pace > 1.0, go_ahead and pace > 1.0
                 more_back = more_ahead = False
         # A long run grows by two at a time, until that fails.
-        pace = 2.0 if more_back and more_ahead and min(back, ahead) >= _LONG_RUN else 1.0
+        pace = 2.0 if more_back and more_ahead and min(back, ahead) >= settings.fast_run else 1.0
     fit[KIND], fit[BACK], fit[AHEAD] = kind, back, ahead
 
 
 @borrowing
-def _near_line_first(pixels: FloatArray, count: int, start: FloatArray) -> int:
+def _near_line_first(pixels: FloatArray, count: int, start: FloatArray, settings: EdgeSettings) -> int:
     """Put pixels that may be of a straight run first, the own one before all, and return how many they are."""
     down, right = math.cos(start[ANGLE]), math.sin(start[ANGLE])
     kept = 0
     for k in range(count):
         off = abs(down * pixels[k, X] + right * pixels[k, Y] - start[OFFSET])
         along = abs(-right * pixels[k, X] + down * pixels[k, Y])
-        if k == 0 or off < 2.0 * RUN_HALF_WIDTH + _FIRST_TURN * along:
+        if k == 0 or off < 2.0 * settings.half_width + settings.first_turn * along:
             for i in range(COLUMNS):
                 pixels[kept, i], pixels[k, i] = pixels[k, i], pixels[kept, i]
             kept += 1
@@ -194,7 +174,7 @@ def fit_edges(
     next_cut: NDArray[np.int32],
     rows: NDArray[np.int32], cols: NDArray[np.int32], cut_labels: NDArray[np.int32], count: NDArray[np.int32],
     labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray, samples: FloatArray, floor: FloatArray,
-    planes: FloatArray, directions: FloatArray, rays: FloatArray,
+    planes: FloatArray, directions: FloatArray, rays: FloatArray, settings: EdgeSettings,
 ) -> None:  # fmt: skip
     """Fit an edge in each of some pixels.
 
@@ -218,41 +198,45 @@ def fit_edges(
         Unit vectors d.
     rays : (row, col, 3, 3) float64
         Ray through the centre of each pixel, and its change to the next row and to the next column.
+    settings : EdgeSettings
+        Thresholds.
     """
-    size = 2 * REACH + 1
+    size = 2 * settings.longest_run + 1
     pixels = np.empty((size * size, COLUMNS))
     frame, normal, right = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
     out, work = np.empty(7), np.empty((3, 8, 2))
     start, line, other, best = np.empty((4, FIT_COLUMNS))
     for cut in which:
         found = collect(
-            cut_labels[cut], rows[cut], cols[cut], REACH, count, labels, inverses, up_to, samples, floor, planes,
-            directions, rays, first_cut, next_cut, nearer, frame, pixels,
+            cut_labels[cut], rows[cut], cols[cut], settings.longest_run, count, labels, inverses, up_to, samples, floor,
+            planes, directions, rays, first_cut, next_cut, nearer, frame, pixels,
         )  # fmt: skip
         fit = fits[cut]
         if not _first_guess(pixels, found, start):
             fit[:] = start
             continue
-        adjust(LINE, pixels, found, start, start, 1.0, 1.0, _STEPS, normal, right, out, work)
-        near_line = _near_line_first(pixels, found, start)
-        _grow(LINE, pixels, near_line, line, start, normal, right, out, work)
+        adjust(LINE, pixels, found, start, start, 1.0, 1.0, settings.steps, normal, right, out, work, settings)
+        near_line = _near_line_first(pixels, found, start, settings)
+        _grow(LINE, pixels, near_line, line, start, normal, right, out, work, settings)
         for i in range(FIT_COLUMNS):
             fit[i] = line[i]
-        if line[BACK] + line[AHEAD] < 2 * REACH:
+        if line[BACK] + line[AHEAD] < 2 * settings.longest_run:
             start[ANGLE], start[OFFSET], start[THIRD] = line[ANGLE], line[OFFSET], 0.0
-            _best_start(ARC, pixels, found, start, other, best, normal, right, out, work)
-            _grow(ARC, pixels, found, other, start, normal, right, out, work)
+            _best_start(ARC, pixels, found, start, other, best, normal, right, out, work, settings)
+            _grow(ARC, pixels, found, other, start, normal, right, out, work, settings)
             if other[AGREES] > 0.0:
                 back, ahead = other[BACK], other[AHEAD]
-                adjust(LINE, pixels, found, line, start, back, ahead, _STEPS, normal, right, out, work)
-                straight = chi_square(LINE, pixels, found, line, back, ahead, out, work)
-                if straight - chi_square(ARC, pixels, found, other, back, ahead, out, work) > _LEAST_CURVATURE_GAIN:
+                steps = settings.steps
+                adjust(LINE, pixels, found, line, start, back, ahead, steps, normal, right, out, work, settings)
+                straight = chi_square(LINE, pixels, found, line, back, ahead, out, work, settings)
+                bent = chi_square(ARC, pixels, found, other, back, ahead, out, work, settings)
+                if straight - bent > settings.curvature_gain:
                     for i in range(FIT_COLUMNS):
                         fit[i] = other[i]
         if fit[AGREES] == 0.0:
             _first_bar(pixels, found, start)
-            _best_start(BAR, pixels, found, start, other, best, normal, right, out, work)
-            _grow(BAR, pixels, found, other, start, normal, right, out, work)
+            _best_start(BAR, pixels, found, start, other, best, normal, right, out, work, settings)
+            _grow(BAR, pixels, found, other, start, normal, right, out, work, settings)
             if other[AGREES] > 0.0:
                 for i in range(FIT_COLUMNS):
                     fit[i] = other[i]

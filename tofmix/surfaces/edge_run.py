@@ -26,12 +26,7 @@ from tofmix.surfaces.edge_shape import (
     Y,
     predict,
 )
-
-RUN_HALF_WIDTH = 1.5
-"""Distance from the line, pixels, up to which pixels are of its run."""
-
-_MOST_BEND = 0.3
-"""Largest curvature, 1/pixel: an arc of a smaller circle is hidden in a few pixels."""
+from tofmix.surfaces.settings import EdgeSettings
 
 _ARC_ERROR = 0.014
 """Error of the area under an arc, in units of its curvature squared, pixels^2: rms over places and directions."""
@@ -49,9 +44,10 @@ def _variance(share: float, pixel: FloatArray, bend: float) -> float:
 
 @borrowing
 def is_of_run(
-    kind: int, fit: FloatArray, down: float, right: float, pixel: FloatArray, back: float, ahead: float
+    kind: int, fit: FloatArray, down: float, right: float, pixel: FloatArray, back: float, ahead: float,
+    settings: EdgeSettings,
 ) -> bool:  # fmt: skip
-    """Whether a collected pixel lies near_line the edge of normal (down, right), not farther along it than the run."""
+    """Whether a collected pixel lies beside the edge of normal (down, right), not farther along it than the run."""
     along = -right * pixel[X] + down * pixel[Y]
     if along < -back - 0.5 or along > ahead + 0.5:
         return False
@@ -62,15 +58,15 @@ def is_of_run(
             return False  # the other side of the circle
         radius = math.sqrt((1.0 - bend * across) ** 2 + bend * bend * along * along)
         off = fit[OFFSET] + (2.0 * across - bend * (across * across + along * along)) / (1.0 + radius)
-    least = fit[OFFSET] - RUN_HALF_WIDTH
-    most = (fit[THIRD] if kind == BAR else fit[OFFSET]) + RUN_HALF_WIDTH
+    least = fit[OFFSET] - settings.half_width
+    most = (fit[THIRD] if kind == BAR else fit[OFFSET]) + settings.half_width
     return bool(least <= off <= most)
 
 
 @borrowing
 def _equations(
     kind: int, pixels: FloatArray, count: int, fit: FloatArray, start: FloatArray, back: float, ahead: float,
-    normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray,
+    normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray, settings: EdgeSettings,
 ) -> float:  # fmt: skip
     """Fill the normal equations of a run about the numbers of `fit`; return chi-square, the first guess's included."""
     numbers = 2 if kind == LINE else 3
@@ -83,7 +79,7 @@ def _equations(
         for j in range(3):
             normal[i, j] = _PRIOR[i] if i == j else 0.0
     for k in range(count):
-        if not is_of_run(kind, fit, down, across, pixels[k], back, ahead):
+        if not is_of_run(kind, fit, down, across, pixels[k], back, ahead, settings):
             continue
         predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
         weight = 1.0 / _variance(out[0], pixels[k], fit[THIRD] if kind == ARC else 0.0)
@@ -99,14 +95,14 @@ def _equations(
 @borrowing
 def adjust(
     kind: int, pixels: FloatArray, count: int, fit: FloatArray, start: FloatArray, back: float, ahead: float,
-    steps: int, normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray,
+    steps: int, normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray, settings: EdgeSettings,
 ) -> None:  # fmt: skip
     """Fit the numbers of an edge to its run, from those of `fit`, which is changed; its variances are filled.
 
     Levenberg and Marquardt's method.
     """
     damping, converged = 0.0, False
-    total = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work)
+    total = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work, settings)
     for _ in range(steps):
         if converged:
             break
@@ -121,15 +117,17 @@ def adjust(
         fit[ANGLE] += min(max(turn, -0.3), 0.3)
         fit[OFFSET] += min(max(move, -0.4), 0.4)
         if kind == ARC:
-            fit[THIRD] = min(max(fit[THIRD] + min(max(bend, -0.1), 0.1), -_MOST_BEND), _MOST_BEND)
+            fit[THIRD] = min(
+                max(fit[THIRD] + min(max(bend, -0.1), 0.1), -settings.most_curvature), settings.most_curvature
+            )
         elif kind == BAR:
             fit[THIRD] = max(fit[THIRD] + min(max(bend, -0.4), 0.4), fit[OFFSET] + 0.05)
         converged = abs(turn) < 1e-4 and abs(move) < 1e-4 and abs(bend) < 1e-4  # noqa: PLR2004  rad, pixels: far below errors
-        new = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work)
+        new = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work, settings)
         if new > total:
             fit[ANGLE], fit[OFFSET], fit[THIRD] = angle, offset, third
             damping = max(10.0 * damping, 0.1)
-            total = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work)
+            total = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work, settings)
         else:
             total = new
             damping = 0.1 * damping if damping > 0.01 else 0.0  # noqa: PLR2004  hardly any
@@ -143,7 +141,7 @@ def adjust(
 @borrowing
 def disagreement(
     kind: int, pixels: FloatArray, count: int, fit: FloatArray, back: float, ahead: float, inner_back: float,
-    inner_ahead: float, out: FloatArray, work: FloatArray,
+    inner_ahead: float, out: FloatArray, work: FloatArray, settings: EdgeSettings,
 ) -> float:  # fmt: skip
     """Chi-square of the pixels of a run that are not of the inner run, in standard deviations of the normal law.
 
@@ -152,7 +150,7 @@ def disagreement(
     total, told = 0.0, 0
     down, right = math.cos(fit[ANGLE]), math.sin(fit[ANGLE])
     for k in range(count):
-        if not is_of_run(kind, fit, down, right, pixels[k], back, ahead):
+        if not is_of_run(kind, fit, down, right, pixels[k], back, ahead, settings):
             continue
         along = -right * pixels[k, X] + down * pixels[k, Y]
         if -inner_back - 0.5 <= along <= inner_ahead + 0.5:
@@ -176,13 +174,13 @@ def disagreement(
 @borrowing
 def chi_square(
     kind: int, pixels: FloatArray, count: int, fit: FloatArray, back: float, ahead: float, out: FloatArray,
-    work: FloatArray,
+    work: FloatArray, settings: EdgeSettings,
 ) -> float:  # fmt: skip
     """Chi-square of a run."""
     down, right = math.cos(fit[ANGLE]), math.sin(fit[ANGLE])
     total = 0.0
     for k in range(count):
-        if is_of_run(kind, fit, down, right, pixels[k], back, ahead):
+        if is_of_run(kind, fit, down, right, pixels[k], back, ahead, settings):
             predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
             miss = pixels[k, SHARE] - out[0]
             total += miss * miss / _variance(out[0], pixels[k], fit[THIRD] if kind == ARC else 0.0)

@@ -13,7 +13,6 @@ from scipy.spatial import cKDTree
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.surfaces.cuts import Cuts
-from tofmix.surfaces.edge_fit import REACH
 from tofmix.surfaces.edge_shape import AGREES, AHEAD, ANGLE, BACK, BAR, COLUMNS, KIND, VAR_ANGLE, VAR_THIRD, own_area
 from tofmix.surfaces.shares import Shares
 
@@ -30,7 +29,7 @@ _ALIKE = 4.0
 for weights of a standard deviation of 2 pixels."""
 
 
-def widened(fits: FloatArray, cuts: Cuts, shares: Shares) -> FloatArray:
+def widened(fits: FloatArray, cuts: Cuts, shares: Shares, longest_run: int) -> FloatArray:
     """Fits (cut, FIT_COLUMNS) with larger variances where shares are unmixed; else the same.
 
     Parameters
@@ -39,6 +38,8 @@ def widened(fits: FloatArray, cuts: Cuts, shares: Shares) -> FloatArray:
         From `fit_edges`.
     cuts, shares
         Of the same window.
+    longest_run : int
+        Pixels on each side of a run at most.
     """
     if not shares.floor.any() or not len(cuts):
         return fits
@@ -47,7 +48,7 @@ def widened(fits: FloatArray, cuts: Cuts, shares: Shares) -> FloatArray:
     crossed = np.abs(np.cos(fits[:, ANGLE])) + np.abs(np.sin(fits[:, ANGLE]))
     # Variance of a mean over the run, of errors that are in common, in units of that of independent ones.
     common = np.maximum(1.0, crossed * length * _alike(length))
-    factor = 1.0 - _SHARED + (_SHARED + _excess(fits, cuts, shares)) * common
+    factor = 1.0 - _SHARED + (_SHARED + _excess(fits, cuts, shares, longest_run)) * common
     out = fits.copy()
     out[:, VAR_ANGLE : VAR_THIRD + 1] *= factor[:, np.newaxis]
     return out
@@ -61,7 +62,7 @@ def _alike(length: FloatArray) -> FloatArray:
     return np.asarray(kernel.mean(axis=-1))
 
 
-def _excess(fits: FloatArray, cuts: Cuts, shares: Shares) -> FloatArray:
+def _excess(fits: FloatArray, cuts: Cuts, shares: Shares, reach: int) -> FloatArray:
     """Variance (cut,) that an edge's pixels show beyond their errors and chance, in units of these."""
     row, col = cuts.row, cuts.col
     told = (fits[:, AGREES] > 0) & (fits[:, KIND] != BAR) & (cuts.entry == 0) & (shares.count[row, col] > 1)
@@ -74,8 +75,8 @@ def _excess(fits: FloatArray, cuts: Cuts, shares: Shares) -> FloatArray:
         fits[chosen], shares.up_to[row, col, 0], shares.samples[row, col], shares.floor[row, col]
     )  # fmt: skip
     # Surfaces are far apart in the third coordinate, so that edges of one alone are neighbours.
-    places = np.column_stack([row, col, near.astype(np.float64) * 4.0 * REACH])
-    for cut, others in zip(chosen, cKDTree(places).query_ball_point(places, REACH), strict=True):
+    places = np.column_stack([row, col, near.astype(np.float64) * 4.0 * reach])
+    for cut, others in zip(chosen, cKDTree(places).query_ball_point(places, reach), strict=True):
         chance = 1.0 + np.sqrt(2.0 / len(others))  # a mean of squares, and its standard deviation
         out[cut] = max(0.0, float(squares[others].mean() - chance))
     return out
