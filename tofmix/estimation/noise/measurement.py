@@ -220,18 +220,17 @@ class _Spread:
             reference = reference_at(law.law, self.centres, self._range)
             known = np.isfinite(self._log_amplitude)
             log_factor = law.law.log_factor(np.where(known, np.exp(self._log_amplitude), reference))
-        plain = self._log_sigma() - log_factor
-        points, located = measure_bins(self._range, plain, self._bins, self._degrees)
+        plain, settings = self._log_sigma() - log_factor, self._settings.curve
+        points, located = measure_bins(self._range, plain, self._bins, self._degrees, settings)
         # Surfaces that take turns have no memory: only that of the single series counts, by their variance.
-        away = plain - log_curve(points, self._range, self._settings.curve)
+        away = plain - log_curve(points, self._range, settings)
         share = single_share(away, self._degrees, located.chances) * np.exp(2.0 * np.minimum(away, 1.0))
         memory = float(share @ self._memory / share.sum())
         correction = memory_correction(memory, self._size)
         if correction == 1.0:
             return points
-        return measure_bins(
-            self._range, self._log_sigma(correction) - log_factor, self._bins, self._degrees, self._settings.curve
-        )[0]
+        corrected = self._log_sigma(correction) - log_factor
+        return measure_bins(self._range, corrected, self._bins, self._degrees, settings)[0]
 
 
 def _spread_of(log_amplitude: FloatArray) -> float:
