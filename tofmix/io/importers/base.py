@@ -18,9 +18,6 @@ from tofmix.optics.pinhole import Pinhole
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.sensor import Sensor
 
-IMAGE_DIMENSIONS = 2
-"""Dimensions of a frame: row, col."""
-
 _MOST_SAMPLES_A_FRAME = 1 << 26
 """Four targets of the largest image: a frame is held whole."""
 

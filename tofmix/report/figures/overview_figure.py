@@ -9,10 +9,10 @@ from matplotlib.ticker import MaxNLocator
 
 from tofmix.flags import Status
 from tofmix.layers import Layers
+from tofmix.points import MM_A_METRE
 from tofmix.report.figures.images import colour_scale
 from tofmix.report.theme import COUNT_MAP, RANGE_MAP, Theme, mark_no_data, new_figure
 
-_M = 1000.0  # mm in a metre
 _HEIGHT_INCH = 3.6  # of the figure
 
 
@@ -36,12 +36,12 @@ def overview_figure(layers: Layers, *, name: str, theme: Theme) -> Figure:
     figure = new_figure(_HEIGHT_INCH)
     left, right = figure.subplots(1, 2)
     nearest = np.where(layers.n_modes > 0, layers.range[..., 0], np.nan).astype(np.float64)
-    low, high = colour_scale(nearest, default=(0.0, _M))
+    low, high = colour_scale(nearest, default=(0.0, MM_A_METRE))
     figure.suptitle(name, x=0.01, ha="left", fontweight="bold")
     _style(left, "nearest range", theme)
     shown = left.imshow(
-        np.ma.masked_invalid(nearest) / _M, cmap=colormaps[RANGE_MAP], norm=Normalize(low / _M, high / _M),
-        interpolation="nearest",
+        np.ma.masked_invalid(nearest) / MM_A_METRE, cmap=colormaps[RANGE_MAP],
+        norm=Normalize(low / MM_A_METRE, high / MM_A_METRE), interpolation="nearest",
     )  # fmt: skip
     figure.colorbar(shown, ax=left, label="range (m)", shrink=0.8)
     _style(right, "number of surfaces", theme)

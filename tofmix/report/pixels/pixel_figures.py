@@ -14,6 +14,7 @@ from tofmix.arrays import FloatArray
 from tofmix.circle import cut_between
 from tofmix.estimation.learnt.pixel_mixture import PixelMixture
 from tofmix.estimation.peaks.density import density
+from tofmix.points import MM_A_METRE as _M
 from tofmix.report.pixels.phasor_figure import PLANE_INCH, draw_plane
 from tofmix.report.pixels.phasor_plane import PhasorPlane
 from tofmix.report.pixels.pixels import GrowingDensity, PixelView
@@ -39,7 +40,6 @@ _BACKGROUND_SIGMAS = 12.0
 """Under learnt noise, samples this many sigma from every layer are background, and may lie outside the view."""
 _LEAST_MARGIN_M = 0.05  # beyond the outermost sample, m
 _MOST_BINS = 80  # of a histogram
-_M = 1000.0  # mm in a metre
 
 
 def style_axes(axes: Axes, title: str, theme: Theme) -> None:

@@ -31,7 +31,7 @@ that lies on the border of two pixels must not count as a surface of both by a r
 """
 
 MAX_SURFACES = 4096  # so that never all shares of a pixel are below MIN_SHARE
-MAX_LAYERS = 255  # n_modes is uint8
+MAX_LAYERS = int(np.iinfo(np.uint8).max)  # of n_modes
 
 _T = TypeVar("_T", bound=np.generic)
 
