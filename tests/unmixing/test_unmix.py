@@ -5,7 +5,7 @@ import pytest
 from blind.geometry import Surface
 from support.lock_in import FAMILIES, SMALL, Scene, judge, made, random_boards, small, two_boards
 
-from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, settled_mixing
+from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, resolved_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.flags import Mixing
 from tofmix.invariants import layer_rules
@@ -211,7 +211,7 @@ def test_phasor_sums_can_be_insisted_on_where_nothing_tells_the_law() -> None:
 def test_nothing_is_measured_without_amplitudes_or_a_frequency(sums: Scene) -> None:
     source = sums.recording
     plain = ArrayRecording(source.read_range(slice(0, 20), slice(None)), source.sensor)
-    assert settled_mixing(EstimateOptions(), plain).mixing is MixingChoice.EVENTS
+    assert resolved_mixing(EstimateOptions(), plain).mixing is MixingChoice.EVENTS
     result = estimate_windows(plain)
     assert result.layers.mixing is None
     assert result.phasor_share is None

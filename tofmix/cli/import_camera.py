@@ -34,7 +34,7 @@ def camera_of(name: str | None) -> "CameraSheet":
         If there is no such file or built-in sensor, or the file describes none.
     """
     from tofmix.io.atomic.storage import read_text
-    from tofmix.io.model_file import maps_beside
+    from tofmix.io.model_file import maps_of_model
     from tofmix.sensors import PROFILES, load_sheet
     from tofmix.sensors.profile_toml import parse_profile
     from tofmix.sensors.sensor_file import parse_sensor
@@ -50,7 +50,7 @@ def camera_of(name: str | None) -> "CameraSheet":
     text = read_text(Path(name))
     if "about" in parse_toml(text, source=name):
         return parse_profile(text, source=name)
-    return parse_sensor(text, source=name, read_map=maps_beside(Path(name)))
+    return parse_sensor(text, source=name, read_map=maps_of_model(Path(name)))
 
 
 def sensor_of(camera: "CameraSheet", shape: tuple[int, int]) -> "Sensor":

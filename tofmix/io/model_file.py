@@ -59,10 +59,10 @@ def load_model(name: str) -> Model:
     if not Path(name).is_file():
         return parse_model(text, source=name)
 
-    return parse_model(text, source=name, read_map=maps_beside(Path(name)))
+    return parse_model(text, source=name, read_map=maps_of_model(Path(name)))
 
 
-def maps_beside(file: Path) -> MapReader:
+def maps_of_model(file: Path) -> MapReader:
     """Reader of the maps of a model or of a camera's file."""
 
     def read_map(path: str, shape: tuple[int, int] | None) -> Float32Array:

@@ -93,33 +93,33 @@ def _consensus(
     """Pixels of the plane that most of them lie on; None if they are too few."""
     if len(pixels) < settings.least_pixels:
         return None
-    ways, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
+    beams, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
     reach = settings.inlier_sigmas * _sigmas(image, seeds, pixels)
     best = np.zeros(len(pixels), bool)
     for _ in range(settings.tries):
         triple = rng.choice(len(pixels), 3, replace=False)
         # Three beams that lie in a plane with each other tell no plane.
-        if abs(np.linalg.det(ways[triple])) < np.finfo(float).eps:
+        if abs(np.linalg.det(beams[triple])) < np.finfo(float).eps:
             continue
-        inliers = np.abs(ways @ np.linalg.solve(ways[triple], near[triple]) - near) < reach
+        inliers = np.abs(beams @ np.linalg.solve(beams[triple], near[triple]) - near) < reach
         best = inliers if inliers.sum() > best.sum() else best
     for _ in range(3):
         if best.sum() < settings.least_pixels:
             return None
         plane, _ = _least_squares(image, seeds, pixels[best])
-        best = np.abs(ways @ plane - near) < reach
+        best = np.abs(beams @ plane - near) < reach
     return best if best.sum() >= settings.least_pixels else None
 
 
 def _least_squares(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> tuple[FloatArray, FloatArray]:
     """Vector m (3,) of the pixels' plane, and its covariance (3, 3)."""
-    ways, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
+    beams, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
     sigma = _sigmas(image, seeds, pixels)
-    weighted = ways / sigma[:, np.newaxis] ** 2
-    normal = np.einsum("ni,nk->ik", weighted, ways)
+    weighted = beams / sigma[:, np.newaxis] ** 2
+    normal = np.einsum("ni,nk->ik", weighted, beams)
     covariance = np.linalg.pinv(normal, hermitian=True)
     plane = covariance @ np.einsum("ni,n->i", weighted, near)
-    excess = float((((ways * plane).sum(axis=-1) - near) ** 2 / sigma**2).mean())
+    excess = float((((beams * plane).sum(axis=-1) - near) ** 2 / sigma**2).mean())
     return plane, covariance * max(1.0, excess)
 
 

@@ -95,7 +95,7 @@ def _estimate(
             check_output(target, overwrite=request.overwrite, inputs=(recording,))
         noise = noise_choice(source, request.noise)
         windows = windows_of(source, request)
-        options, from_samples = _settled(source, request, noise, windows, bar)
+        options, from_samples = _with_sensor(source, request, noise, windows, bar)
         if from_samples:
             noise = AUTO
         remedy = Remedy(
@@ -121,7 +121,7 @@ def _estimate(
         shard = Shard(number=request.shard[0], count=request.shard[1]) if request.shard else WHOLE
         outcome = run_job(
             job, engine, target, shard=shard, overwrite=request.overwrite, resume=request.resume,
-            progress=bar.update, say=say, settle=source.settle,
+            progress=bar.update, say=say, verify_source=source.verify_unchanged,
         )  # fmt: skip
     if not job.provenance.is_unmixed and options.mixing == "auto" and not is_quiet():
         say(f"{recording}: {_NO_PHASORS}")
@@ -136,7 +136,7 @@ def _estimate(
     return describe(outcome, findings, request.shard)
 
 
-def _settled(
+def _with_sensor(
     source: "RecordingFile", request: Request, noise: str, windows: "Windows", bar: "tqdm[Any]"
 ) -> "tuple[EstimateOptions, bool]":
     """Give the recording its sensor; return the options with its own unambiguous range, and whether noise is learnt."""

@@ -52,7 +52,7 @@ class FloatRecording(Protocol):
 
     @property
     def fill(self) -> float | None:
-        """Value of invalid samples beside NaN."""
+        """Value of invalid samples, beside NaN."""
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples, mm, NaN where invalid."""
@@ -118,9 +118,9 @@ def unit_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | Non
     least = recording.sensor.range_min_mm or 0.0
     if found.median >= max(LEAST_MEDIAN_MM, LEAST_OF_RANGE_MIN * least):
         return None
-    beside = f" and range_min_mm of {least:g}" if found.median < LEAST_OF_RANGE_MIN * least else ""
+    minimum = f" and range_min_mm of {least:g}" if found.median < LEAST_OF_RANGE_MIN * least else ""
     return (
-        f"{recording.stored_type} without units, its median {found.median:.4g}, is too small for mm{beside}; in metres:"
+        f"{recording.stored_type} without units, its median {found.median:.4g}, is too small for mm{minimum}; in metres:"
         f" {import_command(recording.path, '--units', 'm')}; in mm: set the dataset's attribute units to mm"
     )
 
@@ -142,7 +142,7 @@ def check_range(recording: FloatRecording) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        What the user should know beside, each a line that names the file.
+        What the user should know too, each a line that names the file.
 
     Raises
     ------

@@ -168,7 +168,7 @@ def _draw_pixel(
     style_axes(axes, f"{view.name}: {counted(count, 'layer')}{status}", theme)
     highest, samples, mixture = 0.0, view.samples_mm, view.mixture
     own = None if mixture is None else _own_noise(view, mixture)
-    room = _room(count + (0 if own is None else 1 + own.count("\n")))
+    headroom = _headroom(count + (0 if own is None else 1 + own.count("\n")))
     if samples is not None and samples.size:
         bins = np.linspace(range_m[0], range_m[-1], _bins(samples, range_m) + 1)
         bars = np.histogram(samples / _M, bins)[0] / (samples.size * np.diff(bins))
@@ -191,10 +191,10 @@ def _draw_pixel(
     elif samples is not None and samples.size and noise is not None and view.modes_mm is not None:
         p = _M * density(samples, _M * range_m, noise)
         highest = max(highest, float(p.max()))
-        axes.set_ylim(0.0, room * highest)
+        axes.set_ylim(0.0, headroom * highest)
         draw_density(axes, range_m, p, _within(view.modes_mm / _M, range_m[0], range_m[-1]), theme)
-    axes.set_ylim(0.0, room * highest if highest > 0 else 1.0)
-    _mark_layers(axes, view, theme, top=1.05 / room)
+    axes.set_ylim(0.0, headroom * highest if highest > 0 else 1.0)
+    _mark_layers(axes, view, theme, top=1.05 / headroom)
     if count or (samples is not None and samples.size):
         axes.legend(loc="upper left", fontsize=8, handlelength=1.2, borderaxespad=0.2, labelspacing=0.25)
 
@@ -244,7 +244,7 @@ def _within(modes_m: FloatArray, low: float, high: float) -> FloatArray:
     return modes_m[(modes_m >= low) & (modes_m <= high)]
 
 
-def _room(layers: int) -> float:
+def _headroom(layers: int) -> float:
     """Height of the axes over the highest curve, so that the legend stands above it."""
     return 1.35 + 0.16 * layers
 
