@@ -86,7 +86,7 @@ def _read_map(folder: Path, path: str, shape: tuple[int, int] | None) -> Float32
     if not path or relative.is_absolute() or ".." in relative.parts:
         raise ValueError(f'"{path}": expected a path within the model\'s folder, such as "pattern.npy"')
     try:
-        # Mapped, so that a header that promises terabytes costs nothing
+        # Mapped, so that a header that declares terabytes costs nothing
         array = np.load(folder / relative, mmap_mode="r", allow_pickle=False)
     except OSError as error:
         raise ValueError(f'"{path}": {error.strerror or error}') from None

@@ -118,9 +118,9 @@ def unit_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | Non
     least = recording.sensor.range_min_mm or 0.0
     if found.median >= max(LEAST_MEDIAN_MM, LEAST_OF_RANGE_MIN * least):
         return None
-    minimum = f" and range_min_mm of {least:g}" if found.median < LEAST_OF_RANGE_MIN * least else ""
+    also = f" and range_min_mm of {least:g}" if found.median < LEAST_OF_RANGE_MIN * least else ""
     return (
-        f"{recording.stored_type} without units, its median {found.median:.4g}, is too small for mm{minimum}; in metres:"
+        f"{recording.stored_type} without units, its median {found.median:.4g}, is too small for mm{also}; in metres:"
         f" {import_command(recording.path, '--units', 'm')}; in mm: set the dataset's attribute units to mm"
     )
 

@@ -122,19 +122,17 @@ def read_around(source: SampleSource, *, row: int, col: int, start: int, stop: i
     if lights is None:
         return None
     frames, rows, cols = source.shape
-    rows_around = slice(max(0, row - REACH), min(rows, row + REACH + 1))
-    cols_around = slice(max(0, col - REACH), min(cols, col + REACH + 1))
+    rows_near = slice(max(0, row - REACH), min(rows, row + REACH + 1))
+    cols_near = slice(max(0, col - REACH), min(cols, col + REACH + 1))
     blocks = [
         (
-            source.read_range(block, rows_around)[..., cols_around].copy(),
-            lights.read_amplitude(block, rows_around)[..., cols_around].copy(),
+            source.read_range(block, rows_near)[..., cols_near].copy(),
+            lights.read_amplitude(block, rows_near)[..., cols_near].copy(),
         )
         for block in _frame_blocks(start, min(stop, frames), source.frame_step)
     ]
     range_mm, amplitude = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    return SamplesAround(
-        first_row=rows_around.start, first_col=cols_around.start, range_mm=range_mm, amplitude=amplitude
-    )
+    return SamplesAround(first_row=rows_near.start, first_col=cols_near.start, range_mm=range_mm, amplitude=amplitude)
 
 
 def _frame_blocks(start: int, stop: int, step: int) -> Iterator[slice]:

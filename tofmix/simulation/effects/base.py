@@ -69,7 +69,7 @@ class Latent(Enum):
     FRAME = "a state of each frame"
     PIXEL = "a value of each pixel"
     MEMORY = "the noise of the frame before"
-    LATTICE = "a lattice of values"
+    STEP = "a quantisation step"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
