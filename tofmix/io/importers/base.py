@@ -120,7 +120,7 @@ class FrameSource:
     notes: tuple[str, ...] = ()
 
     def check(self, what: object) -> "FrameSource":
-        """Return the source itself; `BadInputError` if its images are larger than a camera's, or it declares too many."""
+        """Return the source itself; `BadInputError` if its images, or its number of frames, are too large."""
         if self.shape[0] > MOST_FRAMES:
             raise BadInputError(f"{what}: {self.shape[0]} frames; no more than {MOST_FRAMES}")
         if max(self.shape[1:]) > MOST_PIXELS_A_SIDE:
