@@ -28,7 +28,7 @@ from tofmix.unmixing.distant import DistantPlane
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
 from tofmix.unmixing.neighbours import Predictions, find_neighbours, phasor_of, predict
 from tofmix.unmixing.seeds import Seeds, plane_vector
-from tofmix.unmixing.settings import HypothesisSettings
+from tofmix.unmixing.settings import HypothesisSettings, NeighbourSettings
 from tofmix.unmixing.surface_fit import MOST_SURFACES, Members, NeighbourSurfaces
 
 
@@ -177,7 +177,7 @@ class _Best:
 
 def judge(
     image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
-    spaces: tuple[OpenSpace, ...], settings: HypothesisSettings,
+    spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, neighbourhood: NeighbourSettings,
 ) -> Findings:  # fmt: skip
     """Find the most probable hypothesis of each pixel.
 
@@ -195,15 +195,15 @@ def judge(
         Large surfaces; none: they are left out.
     spaces : tuple of OpenSpace
         What open space may return.
-    settings : HypothesisSettings
-        Thresholds.
+    settings, neighbourhood
+        Thresholds of hypotheses, and of the surfaces beside a pixel.
 
     Returns
     -------
     Findings
         One for each pixel.
     """
-    neighbours = find_neighbours(image, pixels, members, seeds)
+    neighbours = find_neighbours(image, pixels, members, seeds, neighbourhood)
     best = _Best(len(pixels), settings.likely)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
     best.put(

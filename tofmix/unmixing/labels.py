@@ -22,7 +22,7 @@ from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.seeds import Seeds, find_seeds
 from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings, UnmixSettings
-from tofmix.unmixing.surface_fit import REACH, Members
+from tofmix.unmixing.surface_fit import Members
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -89,7 +89,9 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
     for number in range(settings.labels.rounds):
         for start in range(0, pixels.size, _BLOCK):
             block = pixels[start : start + _BLOCK]
-            found = judge(image, block, members, seeds, planes if number else (), spaces, settings.hypotheses)
+            found = judge(
+                image, block, members, seeds, planes if number else (), spaces, settings.hypotheses, settings.neighbours
+            )
             plane[block], is_distant[block] = found.plane, found.is_distant
             for name in _FIELDS:
                 arrays[name][block] = getattr(found, name)
@@ -98,7 +100,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
         before = members
         members, square = _next_members(image, seeds, arrays["kind"], plane, is_distant, settings.labels)
         if number > 0:  # the large planes are tried from the second round on, in all pixels
-            pixels = doubtful[_beside_changes(before, members, image.shape)[doubtful]]
+            pixels = doubtful[_near_changes(before, members, image.shape, settings.neighbours.reach)[doubtful]]
     kind = arrays["kind"]
     is_surface = seeds.certain | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE)) | ((kind == Kind.NEW) & square)
     return Labels(**arrays, is_surface=is_surface, seeds=seeds)
@@ -147,14 +149,14 @@ def _next_members(
     return next_members, square
 
 
-def _beside_changes(before: Members, after: Members, shape: tuple[int, int]) -> BoolArray:
+def _near_changes(before: Members, after: Members, shape: tuple[int, int], reach: int) -> BoolArray:
     """Pixels (pixel,) that see another neighbourhood than before: the others are of what they were of."""
     changed = np.zeros(len(before.middle), bool)
     for old, new in zip(before, after, strict=True):
         differs = old != new
         changed |= differs if differs.ndim == 1 else differs.any(axis=1)
     changed &= before.is_member | after.is_member
-    side = 2 * REACH + 1
+    side = 2 * reach + 1
     return np.asarray(ndimage.binary_dilation(changed.reshape(shape), np.ones((side, side), bool)).ravel())
 
 
@@ -180,13 +182,13 @@ def _agreeing(
         most = settings.agree_sigmas**2
         return both & (ranges < most * error) & (lights < most * light)
 
-    beside, below = agree(index[:, :-1], index[:, 1:]), agree(index[:-1], index[1:])
+    across, below = agree(index[:, :-1], index[:, 1:]), agree(index[:-1], index[1:])
     any_, square = np.zeros(image.shape, bool), np.zeros(image.shape, bool)
-    any_[:, :-1] |= beside
-    any_[:, 1:] |= beside
+    any_[:, :-1] |= across
+    any_[:, 1:] |= across
     any_[:-1] |= below
     any_[1:] |= below
-    block = beside[:-1] & beside[1:] & below[:, :-1] & below[:, 1:]
+    block = across[:-1] & across[1:] & below[:, :-1] & below[:, 1:]
     rows, cols = block.shape
     for i in (0, 1):
         for j in (0, 1):

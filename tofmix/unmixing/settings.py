@@ -4,6 +4,26 @@ docs/results/mixing.md shows what the defaults find.
 """
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImageSettings:
+    """Errors of the mean phasors.
+
+    Parameters
+    ----------
+    least_samples : int
+        Samples from which on a pixel's mean phasor is used.
+    prior_samples : float
+        Samples that the neighbours' noise counts for in a pixel's own: with few frames its own variances are uncertain.
+    most_noise : float
+        Most times the neighbours' noise that a single surface is granted: what scatters more may be two surfaces.
+    """
+
+    least_samples: int = 3
+    prior_samples: float = 8.0
+    most_noise: float = 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,6 +50,42 @@ class SeedSettings:
     unlike_sigmas: float = 2.5
     between_sigmas: float = 1.0
     different_sigmas: float = 5.0
+
+
+class NeighbourSettings(NamedTuple):
+    """The surfaces beside a pixel; a tuple, as kernels take it.
+
+    Parameters
+    ----------
+    reach, near : int
+        Reach of the window, pixels, and distance within which a surface must have a pixel.
+    apart_sigmas, apart : float
+        Standard errors, and part of 1 / r, that lie between the predictions of two surfaces.
+    outlier : float
+        Square of a residual over its variance, of a pixel that belongs to another surface after all.
+    free_slope, known_slope : float
+        Standard deviation of a slope, in units of pitch / r, before it is measured: 2 is a surface seen at 27 degrees
+        from grazing; where pixels bring planes of their own, these are right to a few degrees.
+    light_slope, least_light_slope : float
+        Standard deviation of a slope of u = ln A + 3 ln r, a pixel: in pitches, as the light of a lamp falls towards
+        the image's corners, and what is added, half a percent.
+    light_reach : float
+        Standard deviation, pixels, of the weights that u is fitted with: light varies where ranges do not.
+    chance_sigmas : float
+        Standard deviations of a mean square of residuals that are chance.
+    """
+
+    reach: int = 4
+    near: int = 3
+    apart_sigmas: float = 4.0
+    apart: float = 0.01
+    outlier: float = 16.0
+    free_slope: float = 2.0
+    known_slope: float = 0.25
+    light_slope: float = 2.0
+    least_light_slope: float = 0.005
+    light_reach: float = 2.0
+    chance_sigmas: float = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -191,7 +247,7 @@ class UnmixSettings:
 
     Parameters
     ----------
-    seeds, planes, hypotheses, labels, law, unfolding
+    image, seeds, neighbours, planes, hypotheses, labels, law, unfolding
         Of these steps.
     least_probability : float
         Posterior from which on a mixed pixel is decided, 0 to 1.
@@ -206,7 +262,9 @@ class UnmixSettings:
         few pixels do not depend on it.
     """
 
+    image: ImageSettings = field(default_factory=ImageSettings)
     seeds: SeedSettings = field(default_factory=SeedSettings)
+    neighbours: NeighbourSettings = field(default_factory=NeighbourSettings)
     planes: PlaneSettings = field(default_factory=PlaneSettings)
     hypotheses: HypothesisSettings = field(default_factory=HypothesisSettings)
     labels: LabelSettings = field(default_factory=LabelSettings)

@@ -61,7 +61,7 @@ def unmix(
     rows, cols = layers.shape
     directions = _directions(sensor, (rows, cols), settings.unknown_pitch)
     scale_mm, open_space = phase_scale_mm(sensor.modulation_frequency_hz), _sees_nothing(layers, settings.open_share)
-    image = make_image(phasors, directions, scale_mm=scale_mm, open_space=open_space)
+    image = make_image(phasors, directions, scale_mm=scale_mm, open_space=open_space, settings=settings.image)
     if circle_mm is not None:
         image = replace(image, range_mm=unfolded(image, circle_mm, settings.unfolding))
     labels = label(image, settings)
