@@ -61,7 +61,7 @@ def reconstruct(
     rays = pixel_rays(optics, (rows, cols))
     seen = (shares.count, shares.label, shares.inverse, shares.up_to, shares.samples, shares.floor)
     where = (linked.planes, directions, rays)
-    fits = widened(_fit(cuts, *seen, *where, settings.edge), cuts, shares, settings.edge.longest_run)
+    fits = widened(_fit(cuts, *seen, *where, settings.edge), cuts, shares, settings.edge)
     lines = ray_lines(
         fits, cuts.row, cuts.col, np.asarray(np.linalg.inv(np.moveaxis(rays[..., [1, 2, 0], :], -1, -2)), np.float64)
     )

@@ -14,22 +14,11 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.surfaces.cuts import Cuts
 from tofmix.surfaces.edge_shape import AGREES, AHEAD, ANGLE, BACK, BAR, COLUMNS, KIND, VAR_ANGLE, VAR_THIRD, own_area
+from tofmix.surfaces.settings import EdgeSettings
 from tofmix.surfaces.shares import Shares
 
-_SHARED = 0.25
-"""Part of a share's variance that comes from the phasors of the surfaces beside its pixel.
 
-A surface is fitted in half a window of 9 x 9 pixels, its light with a weight that falls with a standard deviation of 2
-pixels. That is some 12 to 25 pixels, and the fit is continued from their middle to the pixel: its variance is 0.1 to
-0.3 of a pixel's own, for each of both surfaces.
-"""
-
-_ALIKE = 4.0
-"""Distance h, pixels, of two pixels whose errors have a part exp(-(h / _ALIKE)^2) of their variance in common, as it is
-for weights of a standard deviation of 2 pixels."""
-
-
-def widened(fits: FloatArray, cuts: Cuts, shares: Shares, longest_run: int) -> FloatArray:
+def widened(fits: FloatArray, cuts: Cuts, shares: Shares, settings: EdgeSettings) -> FloatArray:
     """Fits (cut, FIT_COLUMNS) with larger variances where shares are unmixed; else the same.
 
     Parameters
@@ -38,8 +27,8 @@ def widened(fits: FloatArray, cuts: Cuts, shares: Shares, longest_run: int) -> F
         From `fit_edges`.
     cuts, shares
         Of the same window.
-    longest_run : int
-        Pixels on each side of a run at most.
+    settings : EdgeSettings
+        Thresholds.
     """
     if not shares.floor.any() or not len(cuts):
         return fits
@@ -47,18 +36,19 @@ def widened(fits: FloatArray, cuts: Cuts, shares: Shares, longest_run: int) -> F
     # A line of this direction crosses so many pixels on a length of 1.
     crossed = np.abs(np.cos(fits[:, ANGLE])) + np.abs(np.sin(fits[:, ANGLE]))
     # Variance of a mean over the run, of errors that are in common, in units of that of independent ones.
-    common = np.maximum(1.0, crossed * length * _alike(length))
-    factor = 1.0 - _SHARED + (_SHARED + _excess(fits, cuts, shares, longest_run)) * common
+    common = np.maximum(1.0, crossed * length * _alike(length, settings.alike_distance))
+    shared = settings.shared_variance
+    factor = 1.0 - shared + (shared + _excess(fits, cuts, shares, settings.longest_run)) * common
     out = fits.copy()
     out[:, VAR_ANGLE : VAR_THIRD + 1] *= factor[:, np.newaxis]
     return out
 
 
-def _alike(length: FloatArray) -> FloatArray:
-    """Mean (...) of exp(-(h / _ALIKE)^2) over the distances h of two places on a length."""
+def _alike(length: FloatArray, distance: float) -> FloatArray:
+    """Mean (...) of exp(-(h / distance)^2) over the distances h of two places on a length."""
     steps = (np.arange(200) + 0.5) / 200
     # The distance of two places on a length has a density that falls linearly to 0 at its end.
-    kernel = np.exp(-((length[..., np.newaxis] * steps / _ALIKE) ** 2)) * 2.0 * (1.0 - steps)
+    kernel = np.exp(-((length[..., np.newaxis] * steps / distance) ** 2)) * 2.0 * (1.0 - steps)
     return np.asarray(kernel.mean(axis=-1))
 
 

@@ -113,6 +113,14 @@ class EdgeSettings(NamedTuple):
         Area of a pixel below which an edge that grazes it changes nothing: less than half a part of 16 x 16.
     graze_sigmas : float
         A pixel of one surface may see another up to this many standard errors of its share.
+    shared_variance : float
+        Part of an unmixed share's variance that comes from the phasors of the surfaces beside its pixel. A surface is
+        fitted in half a window of 9 x 9 pixels, its light with a weight that falls with a standard deviation of 2
+        pixels. That is some 12 to 25 pixels, and the fit is continued from their middle to the pixel: its variance is
+        0.1 to 0.3 of a pixel's own, for each of both surfaces.
+    alike_distance : float
+        Distance h, pixels: two pixels that are d apart have a part exp(-(d / h)^2) of that in common, as it is for
+        weights of a standard deviation of 2 pixels.
     """
 
     longest_run: int = 12
@@ -133,6 +141,8 @@ class EdgeSettings(NamedTuple):
     least_bar: float = 0.1
     graze_area: float = 0.002
     graze_sigmas: float = 3.0
+    shared_variance: float = 0.25
+    alike_distance: float = 4.0
 
 
 class SurfaceSettings(NamedTuple):

@@ -8,11 +8,12 @@ from tofmix.report.descriptions.description import Description, Section
 from tofmix.report.summary.findings import Finding
 from tofmix.simulation.model import Model
 
-_BYTES_A_SAMPLE = 6  # approximate bytes of a simulated sample in its file
 
+def describe_model(model: Model, *, name: str, sample_bytes: int = 6) -> Description:
+    """Describe a model: its camera, what it will record, and its surfaces and effects.
 
-def describe_model(model: Model, *, name: str) -> Description:
-    """Describe a model: its camera, what it will record, and its surfaces and effects."""
+    `sample_bytes` are about those of a simulated sample in its file.
+    """
     plan, camera = model.recording, model.sensor
     effects = tomllib.loads(model.text).get("effect", []) if model.text else []
     surfaces: list[dict[str, Any]] = [
@@ -26,7 +27,7 @@ def describe_model(model: Model, *, name: str) -> Description:
         }
         for surface in model.surfaces
     ]
-    size = plan.frames * camera.rows * camera.cols * _BYTES_A_SAMPLE
+    size = plan.frames * camera.rows * camera.cols * sample_bytes
     sections: dict[str, Section] = {
         "recording": {
             "frames": plan.frames, "frame_rate_hz": plan.frame_rate_hz, "seed": plan.seed,

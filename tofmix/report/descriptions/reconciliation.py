@@ -5,12 +5,12 @@ from typing import Any
 
 from tofmix.report.descriptions.description import Description, Section, Value
 
-_MOST_SHOWN = 20
-"""Effects and places that are listed."""
 
+def describe_gap(gap: dict[str, Any], *, name: str, most_shown: int = 20) -> Description:
+    """Describe what `tofmix reconcile` found, from its `gap.json`.
 
-def describe_gap(gap: dict[str, Any], *, name: str) -> Description:
-    """Describe what `tofmix reconcile` found, from its `gap.json`."""
+    Of effects and of places `most_shown` each are listed.
+    """
     effects: list[dict[str, Any]] = [
         {"kind": effect.get("kind"), **_flat(effect.get("parameters"))} for effect in _dicts(gap["effects"])
     ]
@@ -19,12 +19,12 @@ def describe_gap(gap: dict[str, Any], *, name: str) -> Description:
         for place in _dicts(gap.get("where"))
     ]
     sections: dict[str, Section] = {
-        "found": {"verdict": str(gap["verdict"]), "effects": effects[:_MOST_SHOWN], "where": places[:_MOST_SHOWN]},
+        "found": {"verdict": str(gap["verdict"]), "effects": effects[:most_shown], "where": places[:most_shown]},
         "gap": {key: _plain(gap["gap"].get(key)) for key in ("before", "after", "floor", "closed")},
     }
     steps = gap.get("next_steps")
     if isinstance(steps, list) and steps:
-        sections["next_steps"] = {str(number): str(step) for number, step in enumerate(steps[:_MOST_SHOWN], 1)}
+        sections["next_steps"] = {str(number): str(step) for number, step in enumerate(steps[:most_shown], 1)}
     return Description(kind="reconciliation", name=name, sections=sections, warnings=())
 
 

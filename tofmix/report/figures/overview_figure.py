@@ -13,10 +13,8 @@ from tofmix.points import MM_A_METRE
 from tofmix.report.figures.images import colour_scale
 from tofmix.report.theme import COUNT_MAP, RANGE_MAP, Theme, mark_no_data, new_figure
 
-_HEIGHT_INCH = 3.6  # of the figure
 
-
-def overview_figure(layers: Layers, *, name: str, theme: Theme) -> Figure:
+def overview_figure(layers: Layers, *, name: str, theme: Theme, height_inch: float = 3.6) -> Figure:
     """Draw the nearest range and the number of surfaces of each pixel, side by side.
 
     Parameters
@@ -27,13 +25,15 @@ def overview_figure(layers: Layers, *, name: str, theme: Theme) -> Figure:
         Title.
     theme : Theme
         Colours.
+    height_inch : float
+        Height of the figure, inch.
 
     Returns
     -------
     Figure
         Hatched where a pixel has no surface, or too few samples.
     """
-    figure = new_figure(_HEIGHT_INCH)
+    figure = new_figure(height_inch)
     left, right = figure.subplots(1, 2)
     nearest = np.where(layers.n_modes > 0, layers.range[..., 0], np.nan).astype(np.float64)
     low, high = colour_scale(nearest, default=(0.0, MM_A_METRE))

@@ -22,7 +22,7 @@ from tofmix.report.theme import Theme, new_figure
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
-_PANEL_INCH, _MOST_COLUMNS = 2.5, 2
+_PANEL_INCH = 2.5
 """Height of a panel, inch, and panels side by side."""
 
 _STRIP_INCH, _SCATTER_INCH = 1.15, 2.4
@@ -34,8 +34,6 @@ _PLACES = 1500
 _MARGIN_SIGMAS = 5.0
 """Margin of a view beyond the outermost surface, in its sigma."""
 
-_MOST_SIGMAS = 150.0
-"""Width of a view in units of the narrowest sigma, beyond which each pixel has a view of its own."""
 _BACKGROUND_SIGMAS = 12.0
 """Under learnt noise, samples this many sigma from every layer are background, and may lie outside the view."""
 _LEAST_MARGIN_M = 0.05  # beyond the outermost sample, m
@@ -73,6 +71,8 @@ def neighbours_figure(
     theme: Theme,
     unambiguous_range_mm: float | None = None,
     plane: PhasorPlane | None = None,
+    most_columns: int = 2,
+    most_sigmas: float = 150.0,
 ) -> Figure:
     """Draw pixels side by side: histogram and density of the samples, fitted components with their means (Fig. 8).
 
@@ -91,12 +91,16 @@ def neighbours_figure(
         Where ranges are on a circle: its length, mm. What lies across the fold is then drawn in one piece, past it.
     plane : PhasorPlane, optional
         One of the pixels in the complex plane, drawn below.
+    most_columns : int
+        Panels side by side.
+    most_sigmas : float
+        Width of a view in units of the narrowest sigma, beyond which each pixel has a view of its own.
     """
     cut = _cut(views, unambiguous_range_mm)
     named = [[_told(view, k) for k in range(len(view.range_mm))] for view in views]
     if unambiguous_range_mm is not None:
         views = [view.opened(cut, unambiguous_range_mm) for view in views]
-    columns = min(_MOST_COLUMNS, len(views))
+    columns = min(most_columns, len(views))
     rows = math.ceil(len(views) / columns)
     height = _PANEL_INCH * rows + 0.7
     figure = new_figure(height + (0.0 if plane is None else PLANE_INCH))
@@ -107,7 +111,7 @@ def neighbours_figure(
     low, high = _view(views)
     known = np.concatenate([view.sigma_mm for view in views])
     # Side by side on one axis, as in the paper, unless the components would be needles.
-    shared = known.size == 0 or high - low < _MOST_SIGMAS * float(known.min()) / _M
+    shared = known.size == 0 or high - low < most_sigmas * float(known.min()) / _M
     panels = part.subplots(rows, columns, sharex=shared, squeeze=False)
     for number, (axes, view, names) in enumerate(zip(panels.flat, views, named, strict=False)):
         limits = (low, high) if shared else _view([view])
