@@ -12,6 +12,9 @@ from tofmix.invariants import layer_rules
 from tofmix.layers import Layers
 from tofmix.mixing import MixingLaw
 from tofmix.recording import ArrayRecording
+from tofmix.unmixing.phasors import mean_phasors
+from tofmix.unmixing.settings import LawSettings, UnmixSettings
+from tofmix.unmixing.unmix import unmix
 
 EVENTS = EstimateOptions(mixing=MixingChoice.EVENTS)
 
@@ -238,3 +241,18 @@ def test_images_too_small_for_a_plane_are_left_alone(sums: Scene) -> None:
 ])  # fmt: skip
 def test_the_law_is_said_in_one_line(share: float, pixels: int, text: str) -> None:
     assert MixingLaw(phasor_share=share, pixels=pixels).words().startswith(text)
+
+
+def test_settings_bound_the_share_of_sums_that_is_unmixed(sums: Scene) -> None:
+    layers = first(estimate_windows(sums.recording, EVENTS))
+    everything = slice(None), slice(None)
+    means = mean_phasors(
+        sums.recording.read_range(*everything), sums.recording.read_amplitude(*everything), sums.sensor
+    )
+    never = UnmixSettings(law=LawSettings(least_phasor_share=2.0))
+    found, kept = unmix(layers, means, sums.sensor), unmix(layers, means, sums.sensor, settings=never)
+    assert found.layers.mixing is not None
+    assert kept.layers.mixing is not None
+    assert (found.layers.mixing == int(Mixing.PHASOR)).sum() > 100
+    assert not (kept.layers.mixing == int(Mixing.PHASOR)).any()
+    assert kept.phasor_share == found.phasor_share

@@ -19,6 +19,7 @@ from tofmix.estimation.noise.series import (
     series_statistics,
     shaped_as_one,
 )
+from tofmix.estimation.noise.settings import CurveSettings, NoiseSettings
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -293,3 +294,11 @@ def test_too_little_is_refused(rng: np.random.Generator, shape: tuple[int, int, 
     seen = np.geomspace(400.0, 5900.0, shape[1] * shape[2]).reshape(shape[1:])
     with pytest.raises(ValueError, match=reason):
         measure_noise(ArrayRecording(seen + rng.normal(0.0, 5.0, shape), BARE))
+
+
+def test_settings_bound_the_series_of_a_bin(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = pixels_at(rng, sensor, np.full(400, 1000.0), multi=0.0, n=20)
+    assert measure_noise(recording(samples)).pixels.sum() > 0
+    many = NoiseSettings(curve=CurveSettings(least_in_bin=401))
+    with pytest.raises(ValueError, match="at least 401 are needed"):
+        measure_noise(recording(samples), settings=many)
