@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_up import LayersInMemory, made_up_layers
+from support.made_up import LayersInMemory, made_up_layers
 
-from tofmix.equiangular import Equiangular
+from tofmix.optics.equiangular import Equiangular
 from tofmix.points import POINT_DTYPE, LayerPoints, PointFilter
 
 SHAPE, MAX_LAYERS = (2, 4, 5), 3

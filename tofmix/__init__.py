@@ -7,9 +7,14 @@ it: how many, how far, what share of the beam, how sure.
 The data's path through the package:
 
 recording -> `tofmix.estimation` (density -> modes -> mixture -> layers) -> layers file -> `tofmix.report`
-scene -> `tofmix.simulation` (scene -> cast -> events -> render) -> recording
+layers -> `tofmix.unmixing` (mixed pixels of phasor sums) -> layers
+layers -> `tofmix.surfaces` (planes, edges below a pixel), `tofmix.mapping` (occupancy)
+scene -> `tofmix.simulation` (scene -> sensor -> cast -> events -> effects -> render) -> recording
+recording and scene -> `tofmix.reconciliation` (the effects that the model lacks)
 
-`tofmix.io` reads and writes the files, `tofmix.cli` is the command line.
+What travels stands here: `recording`, `sensor`, `layers`, `points`. `tofmix.optics` is where pixels look,
+`tofmix.compiled` how kernels are compiled. `tofmix.io` reads and writes the files, `tofmix.pipeline` runs an estimate,
+`tofmix.cli` is the command line, `tofmix.api` the functions below.
 In Python:
 
 >>> import tofmix as tm

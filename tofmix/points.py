@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import LAYER_FIELDS, Layers
-from tofmix.projection import Projection, beam_directions_of
+from tofmix.optics.projection import Projection, beam_directions_of
 
 MM_A_METRE = 1000.0  # mm in a metre
 
@@ -173,7 +173,7 @@ def window_points(layers: Layers, directions: FloatArray, *, window: int, chosen
     layers : Layers
         Of the leading shape (row, col).
     directions : (row, col, 3) float64
-        From `tofmix.projection.beam_directions_of`.
+        From `tofmix.optics.projection.beam_directions_of`.
     window : int
         Number of the window.
     chosen : PointFilter

@@ -24,6 +24,9 @@ MOST_FRAMES = 1 << 26  # of a recording: a month at 25 Hz
 MOST_TARGETS = 64
 """Targets that a pixel returns in one frame; lidars and zone sensors return up to four."""
 
+SAMPLE_BYTES = np.dtype(np.float32).itemsize
+"""A sample in memory."""
+
 DECODED_SAMPLES = 1 << 20
 """About how many samples a source may hold in their stored form while it reads, where stored chunks are smaller."""
 

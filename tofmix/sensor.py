@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
 from tofmix.learnt_noise import LearntNoise
 from tofmix.noise_shape import NoiseShape
-from tofmix.projection import Projection
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import Projection
 from tofmix.wording import counted
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4  # p(c_r) where neither file nor option gives one

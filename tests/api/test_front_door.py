@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 import tofmix as tm
 from tofmix.errors import BadInputError, DoubtWarning, UsageError

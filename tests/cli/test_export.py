@@ -5,11 +5,11 @@ import sys
 from pathlib import Path
 
 import h5py
-import naive_png
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support import naive_png
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 

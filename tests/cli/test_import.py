@@ -4,15 +4,15 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import naive_png
 import numpy as np
 import pytest
 import tifffile
 import xarray
-from bags import AMPLITUDE, DEPTH, INFO, KINDS, new_bag
-from commandline import Tofmix
 from numpy.typing import NDArray
 from scipy.io import savemat
+from support import naive_png
+from support.bags import AMPLITUDE, DEPTH, INFO, KINDS, new_bag
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 from tofmix.io.importers import writing

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import naive_png
 import numpy as np
 import pytest
 import tifffile
-from commandline import Tofmix
 from numpy.typing import NDArray
+from support import naive_png
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import lens
 import numpy as np
 import pytest
-from bags import DEPTH, INFO, new_bag
-from commandline import Tofmix
 from numpy.typing import NDArray
+from support import lens
+from support.bags import DEPTH, INFO, new_bag
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 
@@ -27,7 +27,7 @@ NORMAL, OFFSET_MM = np.array([0.28, -0.1, 0.954775]) / np.linalg.norm([0.28, -0.
 
 
 def wall(normal: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Depth along z (row, col) of the wall normal . x = 2 m, in metres: by the lens of `tests/lens.py`."""
+    """Depth along z (row, col) of the wall normal . x = 2 m, in metres: by the lens of `tests/support/lens.py`."""
     row, col = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float64)
     beam, _ = lens.beams(row, col, **LENS, distortion=K1)
     metres: NDArray[np.float32] = (OFFSET_MM / 1000 / (beam @ normal) * beam[..., 2]).astype(np.float32)

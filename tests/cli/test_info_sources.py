@@ -4,11 +4,11 @@ import json
 from pathlib import Path
 
 import h5py
-import naive_png
 import numpy as np
 import pytest
-from bags import DEPTH, new_bag
-from commandline import Tofmix
+from support import naive_png
+from support.bags import DEPTH, new_bag
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
-from learnt_noises import ALL, SIGMA_MM, Made, made, write_files
+from support.commandline import Tofmix
+from support.files import boards, write_recording
+from support.learnt_noises import ALL, SIGMA_MM, Made, made, write_files
 
 FRAMES, IMAGE = 80, (4, 6)
 LINE = re.compile(

@@ -9,8 +9,8 @@ from typing import IO
 
 import click
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix import __version__
 from tofmix.cli.main import main

@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from commandline import Tofmix
-from noise_parts import model_text, shape_keys, skewed
+from support.commandline import Tofmix
+from support.noise_parts import model_text, shape_keys, skewed
 
 from tofmix.errors import ExitCode
 from tofmix.io.layers.layers_file import open_layers

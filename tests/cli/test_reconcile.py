@@ -12,8 +12,8 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
 from numpy.typing import ArrayLike, NDArray
+from support.commandline import Tofmix
 
 from tofmix.arrays import FloatArray
 from tofmix.io.model_file import load_model

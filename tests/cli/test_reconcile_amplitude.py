@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from commandline import Tofmix
+from support.commandline import Tofmix
 
 LAW = """\
 amplitude = [50.0, 200.0, 2000.0]

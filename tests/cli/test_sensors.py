@@ -5,7 +5,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from commandline import Tofmix
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 from tofmix.sensors import PROFILES

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 FOV = {"fov_horizontal_deg": 40.0, "fov_vertical_deg": 30.0}
 AT_COMMIT = """

@@ -5,7 +5,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 from tofmix.simulation.builtin import BUILTIN_MODELS

@@ -8,13 +8,13 @@ import sys
 from pathlib import Path
 
 import h5py
-import naive_png
 import numpy as np
 import plyfile
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
-from planes_found import board_and_wall, nothing_found, write_surfaces
+from support import naive_png
+from support.commandline import Tofmix
+from support.files import boards, write_recording
+from support.planes_found import board_and_wall, nothing_found, write_surfaces
 
 from tofmix.cli.main import main
 from tofmix.errors import ExitCode

@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from commandline import Tofmix
 from numpy.typing import NDArray
+from support.commandline import Tofmix
 
 import tofmix as tm
 from tofmix.errors import ExitCode

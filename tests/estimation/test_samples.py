@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from benchmarks import binning
-from sizes import sized
+from support.sizes import sized
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.vector import LANES
 from tofmix.estimation.samples import BIN, FARTHEST_MM, LONG_WINDOW, Readings, gather, padded, sort_samples
-from tofmix.vector import LANES
 
 
 def test_valid_samples_come_first_and_ascend(rng: np.random.Generator) -> None:

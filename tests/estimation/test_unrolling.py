@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sizes import sized
+from support.sizes import sized
 
 from tofmix.circle import circular_noise, fold
 from tofmix.estimation.beam import beam_of

@@ -6,14 +6,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import naive_png
 import numpy as np
 import plyfile
 import pytest
 import shapely
 import tifffile
 from numpy.typing import NDArray
-from planes_found import (
+from pypcd4.pypcd4 import PointCloud
+from support import naive_png
+from support.planes_found import (
     BOARD_MM,
     BOTTOM,
     COLS,
@@ -27,7 +28,6 @@ from planes_found import (
     nothing_found,
     write_surfaces,
 )
-from pypcd4.pypcd4 import PointCloud
 
 from tofmix.errors import BadInputError, UsageError
 from tofmix.io.exporters import (
@@ -47,7 +47,7 @@ from tofmix.io.exporters.fine_points import FIELDS, FinePoints
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import outlines, trace
 from tofmix.io.exporters.planes_obj import triangles
-from tofmix.io.surfaces_file import SurfacesFile, open_surfaces
+from tofmix.io.surfaces.surfaces_file import SurfacesFile, open_surfaces
 
 FOV_DEG = (16.0, 12.0)
 DEPTH_M = (BOARD_MM / 1000, WALL_MM / 1000)

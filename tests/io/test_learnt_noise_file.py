@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from learnt_pixels import camera_with, flat, pixel_noise
+from support.learnt_pixels import camera_with, flat, pixel_noise
 
 from tofmix.errors import BadInputError
 from tofmix.io.sensor_group import read_sensor, write_sensor

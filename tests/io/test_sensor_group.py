@@ -7,13 +7,13 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
-from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.recording.recording_file import open_recording
-from tofmix.pinhole import Pinhole
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.pinhole import Pinhole
 from tofmix.sensor import Sensor
 
 PINHOLE: dict[str, Any] = {"projection": "pinhole", "fx": 5.0, "fy": 6.0, "cx": 2.5, "cy": 1.5}

@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from alike import MakeLayers
+from support.alike import MakeLayers
 
 from tofmix.mapping.beams import CLEAR_STDERRS, MAX_INCIDENCE_DEG, beams_from_layers, beams_from_ranges
 from tofmix.sensor import Sensor

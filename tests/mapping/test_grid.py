@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
-from alike import MakeLayers
 from hypothesis import given
 from hypothesis import strategies as st
+from support.alike import MakeLayers
 
 from tofmix.mapping.beams import beams_from_layers
 from tofmix.mapping.grid import Grid, lattice_span, plan_grid

@@ -2,10 +2,10 @@
 
 import math
 
-import naive
 import numpy as np
 import pytest
-from alike import MakeLayers
+from support import naive
+from support.alike import MakeLayers
 
 from tofmix.mapping.beams import Beams, beams_from_layers
 from tofmix.mapping.grid import Grid, plan_grid

@@ -2,11 +2,11 @@ import math
 
 import numpy as np
 import pytest
-from alike import MakeLayers
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import beta
+from support.alike import MakeLayers
 
 from tofmix.mapping.beams import beams_from_layers
 from tofmix.mapping.grid import Grid, plan_grid

@@ -4,19 +4,19 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import lens
 import numpy as np
 import pytest
-from alike import MakeLayers
-from sizes import sized
+from support import lens
+from support.alike import MakeLayers
+from support.sizes import sized
 
 from tofmix.mapping.beams import Beams, beams_from_layers
 from tofmix.mapping.grid import Grid, plan_grid
 from tofmix.mapping.occupancy import count_light
 from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
 from tofmix.mapping.pose import Pose
-from tofmix.pinhole import Pinhole
-from tofmix.projection import pixel_extent_rad
+from tofmix.optics.pinhole import Pinhole
+from tofmix.optics.projection import pixel_extent_rad
 from tofmix.sensor import Sensor
 
 LENS: dict[str, Any] = {"fx": 57.0, "fy": 55.0, "cx": 1.3, "cy": 0.8}

@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from files import boards, write_recording
 from hypothesis import given
 from hypothesis import strategies as st
+from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.estimation.settings import EstimateOptions

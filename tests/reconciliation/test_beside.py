@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
-from reconcile_errors import in_errors
-from recordings import MAKE, reconciled
+from support.reconcile_errors import in_errors
+from support.recordings import MAKE, reconciled
 
 from tofmix.reconciliation.profiles import numeric
 from tofmix.reconciliation.workflow import Reconciliation

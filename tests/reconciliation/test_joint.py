@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reconcile_errors import scene
-from recordings import MAKE, reconciled, recorded
+from support.reconcile_errors import scene
+from support.recordings import MAKE, reconciled, recorded
 
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.evidence import Evidence

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, reconciled, recorded
+from support.recordings import MAKE, reconciled, recorded
 
 from tofmix.reconciliation.aliases import separate_by
 from tofmix.reconciliation.evidence import make_evidence

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
-from reconcile_errors import scene
-from recordings import MAKE, recorded
+from support.reconcile_errors import scene
+from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.profiles import numeric
 from tofmix.reconciliation.way import Settings

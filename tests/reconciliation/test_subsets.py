@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, recorded
 from scipy.stats import multivariate_normal
+from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.columns import Column, Term, terms
 from tofmix.reconciliation.evidence import Evidence

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, reconciled
+from support.recordings import MAKE, reconciled
 
 from tofmix.reconciliation.words import effect_tables, effect_text, headline, summary_lines
 from tofmix.report.gap.page import render_gap

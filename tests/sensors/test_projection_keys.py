@@ -5,7 +5,7 @@ import re
 import pytest
 
 from tofmix.errors import BadInputError
-from tofmix.pinhole import Pinhole
+from tofmix.optics.pinhole import Pinhole
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sensor_file import parse_sensor, sensor_of
 from tofmix.toml_table import parse_toml

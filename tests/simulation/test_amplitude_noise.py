@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
-from transform import pit
+from support.transform import pit
 
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from noise_parts import long_tailed, model_text, shape_keys, skewed, with_noise
 from numpy.typing import NDArray
 from scipy import stats
-from transform import pit
+from support.noise_parts import long_tailed, model_text, shape_keys, skewed, with_noise
+from support.transform import pit
 
 from tofmix.errors import BadInputError
 from tofmix.io.model_file import load_model

@@ -3,15 +3,18 @@
 import numpy as np
 import pytest
 from blind.geometry import Surface
-from lock_in import FAMILIES, SMALL, Scene, judge, made, random_boards, small, two_boards
+from support.lock_in import FAMILIES, SMALL, Scene, judge, made, random_boards, small, two_boards
 
-from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, settled_mixing
+from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, resolved_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.flags import Mixing
 from tofmix.invariants import layer_rules
 from tofmix.layers import Layers
 from tofmix.mixing import MixingLaw
 from tofmix.recording import ArrayRecording
+from tofmix.unmixing.phasors import mean_phasors
+from tofmix.unmixing.settings import LawSettings, UnmixSettings
+from tofmix.unmixing.unmix import unmix
 
 EVENTS = EstimateOptions(mixing=MixingChoice.EVENTS)
 
@@ -211,7 +214,7 @@ def test_phasor_sums_can_be_insisted_on_where_nothing_tells_the_law() -> None:
 def test_nothing_is_measured_without_amplitudes_or_a_frequency(sums: Scene) -> None:
     source = sums.recording
     plain = ArrayRecording(source.read_range(slice(0, 20), slice(None)), source.sensor)
-    assert settled_mixing(EstimateOptions(), plain).mixing is MixingChoice.EVENTS
+    assert resolved_mixing(EstimateOptions(), plain).mixing is MixingChoice.EVENTS
     result = estimate_windows(plain)
     assert result.layers.mixing is None
     assert result.phasor_share is None
@@ -238,3 +241,18 @@ def test_images_too_small_for_a_plane_are_left_alone(sums: Scene) -> None:
 ])  # fmt: skip
 def test_the_law_is_said_in_one_line(share: float, pixels: int, text: str) -> None:
     assert MixingLaw(phasor_share=share, pixels=pixels).words().startswith(text)
+
+
+def test_settings_bound_the_share_of_sums_that_is_unmixed(sums: Scene) -> None:
+    layers = first(estimate_windows(sums.recording, EVENTS))
+    everything = slice(None), slice(None)
+    means = mean_phasors(
+        sums.recording.read_range(*everything), sums.recording.read_amplitude(*everything), sums.sensor
+    )
+    never = UnmixSettings(law=LawSettings(least_phasor_share=2.0))
+    found, kept = unmix(layers, means, sums.sensor), unmix(layers, means, sums.sensor, settings=never)
+    assert found.layers.mixing is not None
+    assert kept.layers.mixing is not None
+    assert (found.layers.mixing == int(Mixing.PHASOR)).sum() > 100
+    assert not (kept.layers.mixing == int(Mixing.PHASOR)).any()
+    assert kept.phasor_share == found.phasor_share

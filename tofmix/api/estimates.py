@@ -252,7 +252,7 @@ def estimate(
         simplification replaces a part of the noise; and for the doubts of `tofmix report`.
     """
     from tofmix.estimation.blocks.sample_span import sensor_with_span
-    from tofmix.estimation.blocks.sequence import estimate_windows, settled_mixing
+    from tofmix.estimation.blocks.sequence import estimate_windows, resolved_mixing
     from tofmix.estimation.noise.no_return import no_return_constant
     from tofmix.estimation.noise_choice import NoiseRequest, check_parts, noise_options
     from tofmix.estimation.settings import EstimateOptions
@@ -287,7 +287,7 @@ def estimate(
         _say_doubts(samples, sensor, asked, windows.length, options.unambiguous_range_mm)
     source = source.with_sensor(sensor)
     with source.opened() as samples:
-        options = settled_mixing(options, samples)
+        options = resolved_mixing(options, samples)
         found = estimate_windows(samples, options, windows=of_samples, workers=workers or os.cpu_count() or 1)
     name = asked if isinstance(asked, str) else "given"
     said = noise_options(name, outliers, shape=noise_shape, widths=noise_widths)

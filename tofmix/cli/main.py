@@ -9,7 +9,7 @@ from typing import NoReturn, TextIO
 import click
 
 from tofmix.cli.compare import compare
-from tofmix.cli.estimate import estimate
+from tofmix.cli.estimate.command import estimate
 from tofmix.cli.export import export
 from tofmix.cli.import_ import import_
 from tofmix.cli.info import info

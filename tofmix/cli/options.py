@@ -83,6 +83,9 @@ _QUIET = "tofmix.quiet"
 
 MEMORY = _Memory()
 
+FILE, AUTO = "file", "auto"
+"""Values of --noise and --outliers, as in `tofmix.estimation.noise_choice`, which imports numba."""
+
 overwrite_option = click.option(
     "--overwrite", is_flag=True, help="Replace an output that is already there.", allow_from_autoenv=False
 )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.sensor_choice import AUTO
+from tofmix.cli.options import AUTO
 
 if TYPE_CHECKING:
     from tofmix.io.layers.layers_file import LayersFile
@@ -39,49 +39,6 @@ def opened_recording(path: Path, *, say: Callable[[str], object] = echo) -> Iter
         for line in recording.remarks:
             say(line)
         yield recording
-
-
-def check_not_averaged(recording: "RecordingFile") -> None:
-    """Refuse a recording whose frames are marked as averages.
-
-    Raises
-    ------
-    BadInputError
-        If its root attribute `averaged` is a number other than 0.
-    """
-    from tofmix.errors import BadInputError
-
-    if recording.attributes().get("averaged", 0) in (0, "0", ""):
-        return
-    raise BadInputError(
-        f"{recording.path}: marked as averaged: a mean does not separate surfaces;"
-        " unmix them with --mixing phasor, record at an integration time that the camera does not average,"
-        " or use the means as samples with --force"
-    )
-
-
-def check_phasors(recording: "RecordingFile") -> None:
-    """Refuse a recording whose samples are no phasors, before its noise is learnt.
-
-    Raises
-    ------
-    BadInputError
-        If it has no amplitudes, no modulation frequency, or several targets a frame.
-    """
-    from tofmix.errors import BadInputError
-
-    if recording.targets:
-        raise BadInputError(f"{recording.path}: several targets a frame, and --mixing phasor needs one sample a frame")
-    lacking = {
-        "amplitudes": ("--amplitude", recording.has_amplitude),
-        "modulation frequency": ("--sensor", recording.sensor.modulation_frequency_hz is not None),
-    }
-    wanted = {name: option for name, (option, is_there) in lacking.items() if not is_there}
-    if wanted:
-        raise BadInputError(
-            f"{recording.path}: no {' and no '.join(wanted)}, which --mixing phasor needs; import the recording with"
-            f" {' and '.join(wanted.values())}"
-        )
 
 
 def findings_of_samples(

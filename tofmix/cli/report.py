@@ -109,7 +109,7 @@ def _surfaces_of(path: Path, layers: Path, window: int) -> dict[str, Any]:
     """
     from tofmix.errors import BadInputError
     from tofmix.io.recording.recording_file import file_sha256
-    from tofmix.io.surfaces_file import open_surfaces
+    from tofmix.io.surfaces.surfaces_file import open_surfaces
 
     with open_surfaces(path) as file:
         if file.provenance.source_sha256 != file_sha256(layers):

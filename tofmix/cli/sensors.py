@@ -9,7 +9,7 @@ from tofmix.cli.options import examples, json_option
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
-    from tofmix.projection import Projection
+    from tofmix.optics.projection import Projection
     from tofmix.sensors import CameraSheet
 
 
@@ -56,7 +56,8 @@ def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
     elif as_json:
         click.echo(json.dumps(_as_dict(name, sheet)))
     else:
-        from tofmix.report.summary.descriptions import describe_sensor, format_description
+        from tofmix.report.descriptions.camera import describe_sensor
+        from tofmix.report.descriptions.description import format_description
 
         click.echo(format_description(describe_sensor(sheet, name=name)))
 
@@ -79,7 +80,7 @@ def _as_dict(name: str, sheet: "CameraSheet") -> dict[str, Any]:
 
 
 def _optics(projection: "Projection") -> dict[str, Any]:
-    from tofmix.projection import projection_values
+    from tofmix.optics.projection import projection_values
 
     return {"name": projection.name, **projection_values(projection)}
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
-from tofmix.jit import borrowing
+from tofmix.compiled.jit import borrowing
 from tofmix.sensor import NoiseCurve, Sensor
 
 NO_RETURN_REACH = 6.0

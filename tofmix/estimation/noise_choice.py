@@ -26,9 +26,6 @@ FILE, AUTO = "file", "auto"
 SHAPES = ("gaussian", AUTO)
 WIDTHS = ("common", "own", AUTO)
 
-TOLERANCE = 0.10
-"""Relative difference of the file's curve and the measured one from which a note is a warning."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Note:
@@ -56,6 +53,8 @@ class NoiseRequest:
         The windows, in frames.
     workers : int
         Threads.
+    tolerance : float
+        Relative difference of the file's curve and the measured one from which a note is a warning.
     """
 
     noise: str | NoiseCurve
@@ -66,6 +65,7 @@ class NoiseRequest:
     shape: str = AUTO
     widths: str = AUTO
     workers: int = 1
+    tolerance: float = 0.10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -322,7 +322,8 @@ class _Chooser:
         if given.noise is None or given.noise.law is not None:
             return  # the curve of a law holds at its reference amplitudes, which are not the measured ones'
         range_mm, ratio = disagreement(measured, given.noise)
-        if not 1.0 - TOLERANCE <= ratio <= 1.0 + TOLERANCE:
+        tolerance = self.request.tolerance
+        if not 1.0 - tolerance <= ratio <= 1.0 + tolerance:
             self._warn(
                 f"sensor/noise_sigma: the file's sigma is {ratio:.2f} times the measured one at {range_mm:.0f} mm; the"
                 " measured curve is used"

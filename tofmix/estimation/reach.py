@@ -1,8 +1,8 @@
 """Which of a pixel's sorted samples lie near a range: the part of them that a sum over a narrow kernel needs."""
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing
-from tofmix.vector import LANES
+from tofmix.compiled.jit import borrowing
+from tofmix.compiled.vector import LANES
 
 
 @borrowing

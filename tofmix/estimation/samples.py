@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import FloatArray, IntArray
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.vector import LANES
 from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.jit import borrowing, jit
-from tofmix.vector import LANES
 
 FARTHEST_MM = 1.0e9
 """A value beyond this is no range of any camera, and is skipped as invalid."""

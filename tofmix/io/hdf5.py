@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io.atomic.storage import AtomicFile, Sink
-from tofmix.io.guard.hdf5_memory import make_room
+from tofmix.io.guard.hdf5_memory import reserve_memory
 from tofmix.io.next_command import next_command
 
 FORMAT_VERSION = "1.0"
@@ -71,7 +71,7 @@ def _new_file(sink: Sink | io.BytesIO) -> h5py.File:
     access.set_libver_bounds(*_LIBVER)
     creation = h5py.h5p.create(h5py.h5p.FILE_CREATE)
     creation.set_obj_track_times(False)
-    make_room()
+    reserve_memory()
     return h5py.File(h5py.h5f.create(b"tofmix", h5py.h5f.ACC_TRUNC, creation, access))
 
 
@@ -85,14 +85,14 @@ def add_group(parent: h5py.Group, name: str) -> h5py.Group:
 def add_scale(group: h5py.Group, name: str, length: int) -> None:
     """Add a dimension scale `name` that counts from 0; its length may be 0."""
     scale = group.create_dataset(
-        name, data=np.arange(length, dtype=np.uint32), chunks=(max(1, length),), fletcher32=True, **_room((length,))
+        name, data=np.arange(length, dtype=np.uint32), chunks=(max(1, length),), fletcher32=True, **_growable((length,))
     )
     scale.attrs["units"] = "1"
     scale.attrs["long_name"] = f"{name} index"
     scale.make_scale(name)
 
 
-def _room(shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
+def _growable(shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
     """Setting of a dataset without a value: h5py refuses a chunk that is longer than the dataset could ever be."""
     return {"maxshape": tuple(max(1, n) for n in shape)} if 0 in shape else {}
 
@@ -119,7 +119,7 @@ def add_variable(
         data=data,
         chunks=chunks or tuple(max(1, n) for n in shape),
         fillvalue=fill,
-        **_room(shape),
+        **_growable(shape),
         **options,
     )
     dataset.attrs["units"] = units

@@ -59,10 +59,10 @@ def load_model(name: str) -> Model:
     if not Path(name).is_file():
         return parse_model(text, source=name)
 
-    return parse_model(text, source=name, read_map=maps_beside(Path(name)))
+    return parse_model(text, source=name, read_map=maps_of_model(Path(name)))
 
 
-def maps_beside(file: Path) -> MapReader:
+def maps_of_model(file: Path) -> MapReader:
     """Reader of the maps of a model or of a camera's file."""
 
     def read_map(path: str, shape: tuple[int, int] | None) -> Float32Array:
@@ -86,7 +86,7 @@ def _read_map(folder: Path, path: str, shape: tuple[int, int] | None) -> Float32
     if not path or relative.is_absolute() or ".." in relative.parts:
         raise ValueError(f'"{path}": expected a path within the model\'s folder, such as "pattern.npy"')
     try:
-        # Mapped, so that a header that promises terabytes costs nothing
+        # Mapped, so that a header that declares terabytes costs nothing
         array = np.load(folder / relative, mmap_mode="r", allow_pickle=False)
     except OSError as error:
         raise ValueError(f'"{path}": {error.strerror or error}') from None

@@ -12,7 +12,7 @@ from tofmix.io.guard import guard
 from tofmix.io.hdf5 import add_group, text_attribute
 from tofmix.learnt_noise import LearntNoise
 from tofmix.noise_shape import NoiseShape
-from tofmix.projection import (
+from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
     PROJECTIONS,
     Projection,

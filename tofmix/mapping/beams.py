@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 from scipy.special import erf
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
+from tofmix.circle import NO_RETURN_SIGMAS
 from tofmix.layers import Layers
-from tofmix.projection import Projection, pixel_extent_rad
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import Projection, pixel_extent_rad
 from tofmix.sensor import Sensor
 
 MAX_INCIDENCE_DEG = 60.0
@@ -22,12 +23,6 @@ MAX_INCIDENCE_DEG = 60.0
 
 CLEAR_STDERRS = 2.0
 """A surface may stand this many standard errors nearer than its range: up to there space is free, not farther."""
-
-NO_RETURN_SIGMAS = 2.0
-"""The estimator takes a surface within this many sigma of `range_max_mm` as no return: space is free up to there."""
-
-MIN_PROBABILITY = 0.9999
-"""Default of the least probability with which a layer counts: of 25,000 pixels' layers, a few false ones remain."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -105,7 +100,7 @@ class Beams:
         return np.asarray(np.nan_to_num(self.probability * placed))
 
 
-def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float = MIN_PROBABILITY) -> Beams:
+def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float = 0.9999) -> Beams:
     """Every layer is a hit with its share of the samples; no return counts as such.
 
     A hit stands at its range, half as deep as ``r b tan(60 deg) / 2``, b being a pixel's larger extent in rad. In the
@@ -118,7 +113,8 @@ def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float 
     sensor : Sensor
         The camera: field of view or projection, `range_max_mm`, noise curve.
     min_probability : float
-        Layers less sure than this count neither as a hit nor as free space, in [0, 1].
+        Layers less sure than this count neither as a hit nor as free space, in [0, 1]; at 0.9999, a few false
+        ones of 25,000 pixels remain.
 
     Returns
     -------

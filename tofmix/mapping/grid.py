@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.pose import Pose
-from tofmix.projection import unit
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import unit
 
 MAX_CELLS = 50_000_000
 """Most cells of a grid: about 2 GB while it is made."""

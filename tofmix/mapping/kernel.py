@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 
 MIN_RAYS = 4
 """Least rays a side with which a cell is sampled: a small one's outline is then met to about a sixteenth."""

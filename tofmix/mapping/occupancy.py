@@ -21,16 +21,13 @@ from numpy.typing import ArrayLike
 from scipy.special import betainc
 
 from tofmix.arrays import ByteArray, Float32Array, FloatArray
-from tofmix.equiangular import Equiangular
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.grid import Grid
 from tofmix.mapping.image_kernel import count_cells
 from tofmix.mapping.kernel import count_levels
 from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
 from tofmix.mapping.pose import Pose
-
-MIN_SHARE = 0.05
-"""Default of the share of the light through a cell that an obstacle there stops at least."""
+from tofmix.optics.equiangular import Equiangular
 
 OCCUPIED_THRESH = 0.65
 """A cell more probably occupied than this is; the value that ROS's map_server takes."""
@@ -171,9 +168,7 @@ def _level_counter(beams: Beams, pose: Pose, grid: Grid) -> Callable[[int, Float
     return count_image
 
 
-def log_odds(
-    stopped: ArrayLike, passed: ArrayLike, probability: ArrayLike, *, min_share: float = MIN_SHARE
-) -> FloatArray:
+def log_odds(stopped: ArrayLike, passed: ArrayLike, probability: ArrayLike, *, min_share: float = 0.05) -> FloatArray:
     """Log-odds that cells are occupied, given the light counted in them.
 
     Parameters
@@ -217,7 +212,7 @@ def map_beams(
     pose: Pose,
     grid: Grid,
     *,
-    min_share: float = MIN_SHARE,
+    min_share: float = 0.05,
     workers: int = 1,
     progress: Callable[[int], object] | None = None,
 ) -> VoxelMap:

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.projection import Projection, cell_nodes, unit
+from tofmix.optics.projection import Projection, cell_nodes, unit
 
 _POINTS = np.array([p for p in product((0.0, 0.5, 1.0), repeat=3) if p.count(0.5) <= 1])
 """Corners of a cell and the middles of its edges, in cells: where the lens bends an edge outward its middle counts."""

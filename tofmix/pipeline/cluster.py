@@ -46,7 +46,7 @@ class Block:
 
 def identity() -> dict[str, str]:
     """Properties that must agree on both sides for equal bytes: versions, and the kernels' sources."""
-    from tofmix.jit import cache_folder
+    from tofmix.compiled.jit import cache_folder
 
     versions = {name: version(name) for name in ("numpy", "numba", "llvmlite")}
     kernels = cache_folder().name.rsplit("-", 1)[-1]

@@ -64,7 +64,7 @@ def run_job(
     resume: bool = False,
     progress: Callable[[int], object] = lambda _: None,
     say: Callable[[str], object] = lambda _: None,
-    settle: Callable[[], object] = lambda: None,
+    verify_source: Callable[[], object] = lambda: None,
 ) -> Outcome:
     """Do a job, or go on with it.
 
@@ -86,8 +86,8 @@ def run_job(
         Called with the number of pixels done since the last call.
     say : callable
         Called with a line for the user.
-    settle : callable
-        Called when nothing more will be read, before anything gets its name: the recording's `settle`.
+    verify_source : callable
+        Called when nothing more will be read, before anything gets its name: the recording's `verify_unchanged`.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def run_job(
         for cell, encoded in engine(job, wanted) if wanted else ():
             journal.add(cell.index, encoded)
             progress(job.grid.pixels(cell))
-        settle()
+        verify_source()
         tally, mixture = total(journal.done().values()), None
         if shard == WHOLE:
             parts = ((job.grid.cell(index), journal.cell(index)) for index in cells)

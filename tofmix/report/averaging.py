@@ -15,7 +15,7 @@ from tofmix.arrays import FloatArray
 from tofmix.circle import fold
 from tofmix.errors import UsageError
 from tofmix.layers import Layers
-from tofmix.ranging import unambiguous_range_mm
+from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.recording import AmplitudeSource, SampleSource, samples_a_frame
 
 

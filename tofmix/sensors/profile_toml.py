@@ -11,7 +11,14 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.noise_shape import NoiseShape
-from tofmix.projection import DEFAULT_PROJECTION, PROJECTIONS, Projection, list_keys, make_projection, number_keys
+from tofmix.optics.projection import (
+    DEFAULT_PROJECTION,
+    PROJECTIONS,
+    Projection,
+    list_keys,
+    make_projection,
+    number_keys,
+)
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sheet import VIEW_KEYS, CameraSheet

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from tofmix.ranging import unambiguous_range_mm
+from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.simulation.effects.base import LEVEL_NAMES, Level
 from tofmix.simulation.model import Model
 from tofmix.wording import counted

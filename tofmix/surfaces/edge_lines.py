@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.surfaces.cuts import Cuts
 from tofmix.surfaces.found import Edges, no_edges
 from tofmix.surfaces.regions import (

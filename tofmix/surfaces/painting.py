@@ -4,12 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.regions import inside
-
-_MOST_OFF = 0.1
-"""Relative distance of a layer from its surface's plane beyond which its own range is taken."""
 
 
 @jit
@@ -17,6 +14,7 @@ def paint_row(
     row: int, factor: int, regions: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
     count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, planes: FloatArray,
     directions: FloatArray, fine: FloatArray, range_fine: NDArray[np.float32], surface_fine: NDArray[np.int32],
+    most_off: float,
 ) -> None:  # fmt: skip
     """Paint one row of pixels, from the nearest surface to the farthest.
 
@@ -36,6 +34,8 @@ def paint_row(
         Unit vectors through the centres of the row's parts.
     range_fine, surface_fine : (factor, cols * factor)
         Filled: mm, NaN where there is no return or nothing is known; and the surface.
+    most_off : float
+        Relative distance of a layer from its surface's plane beyond which its own range is taken.
     """
     for col in range(count.shape[1]):
         entries = count[row, col]
@@ -59,7 +59,7 @@ def paint_row(
                 there += planes[label, k] * fine[i, j, k]
                 centre += planes[label, k] * directions[row, col, k]
             own = inverses[row, col, entry]
-            if there <= 0.0 or abs(centre - own) > _MOST_OFF * own:
+            if there <= 0.0 or abs(centre - own) > most_off * own:
                 there = own
             range_fine[i, j], surface_fine[i, j] = 1.0 / there, label
 

@@ -12,6 +12,7 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.seeds import Seeds
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, NeighbourSettings
 from tofmix.unmixing.surface_fit import MOST_SURFACES, Members, NeighbourSurfaces, fill_surfaces
 
 
@@ -74,7 +75,10 @@ def predict(
     return phasor_of(near, near_variance, light, light_variance, image=image, seeds=seeds)
 
 
-def find_neighbours(image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds) -> NeighbourSurfaces:
+def find_neighbours(
+    image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds,
+    settings: NeighbourSettings = DEFAULT_SETTINGS.neighbours,
+) -> NeighbourSurfaces:  # fmt: skip
     """Find the surfaces beside pixels (n,)."""
     shape = (len(pixels), MOST_SURFACES)
     vectors, matrices = (*shape, 3), (*shape, 3, 3)
@@ -86,6 +90,14 @@ def find_neighbours(image: PhasorImage, pixels: IntArray, members: Members, seed
         scatter_tangential=np.zeros(shape),
     )  # fmt: skip
     fill_surfaces(
-        pixels, *image.shape, image.beams, image.measured, members, seeds.pattern_variance, seeds.texture_variance, out
+        pixels,
+        *image.shape,
+        image.beams,
+        image.measured,
+        members,
+        seeds.pattern_variance,
+        seeds.texture_variance,
+        out,
+        settings,
     )
     return out

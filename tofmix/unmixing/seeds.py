@@ -10,30 +10,16 @@ import numpy as np
 from scipy import special
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.unmixing.image import Beams, Measured, PhasorImage, places, window
 from tofmix.unmixing.plane_fit import fit_plane
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, SeedSettings
 
 _FREE = 6
 """Degrees of freedom of a plane through 3 x 3 pixels."""
 
-_RARE = 1.0e-3
-"""Chance that a window of one surface is passed over."""
-
-_QUANTILES = 0.1, 0.25
-"""Parts of the windows that are taken to be of one surface each: the smaller scatter of both counts."""
-
-_LEAST_WINDOWS = 20
-"""Windows from which on a scatter beyond noise is measured."""
-
 _HALVINGS = 24
 """Halvings of the interval in which a scatter is looked for: to a ten millionth of it."""
-
-_UNLIKE = 2.5
-"""Standard errors from a plane beside it, beyond which a pixel at a border is judged again: more than by chance."""
-
-_BETWEEN, _DIFFERENT = 1.0, 5.0
-"""Standard errors that a pixel is off both sides, and that these differ by, where it may be a mixture of both."""
 
 _CONTINUED = 1.0 / 9.0 + 4.0 / 6.0
 """Variance of a plane through 3 x 3 pixels, two pixels from its middle, in units of a pixel's own."""
@@ -70,14 +56,15 @@ class Seeds:
     texture_variance: float
 
 
-def find_seeds(image: PhasorImage) -> Seeds:
+def find_seeds(image: PhasorImage, settings: SeedSettings = DEFAULT_SETTINGS.seeds) -> Seeds:
     """Fit a plane to each 3 x 3 window, in range and in light."""
     around = window(1, middle=True)
     planes, scatters = np.zeros((image.count, 3)), np.zeros((image.count, 4))
     pixels = _fit_windows(*image.shape, image.valid, image.beams, image.measured, planes, scatters)
     range_scatter, range_noise, light_scatter, light_noise = scatters[pixels].T
-    pattern, texture = _excess(range_scatter, range_noise), _excess(light_scatter, light_noise)
-    limit = float(special.chdtri(_FREE, _RARE)) / _FREE
+    pattern = _excess(range_scatter, range_noise, settings)
+    texture = _excess(light_scatter, light_noise, settings)
+    limit = float(special.chdtri(_FREE, settings.rare)) / _FREE
     excess = range_scatter / np.maximum(range_noise + pattern, np.finfo(float).tiny)
     of_plane = excess < limit
     of_surface = of_plane & (light_scatter < limit * (light_noise + texture))
@@ -94,7 +81,7 @@ def find_seeds(image: PhasorImage) -> Seeds:
         middle[own] = others[np.arange(len(own)), best]
         has_plane[own] = np.isfinite(scores.min(axis=1)) & image.valid[own]
         certain[own] = (inside & surely[others]).any(axis=1) & has_plane[own]
-    unlike = _unlike(image, np.flatnonzero(certain & ~surely), planes, surely, pattern)
+    unlike = _unlike(image, np.flatnonzero(certain & ~surely), planes, surely, pattern, settings)
     has_plane[unlike] = certain[unlike] = False
     return Seeds(
         plane=np.where(has_plane[:, np.newaxis], planes[middle], 0.0), middle=middle, has_plane=has_plane,
@@ -103,7 +90,8 @@ def find_seeds(image: PhasorImage) -> Seeds:
 
 
 def _unlike(
-    image: PhasorImage, pixels: IntArray, planes: FloatArray, surely: BoolArray, pattern: float
+    image: PhasorImage, pixels: IntArray, planes: FloatArray, surely: BoolArray, pattern: float,
+    settings: SeedSettings,
 ) -> IntArray:  # fmt: skip
     """Pixels at the border of a surface that are not surely of it, by the planes of the windows beside them.
 
@@ -129,8 +117,9 @@ def _unlike(
                 total, count = total + np.where(known, miss, 0.0), count + known
             ends.append(np.where(count > 0, total / np.maximum(count, 1.0), np.nan))
         low, high = np.fmin(*ends), np.fmax(*ends)
-        between = (low < -_BETWEEN) & (high > _BETWEEN) & (high - low > _DIFFERENT)
-        unlike |= (np.isfinite(least) & (least > _UNLIKE)) | between
+        off = settings.between_sigmas
+        between = (low < -off) & (high > off) & (high - low > settings.different_sigmas)
+        unlike |= (np.isfinite(least) & (least > settings.unlike_sigmas)) | between
     return pixels[unlike]
 
 
@@ -201,11 +190,11 @@ def plane_vector(image: PhasorImage, pixels: IntArray, coefficients: FloatArray)
     )
 
 
-def _excess(scatter: FloatArray, noise: FloatArray) -> float:
+def _excess(scatter: FloatArray, noise: FloatArray, settings: SeedSettings) -> float:
     """Variance to be added to the noise of windows so that the quieter ones scatter as chi-squared says."""
-    if len(scatter) < _LEAST_WINDOWS:
+    if len(scatter) < settings.least_windows:
         return 0.0
-    return min(_excess_at(scatter, noise, part) for part in _QUANTILES)
+    return min(_excess_at(scatter, noise, part) for part in settings.quantiles)
 
 
 def _excess_at(scatter: FloatArray, noise: FloatArray, part: float) -> float:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawing import draw
-from sizes import sized
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.arrays import Float32Array
 from tofmix.estimation.blocks.reading import MemoryTooSmallError, ReadPlan, plan_reading, read_groups, working_bytes

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learnt_pixels import SIGMA_MM, camera_with, flat, pixel_noise, surfaces
+from support.learnt_pixels import SIGMA_MM, camera_with, flat, pixel_noise, surfaces
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels

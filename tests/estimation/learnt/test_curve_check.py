@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
+from support.learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.curve_check import doubts

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
 from scipy import signal
+from support.learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.learning import (

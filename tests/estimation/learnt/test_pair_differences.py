@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from learnt_pixels import KNOWN, LOW_MM, TOP_MM, surfaces
+from support.learnt_pixels import KNOWN, LOW_MM, TOP_MM, surfaces
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-import naive
 import numpy as np
 import pytest
-from drawing import draw
-from sizes import sized
+from support import naive
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.mixture.counting import CERTAIN_SIGMAS, CERTAIN_SUPPORT

@@ -1,11 +1,11 @@
 """The measured curve against the one that samples were drawn with, and its parts against slow references."""
 
-import noise_twins
 import numpy as np
 import pytest
-from drawing import draw
 from numpy.typing import NDArray
-from sizes import sized
+from support import noise_twins
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.estimation.noise import series as noise_series
 from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
@@ -19,6 +19,7 @@ from tofmix.estimation.noise.series import (
     series_statistics,
     shaped_as_one,
 )
+from tofmix.estimation.noise.settings import CurveSettings, NoiseSettings
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -293,3 +294,11 @@ def test_too_little_is_refused(rng: np.random.Generator, shape: tuple[int, int, 
     seen = np.geomspace(400.0, 5900.0, shape[1] * shape[2]).reshape(shape[1:])
     with pytest.raises(ValueError, match=reason):
         measure_noise(ArrayRecording(seen + rng.normal(0.0, 5.0, shape), BARE))
+
+
+def test_settings_bound_the_series_of_a_bin(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = pixels_at(rng, sensor, np.full(400, 1000.0), multi=0.0, n=20)
+    assert measure_noise(recording(samples)).pixels.sum() > 0
+    many = NoiseSettings(curve=CurveSettings(least_in_bin=401))
+    with pytest.raises(ValueError, match="at least 401 are needed"):
+        measure_noise(recording(samples), settings=many)

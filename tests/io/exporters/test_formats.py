@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import laspy
-import naive_png
 import numpy as np
 import plyfile
 import pytest
-from made_up import LayersInMemory, made_up_layers
 from PIL import Image
 from pypcd4.pypcd4 import PointCloud
+from support import naive_png
+from support.made_up import LayersInMemory, made_up_layers
 
-from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.exporters import POINT_WRITERS, export_image, export_points
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.las import SCALE_M
+from tofmix.optics.equiangular import Equiangular
 from tofmix.points import POINT_DTYPE, LayerPoints, PointArray
 
 SHAPE, MAX_LAYERS = (3, 6, 7), 4

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 import tofmix
 from tofmix.errors import BadInputError, StorageError
@@ -111,7 +111,7 @@ def test_no_memory_for_a_look_is_no_fault_of_the_file(tmp_path: Path) -> None:
         f"import sys; sys.path.append({str(PACKAGE.parent)!r})\n"
         "from tofmix.io.guard import structure_process\n"
         "def none():\n    raise MemoryError\n"
-        "structure_process.make_room = none\nstructure_process.main()\n"
+        "structure_process.reserve_memory = none\nstructure_process.main()\n"
     )
     checker = _checker(program)
     with pytest.raises(MemoryError):
@@ -136,14 +136,14 @@ def test_once_all_is_read_a_change_hurts_no_more(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "a.h5", boards())
     with open_recording(path) as source:
         source.read_range(*EVERYTHING)
-        source.settle()
+        source.verify_unchanged()
         path.write_bytes(b"")
     write_recording(path, boards())
     with open_recording(path) as source:
         path.write_bytes(b"")
         with pytest.raises(BadInputError, match="the file changed during reading"):
-            source.settle()
-        source.settled = True  # or the end would say it once more
+            source.verify_unchanged()
+        source.verified = True  # or the end would say it once more
 
 
 def test_a_file_that_is_replaced_is_read_as_it_was(tmp_path: Path) -> None:

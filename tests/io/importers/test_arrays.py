@@ -8,8 +8,8 @@ import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from reading import depths, read_source
 from scipy.io import savemat
+from support.reading import depths, read_source
 
 from tofmix.errors import BadInputError, StorageError
 from tofmix.io.importers import open_source

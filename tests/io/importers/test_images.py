@@ -4,13 +4,13 @@ import sys
 from pathlib import Path
 from typing import Any, Literal
 
-import naive_png
 import numpy as np
 import pytest
 import tifffile
 from numpy.typing import NDArray
 from PIL import Image
-from reading import depths, read_source
+from support import naive_png
+from support.reading import depths, read_source
 
 from tofmix.errors import BadInputError, UsageError
 

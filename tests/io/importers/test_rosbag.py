@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags import AMPLITUDE, DEPTH, INFO, KINDS, new_bag
 from numpy.typing import NDArray
-from reading import depths, read_source
+from support.bags import AMPLITUDE, DEPTH, INFO, KINDS, new_bag
+from support.reading import depths, read_source
 
 from tofmix.errors import BadInputError, UsageError
-from tofmix.pinhole import Pinhole
+from tofmix.optics.pinhole import Pinhole
 
 SECOND = 10**9
 FRAMES = 5

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError
 from tofmix.io.recording.range_check import look

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError, UsageError
 from tofmix.io.recording.recording_file import file_sha256, open_recording

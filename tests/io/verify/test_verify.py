@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.io.layers.layers_file import LayersFile, LayersWriter
 from tofmix.io.recording.recording_writer import RecordingWriter
@@ -25,7 +25,7 @@ CAMERA = Sensor(name="camera", range_max_mm=7500.0, noise=NoiseCurve(np.array([5
 
 @pytest.fixture
 def layers(tmp_path: Path) -> Path:
-    from made_up import made_up_layers
+    from support.made_up import made_up_layers
 
     path = tmp_path / "a.layers.h5"
     provenance = Provenance(

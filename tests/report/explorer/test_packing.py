@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from unpacking import unpack
+from support.unpacking import unpack
 
 from tofmix.report.explorer.packing import pack_numbers
 

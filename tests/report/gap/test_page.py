@@ -4,7 +4,7 @@ import re
 from dataclasses import replace
 
 import pytest
-from recordings import reconciled
+from support.recordings import reconciled
 
 from tofmix.reconciliation.words import in_words
 from tofmix.reconciliation.workflow import Reconciliation

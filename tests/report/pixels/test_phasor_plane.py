@@ -8,11 +8,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from lock_in import Scene, small
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from matplotlib.text import Text
+from support.lock_in import Scene, small
 
 from tofmix.estimation.blocks.sequence import estimate_windows
 from tofmix.flags import Mixing

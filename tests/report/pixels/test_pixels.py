@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up import LayersInMemory, made_up_layers
 from matplotlib.axes import Axes
 from scipy.integrate import trapezoid
 from scipy.stats import norm
+from support.made_up import LayersInMemory, made_up_layers
 
 from tofmix.estimation.peaks.modes import find_modes
 from tofmix.report.figures.figures import pixel_figure

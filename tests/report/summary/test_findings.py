@@ -1,6 +1,7 @@
 import pytest
 
-from tofmix.report.summary.findings import DRIFT_SIGMAS, Remedy, count_findings, sample_findings, sigma_findings
+from tofmix.report.summary.findings import Remedy, count_findings, sample_findings, sigma_findings
+from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 
 REMEDY = Remedy(recording="a b.h5", window_frames=40, windows=2)
 
@@ -70,13 +71,25 @@ def test_close_layers_of_the_papers_procedure_name_the_default_one() -> None:
     ("scatter", "drift", "codes"),
     [
         (None, None, []),
-        (0.51, 0.9 * DRIFT_SIGMAS, []),
+        (0.51, 0.9 * DEFAULT_THRESHOLDS.drift_sigmas, []),
         (1.9, None, []),
         (0.49, None, ["scatter_off_curve"]),
-        (2.1, 1.1 * DRIFT_SIGMAS, ["scatter_off_curve", "drift"]),
+        (2.1, 1.1 * DEFAULT_THRESHOLDS.drift_sigmas, ["scatter_off_curve", "drift"]),
     ],
 )
 def test_samples_against_their_curve_are_said(scatter: float | None, drift: float | None, codes: list[str]) -> None:
     found = sample_findings(scatter_over_curve=scatter, drift_sigmas=drift, remedy=REMEDY)
     assert [f.code for f in found] == codes
     assert all(f.commands for f in found)
+
+
+def test_thresholds_set_when_close_layers_are_a_finding() -> None:
+    def codes(thresholds: Thresholds) -> list[str]:
+        found = count_findings(
+            pixels=100, by_status={}, by_surfaces=[0, 90, 10], max_layers=6, close=10, remedy=Remedy(recording="a.h5"),
+            thresholds=thresholds,
+        )  # fmt: skip
+        return [finding.code for finding in found]
+
+    assert codes(Thresholds()) == ["close_layers"]
+    assert codes(Thresholds(close_share=0.1)) == []

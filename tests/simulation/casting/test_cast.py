@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import cast_twin
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sizes import sized
+from support import cast_twin
+from support.sizes import sized
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.casting import cast, cast_kernel

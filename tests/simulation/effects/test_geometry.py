@@ -5,9 +5,9 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from effect_bench import Bench, effect
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.effect_bench import Bench, effect
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.casting.cast import MovingCaster, cast_scene

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Recorded, effect, light_alone, neutral_values
+from support.effect_bench import Bench, Recorded, effect, light_alone, neutral_values
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.casting.cast import cast_scene

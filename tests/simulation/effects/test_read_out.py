@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Recorded, effect
 from scipy import stats
+from support.effect_bench import Bench, Recorded, effect
 
 from tofmix.simulation.effects import PixelMap
 

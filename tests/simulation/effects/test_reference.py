@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tofmix.ranging import SPEED_OF_LIGHT_MM_S, unambiguous_range_mm
+from tofmix.optics.ranging import SPEED_OF_LIGHT_MM_S, unambiguous_range_mm
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.reference import COMMAND, reference
 

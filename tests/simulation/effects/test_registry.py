@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from effect_bench import Bench, effect, neutral_values
+from support.effect_bench import Bench, effect, neutral_values
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.echoes import Echoes

@@ -14,10 +14,7 @@ import numpy as np
 
 from tofmix.arrays import Float32Array
 from tofmix.grid import Cell, Grid
-from tofmix.recording import DECODED_SAMPLES, SampleSource, wanted_amplitudes
-
-SAMPLE_BYTES = 4
-"""A sample of a slab, float32; where its amplitude is read too, twice that."""
+from tofmix.recording import DECODED_SAMPLES, SAMPLE_BYTES, SampleSource, wanted_amplitudes
 
 _DECODING_BYTES = 10
 """A sample while it is decoded: as it is stored, and whether it is valid."""

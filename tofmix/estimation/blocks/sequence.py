@@ -36,7 +36,7 @@ DEFAULT_BUFFER_BYTES = 800_000_000
 """Memory for samples where nobody says otherwise."""
 
 
-def settled_mixing(options: EstimateOptions, source: SampleSource) -> EstimateOptions:
+def resolved_mixing(options: EstimateOptions, source: SampleSource) -> EstimateOptions:
     """The same options with the law of mixing that can be measured: ``events`` where samples are no phasors.
 
     Raises
@@ -163,7 +163,7 @@ class _Run(Generic[T]):
     def __init__(self, groups: Iterator[Group], plan: ReadPlan, work: _Work[T], workers: int) -> None:
         self._groups, self._work = groups, work
         self._workers = ThreadPoolExecutor(workers, thread_name_prefix="tofmix")
-        self._room = threading.Semaphore(plan.ahead)
+        self._free_slots = threading.Semaphore(plan.ahead)
         self._queue: SimpleQueue[_Item[T] | BaseException | None] = SimpleQueue()
         self._stop = threading.Event()
         self._reader = threading.Thread(target=self._read, name="tofmix-reader", daemon=True)
@@ -171,7 +171,7 @@ class _Run(Generic[T]):
     def _read(self) -> None:
         """Read group by group; an error goes the way of the results."""
         try:
-            while self._room.acquire() and not self._stop.is_set():
+            while self._free_slots.acquire() and not self._stop.is_set():
                 group = next(self._groups, None)
                 if group is None:
                     break
@@ -191,11 +191,11 @@ class _Run(Generic[T]):
                     raise item
                 result = item.future.result()
                 if item.last:
-                    self._room.release()
+                    self._free_slots.release()
                 yield item.cell, result
         finally:
             self._stop.set()
-            self._room.release()
+            self._free_slots.release()
             self._workers.shutdown(wait=False, cancel_futures=True)
             self._reader.join()
             self._workers.shutdown(wait=True, cancel_futures=True)
@@ -237,7 +237,7 @@ def estimate_windows(
     ValueError
         As `estimate_cells`.
     """
-    options = settled_mixing(options or EstimateOptions(), source)
+    options = resolved_mixing(options or EstimateOptions(), source)
     measured = options.mixing is not MixingChoice.EVENTS
     frames, rows, cols = source.shape
     windows = windows or Windows(length=frames, stride=frames, count=1, frames_left_out=0)
@@ -260,7 +260,7 @@ def estimate_windows(
         part = Layers(**{spec.name: getattr(out, spec.name)[window] for spec in layer_fields(source.sensor)})
         insist, circle_mm = options.mixing is MixingChoice.PHASOR, options.unambiguous_range_mm
         unmixed = unmix(part, means, source.sensor, insist=insist, circle_mm=circle_mm)
-        shares[window], pixels[window] = unmixed.phasor_share, unmixed.telling_pixels
+        shares[window], pixels[window] = unmixed.phasor_share, unmixed.informative_pixels
         for spec in out.fields:
             getattr(out, spec.name)[window] = getattr(unmixed.layers, spec.name)
     return EstimatedWindows(layers=out, phasor_share=shares, phasor_pixels=pixels)

@@ -12,13 +12,13 @@ Varadhan and Roland, Scandinavian J. Statistics 35(2), 2008, doi:10.1111/j.1467-
 
 import math
 
+from tofmix.compiled.jit import borrowing
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.mixture.components import MEAN, SIGMA, STEPS, UNIT, WEIGHT, Components, Scratch
 from tofmix.estimation.mixture.em import PRIOR_SAMPLES, em_step, expect, maximise
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
-from tofmix.jit import borrowing
 
 _LONGEST_JUMP = 64.0  # most EM steps that one extrapolation stands for
 _LEAST_SHARE = 1.0e-9  # an extrapolation that leaves less of a share is taken back

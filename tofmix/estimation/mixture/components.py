@@ -17,7 +17,7 @@ rows more for each surface.
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 
 MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, MOMENT_1, MOMENT_2, UNIT = range(8)
 STEPS = 8

@@ -10,6 +10,8 @@ the likelihood rises most, until none gains enough. "Enough" is the threshold of
 import math
 from typing import NamedTuple
 
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.vector import product_of, total_of
 from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, is_no_return
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
 from tofmix.estimation.mixture.components import (
@@ -39,8 +41,6 @@ from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.reach import within_reach
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
-from tofmix.jit import borrowing, jit
-from tofmix.vector import product_of, total_of
 
 COUNT_ITER = 60
 """Most EM iterations of one trial: counting compares likelihoods, which settle long before the means."""

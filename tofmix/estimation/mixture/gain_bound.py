@@ -11,13 +11,13 @@ a gain bound by a few per cent; it decides only what is tried, not what is found
 import math
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing
+from tofmix.compiled.vector import exp_minus, log_of, product_of, total_of
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.mixture.components import MEAN, OTHER, SHARE, SIGMA, SPARE, TOTAL, WEIGHT, Components, Scratch
 from tofmix.estimation.mixture.share_step import next_share
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
-from tofmix.jit import borrowing
-from tofmix.vector import exp_minus, log_of, product_of, total_of
 
 SURFACE_SIGMAS = 4.0
 """Samples this near to a surface belong to it alone, where no other surface is within twice that distance."""

@@ -18,6 +18,8 @@ Rao's score statistic with nuisance parameters: Cox and Hinkley, Theoretical Sta
 
 import math
 
+from tofmix.compiled.jit import borrowing
+from tofmix.compiled.vector import exp_minus, log_of, product_of, total_of
 from tofmix.estimation.beam import Beam, is_beyond
 from tofmix.estimation.mixture.components import (
     DENSITY,
@@ -38,8 +40,6 @@ from tofmix.estimation.mixture.share_step import LEAST_BEND, next_share
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.reach import whole_lanes, within_reach
 from tofmix.estimation.samples import Readings
-from tofmix.jit import borrowing
-from tofmix.vector import exp_minus, log_of, product_of, total_of
 
 _STEP = 0.5
 """Step of the search in sigmas: a quarter of a sigma off the best place, a surface gains 3 % less."""

@@ -11,6 +11,8 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.vector import product_of
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.cholesky import scaled_cholesky
 from tofmix.estimation.mixture.components import (
@@ -31,8 +33,6 @@ from tofmix.estimation.mixture.em import PRIOR_SAMPLES, expect
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
-from tofmix.jit import borrowing, jit
-from tofmix.vector import product_of
 
 _LEAST_NO_RETURN = 0.5
 """With less than half a sample, p(c_0) sits at its bound 0 and has no curvature to invert."""

@@ -15,16 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.compiled.jit import jit
+from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.jit import jit
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
-from tofmix.robust import MAD_TO_SIGMA
 
 SERIES_FRAMES = 100
 """Frames of a series: long enough to tell a shape, short enough for drift to be a polynomial."""
-
-MAX_SERIES = 1 << 17
-"""Most series that are looked at: 52 MB of samples."""
 
 LEAST_SAMPLES = 10
 """Fewest valid samples of a series."""
@@ -75,11 +72,11 @@ class SeriesStatistics(NamedTuple):
     memory: FloatArray
 
 
-def read_series(source: SampleSource, *, most: int = MAX_SERIES) -> Series:
+def read_series(source: SampleSource, *, most: int = 1 << 17) -> Series:
     """Take series from a recording: all pixels up to `most`, in as many runs of frames as that allows.
 
     Runs are spread evenly over the recording. Of larger images every k-th row is taken. What is taken depends on the
-    recording's sizes alone. It is read band by band.
+    recording's sizes alone. It is read band by band; 131,072 series take 52 MB.
     """
     frames, rows, cols = source.shape
     length = min(frames, SERIES_FRAMES)

@@ -26,7 +26,7 @@ from tofmix.io.exporters import (
 from tofmix.io.exporters.edge_lines import EdgeLine
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import Outline
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.points import PointSource
 
 PointWriter = Callable[[AtomicFile, PointSource, str, Callable[[], None]], int]

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from tofmix.io.exporters.placing import directions, optics_of
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.points import MM_A_METRE, PointArray, PointField, packed
 
 FIELDS: tuple[PointField, ...] = (

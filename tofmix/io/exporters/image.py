@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
 
-_LARGEST = 65535  # largest count that a 16-bit image stores
+_LARGEST = np.iinfo(np.uint16).max  # largest count that a 16-bit image stores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

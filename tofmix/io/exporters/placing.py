@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
+from tofmix.optics.projection import Projection, unit
 from tofmix.points import MM_A_METRE
-from tofmix.projection import Projection, unit
 from tofmix.surfaces.found import plane_ranges
 
 

@@ -24,7 +24,7 @@ import h5py
 
 from tofmix.errors import BadInputError, StorageError, os_error_text
 from tofmix.io.atomic.storage import check_input
-from tofmix.io.guard.hdf5_memory import make_room
+from tofmix.io.guard.hdf5_memory import reserve_memory
 from tofmix.io.guard.library_reason import library_reason
 from tofmix.io.guard.unpacking import BoundedDataset
 from tofmix.io.guard.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
@@ -151,10 +151,10 @@ atexit.register(_checker.close)
 
 
 @contextmanager
-def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False) -> Iterator[h5py.File]:
+def open_for_reading(path: Path, *, verified: Callable[[], bool] = lambda: False) -> Iterator[h5py.File]:
     """Open an HDF5 file, with one clear error for each way in which it can be unfit.
 
-    In the end it must be as it was, unless `settled` says that what was read is known to be good and in use.
+    In the end it must be as it was, unless `verified` says that what was read is known to be good and in use.
 
     Raises
     ------
@@ -175,12 +175,12 @@ def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False)
         if identity(file) != seen:
             raise BadInputError(f"{path}: the file was replaced between check and opening; try again")
         yield file
-        if not settled():
+        if not verified():
             check_unchanged(file, seen, path)
 
 
 def _open(path: Path) -> h5py.File:
-    make_room()
+    reserve_memory()
     try:
         return h5py.File(path, "r")
     except LIBRARY_FAULTS as error:
@@ -193,7 +193,7 @@ def _open(path: Path) -> h5py.File:
 def open_image(image: bytes, path: Path) -> Iterator[h5py.File]:
     """Open a small HDF5 file in memory, which the file `path` holds; refused as by `open_for_reading`."""
     _checker.check({"image": base64.b64encode(image).decode()}, path)
-    make_room()
+    reserve_memory()
     with reading(path, "header"), h5py.File(io.BytesIO(image), "r") as root:
         yield root
 

@@ -20,7 +20,7 @@ sys.path.append(str(Path(__file__).parents[3]))  # started with -P: the package 
 
 import h5py
 
-from tofmix.io.guard.hdf5_memory import make_room
+from tofmix.io.guard.hdf5_memory import reserve_memory
 from tofmix.io.guard.library_reason import library_reason
 from tofmix.io.guard.structure_rules import RefusedError, check_structure
 
@@ -35,7 +35,7 @@ def main() -> None:
     for line in sys.stdin:
         request = json.loads(line)
         signal.setitimer(signal.ITIMER_REAL, request["limit_s"])
-        answer = _answer(request) if _has_room() else {"no_memory": True}
+        answer = _answer(request) if _memory_is_free() else {"no_memory": True}
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.stdout.write(json.dumps(answer) + "\n")
         sys.stdout.flush()
@@ -56,9 +56,9 @@ def _bound(what: int, limit: int) -> None:
     resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
 
 
-def _has_room() -> bool:
+def _memory_is_free() -> bool:
     try:
-        make_room()
+        reserve_memory()
     except MemoryError:
         return False
     return True

@@ -13,7 +13,7 @@ from typing import Any
 
 import h5py
 
-from tofmix.io.guard.structure_rules import MOST_WALKED_CHUNKS
+from tofmix.io.guard.structure_rules import LIMITS
 
 GZIP, FLETCHER32 = 1, 3  # HDF5's numbers of these filters
 
@@ -90,7 +90,7 @@ def _largest_stored(bind: h5py.h5d.DatasetID) -> int:
     declared: int = math.prod(chunk) * bind.get_type().get_size()
     count = math.prod(-(-length // step) for length, step in zip(bind.shape, chunk, strict=True))
     # The guard's rules let no chunk be stored in more than thrice its size, where they go over the chunks.
-    if count <= MOST_WALKED_CHUNKS and 3 * declared * MOST_GZIP <= UNCHECKED_BYTES:
+    if count <= LIMITS.walked_chunks and 3 * declared * MOST_GZIP <= UNCHECKED_BYTES:
         return declared
     largest = [0]
 

@@ -16,9 +16,8 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io.importers.axes import FRAMES_FIRST, as_stack, axes_of
+from tofmix.io.importers.axes import FRAMES_FIRST, IMAGE_DIMENSIONS, STACK_DIMENSIONS, as_stack, axes_of
 from tofmix.io.importers.base import (
-    IMAGE_DIMENSIONS,
     Frame,
     FrameSource,
     Request,
@@ -29,8 +28,7 @@ from tofmix.io.importers.base import (
 TIME = "time"
 """Name of an array of one number a frame, s."""
 
-_DIMENSIONS = 3  # frames, rows and columns
-_WITH_TARGETS = 4  # the same and targets
+_WITH_TARGETS = STACK_DIMENSIONS + 1  # frames, rows, columns and targets
 _PREFERRED = "range"
 
 
@@ -181,7 +179,7 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
 
 def _in_order(shape: tuple[int, ...], request: Request) -> bool:
     """Whether an array is (frame, row, col) as it is."""
-    return len(shape) == _DIMENSIONS and request.axes in (None, FRAMES_FIRST)
+    return len(shape) == STACK_DIMENSIONS and request.axes in (None, FRAMES_FIRST)
 
 
 def stack_of(array: NDArray[Any], request: Request, what: object) -> NDArray[Any]:
@@ -198,13 +196,13 @@ def stack_of(array: NDArray[Any], request: Request, what: object) -> NDArray[Any
 
 def sizes_of(stack: NDArray[Any]) -> tuple[tuple[int, int, int], int]:
     """(frames, rows, columns) of a stack, and its targets."""
-    targets = stack.shape[1] if stack.ndim > _DIMENSIONS else 0
+    targets = stack.shape[1] if stack.ndim > STACK_DIMENSIONS else 0
     return (stack.shape[0], stack.shape[-2], stack.shape[-1]), targets
 
 
 def check_not_empty(shape: tuple[int, ...], what: object) -> None:
     """Refuse what has no sample, or is no sequence of images."""
-    if len(shape) != _DIMENSIONS or 0 in shape:
+    if len(shape) != STACK_DIMENSIONS or 0 in shape:
         raise BadInputError(f"{what}: expected (frame, row, col), got shape {shape}")
 
 

@@ -12,8 +12,8 @@ FRAMES_FIRST = "frame,row,col"
 FRAMES_LAST = "row,col,frame"
 WITH_TARGETS = "frame,target,row,col"
 IMAGE = ("row", "col")
+IMAGE_DIMENSIONS, STACK_DIMENSIONS = len(IMAGE), len(FRAMES_FIRST.split(","))
 _KNOWN = ("frame", "target", *IMAGE)
-_IMAGE_DIMENSIONS, _STACK_DIMENSIONS = 2, 3  # of an image, and of a stack of images
 
 
 def check_axes(text: str) -> str:
@@ -49,7 +49,7 @@ def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | 
     BadInputError
         If the array has another number of axes, or they cannot be told.
     """
-    if len(shape) == _IMAGE_DIMENSIONS:
+    if len(shape) == IMAGE_DIMENSIONS:
         if image is not None and shape != image and asked is None:
             if shape[1] != image[0] * image[1]:
                 raise BadInputError(f"{what}: frames of {shape[1]} values are no {image[0]} x {image[1]} pixels")
@@ -62,7 +62,7 @@ def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | 
         return names
     if len(shape) == len(_KNOWN):
         raise BadInputError(f"{what}: shape {shape}: say which axis is which, such as --axes {WITH_TARGETS}")
-    if len(shape) != _STACK_DIMENSIONS:
+    if len(shape) != STACK_DIMENSIONS:
         raise BadInputError(f"{what}: expected (frame, row, col), got shape {shape}")
     return tuple(FRAMES_FIRST.split(","))
 

@@ -14,12 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError, TofmixError, os_error_text
-from tofmix.pinhole import Pinhole
+from tofmix.optics.pinhole import Pinhole
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.sensor import Sensor
-
-IMAGE_DIMENSIONS = 2
-"""Dimensions of a frame: row, col."""
 
 _MOST_SAMPLES_A_FRAME = 1 << 26
 """Four targets of the largest image: a frame is held whole."""
@@ -123,7 +120,7 @@ class FrameSource:
     notes: tuple[str, ...] = ()
 
     def check(self, what: object) -> "FrameSource":
-        """Return the source itself; `BadInputError` if its images are larger than a camera's, or it claims too many."""
+        """Return the source itself; `BadInputError` if its images, or its number of frames, are too large."""
         if self.shape[0] > MOST_FRAMES:
             raise BadInputError(f"{what}: {self.shape[0]} frames; no more than {MOST_FRAMES}")
         if max(self.shape[1:]) > MOST_PIXELS_A_SIDE:

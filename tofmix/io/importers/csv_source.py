@@ -99,19 +99,19 @@ def _wide(
     path: Path, names: list[str] | None, delimiter: str | None, width: int, shape: tuple[int, int]
 ) -> FrameSource:
     names = names or []
-    beside = [k for k, name in enumerate(names) if name in ("frame", "time")]
+    labels = [k for k, name in enumerate(names) if name in ("frame", "time")]
     time_at = names.index("time") if "time" in names else None
     pixels = shape[0] * shape[1]
-    if width - len(beside) != pixels:
+    if width - len(labels) != pixels:
         raise BadInputError(
-            f"{path}: {counted(width - len(beside), 'value')} in the first line,"
+            f"{path}: {counted(width - len(labels), 'value')} in the first line,"
             f" --shape {shape[0]}x{shape[1]} has {pixels}"
         )
     with foreign(path):
         frames = sum(1 for _ in _lines(path, skip=bool(names)))
     if not frames:
         raise BadInputError(f"{path}: no frame below its header")
-    keep = [k for k in range(width) if k not in beside]
+    keep = [k for k in range(width) if k not in labels]
 
     def images() -> Iterator[Frame]:
         lines = _lines(path, skip=bool(names))

@@ -111,19 +111,19 @@ def _amplitude(
         other = choose(shapes, request.amplitude.strip("/"), path, request.axes)
         check_shapes(shapes[name], shapes[other], f"{path}: {other}")
         return _frames(root, other, shapes, path, request)
-    other = _beside(name, _AMPLITUDE)
+    other = _companion(name, _AMPLITUDE)
     if name.rpartition("/")[2] == _RANGE and shapes.get(other) == shapes[name]:
         return _frames(root, other, shapes, path, request)
     return None
 
 
-def _beside(name: str, other: str) -> str:
+def _companion(name: str, other: str) -> str:
     group = name.rpartition("/")[0]
     return f"{group}/{other}" if group else other
 
 
 def _time(root: h5py.File, name: str, shapes: dict[str, tuple[int, ...]], frames: int, path: Path) -> FloatArray | None:
-    other = _beside(name, _TIME)
+    other = _companion(name, _TIME)
     if other not in shapes:
         return None
     dataset = guard.checked_dataset(root, other, path)

@@ -17,7 +17,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.atomic.storage import read_text
 from tofmix.io.extras import need
 from tofmix.io.importers.base import foreign
-from tofmix.pinhole import DISTORTION_LENGTHS, Pinhole
+from tofmix.optics.pinhole import DISTORTION_LENGTHS, Pinhole
 
 MODELS = ("plumb_bob", "rational_polynomial")
 """Distortion models of ROS that are OpenCV's pinhole with k1 k2 p1 p2 k3 and with k4 k5 k6 too."""

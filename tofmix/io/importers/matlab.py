@@ -24,12 +24,9 @@ from tofmix.io.atomic.scratch_folder import scratch_folder
 from tofmix.io.guard import guard
 from tofmix.io.guard.watchdog import watched
 from tofmix.io.importers.arrays import TIME, check_shapes, check_time, choose, joined, sizes_of, stack_of
-from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, axes_of
+from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, STACK_DIMENSIONS, axes_of
 from tofmix.io.importers.base import FrameSource, Request, foreign
 from tofmix.io.importers.datasets import DatasetFrames
-
-_DIMENSIONS = 3
-"""Dimensions of a sequence: frame, row, col."""
 
 _UNPACKING_TIMES = 6.0
 """Factor on the time limit of a read: a whole file is unpacked at once."""
@@ -55,7 +52,7 @@ def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
 def _with_axes(shape: tuple[int, ...], request: Request, what: str) -> Request:
     """Tell the order of the axes, given in MATLAB's view, by the sensor's image where nobody says."""
     image = request.image or request.shape
-    if request.axes is not None or len(shape) != _DIMENSIONS:
+    if request.axes is not None or len(shape) != STACK_DIMENSIONS:
         return request
     first, last = shape[1:] == image, shape[:2] == image
     if first == last:

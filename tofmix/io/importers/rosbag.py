@@ -18,7 +18,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.extras import need
 from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign
 from tofmix.io.importers.intrinsics import from_camera_info
-from tofmix.pinhole import Pinhole
+from tofmix.optics.pinhole import Pinhole
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 

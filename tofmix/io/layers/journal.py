@@ -126,7 +126,7 @@ class Journal:
         if modes != [("delete",)]:
             raise StorageError(f"{self.path}: SQLite cannot merge the journal into one file; --resume tries again")
         try:
-            for path in _beside(self.path):
+            for path in _sqlite_files(self.path):
                 path.unlink(missing_ok=True)  # SQLite says nothing where it fails in that
             descriptor = os.open(self.path, os.O_RDONLY)
             try:
@@ -153,10 +153,10 @@ def journal_path(output: Path) -> Path:
 
 def files_of(journal: Path) -> tuple[Path, ...]:
     """All files that a journal may consist of, and the unfinished output of its run."""
-    return partial_path(journal), *_beside(journal), journal
+    return partial_path(journal), *_sqlite_files(journal), journal
 
 
-def _beside(journal: Path) -> tuple[Path, ...]:
+def _sqlite_files(journal: Path) -> tuple[Path, ...]:
     """Files that SQLite keeps beside an open database."""
     return tuple(journal.with_name(journal.name + end) for end in ("-wal", "-shm", "-journal"))
 

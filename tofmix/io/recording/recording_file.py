@@ -47,7 +47,7 @@ class RecordingFile:
     def __init__(self, root: h5py.File, path: Path) -> None:
         self._root, self.path = root, path
         self._identity = guard.identity(root)
-        self.settled = False
+        self.verified = False
         self.sensor = sensor_group.read_sensor(root, path)
         self._range = _samples(root, "range", path)
         self.units = hdf5.text_attribute(self._range, "units")
@@ -78,7 +78,7 @@ class RecordingFile:
         """
         guard.check_unchanged(self._root, self._identity, self.path)
 
-    def settle(self) -> None:
+    def verify_unchanged(self) -> None:
         """Say that nothing more will be read: what happens to the file from now on is no fault of what was.
 
         Raises
@@ -87,7 +87,7 @@ class RecordingFile:
             If it was written to meanwhile.
         """
         self.check_unchanged()
-        self.settled = True
+        self.verified = True
 
     def sha256(self) -> str:
         """SHA-256 of the file that is open, whatever its path may lead to by now.
@@ -258,7 +258,7 @@ def open_recording(path: Path, *, check_units: bool = True) -> Iterator[Recordin
         `check_units`, if its ranges are not in mm, as it seems.
     """
     recording: RecordingFile | None = None
-    with guard.open_for_reading(path, settled=lambda: recording is not None and recording.settled) as root:
+    with guard.open_for_reading(path, verified=lambda: recording is not None and recording.verified) as root:
         with guard.reading(path, "header"):
             hdf5.check_format(root, path, kind=FORMAT, required=False)
             recording = RecordingFile(root, path)

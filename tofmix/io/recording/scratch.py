@@ -16,10 +16,9 @@ import numpy as np
 
 from tofmix.arrays import Float32Array
 from tofmix.errors import StorageError, os_error_text
-from tofmix.recording import SampleSource, wanted_amplitudes
+from tofmix.recording import SAMPLE_BYTES, SampleSource, wanted_amplitudes
 from tofmix.sensor import Sensor
 
-_SAMPLE_BYTES = 4  # of float32
 _READ_BYTES = 8 << 20  # bytes that are read at once
 
 
@@ -40,7 +39,7 @@ class ScratchRecording:
     def place(self, frame: int, row: int) -> int:
         """Where in the file a frame's samples of a row begin."""
         frames, _, cols = self.shape
-        return (row * frames + frame) * cols * _SAMPLE_BYTES
+        return (row * frames + frame) * cols * SAMPLE_BYTES
 
     def write(self, frame: int, row: int, samples: Float32Array) -> None:
         """Write samples (frame, row, col) from a frame and a row on."""
@@ -112,7 +111,7 @@ def on_scratch(
                 light = _laid_out(stack, source, amplitudes.read_amplitude, folder, parts, None)
             yield _laid_out(stack, source, source.read_range, folder, parts, light)
     except OSError as error:
-        size = f"{samples * _SAMPLE_BYTES / 1e9:.1f} GB"
+        size = f"{samples * SAMPLE_BYTES / 1e9:.1f} GB"
         raise StorageError(
             f"{os_error_text(error, folder)}; {size} of scratch space are needed there, or more --memory"
         ) from error
@@ -132,7 +131,7 @@ def _laid_out(
     scratch = ScratchRecording(file.fileno(), source.shape, source.sensor, amplitude)
     size = scratch.place(0, rows.stop) - scratch.place(0, rows.start)
     os.posix_fallocate(file.fileno(), scratch.place(0, rows.start), size)
-    chunk = source.frame_step * source.row_step * source.shape[2] * _SAMPLE_BYTES
+    chunk = source.frame_step * source.row_step * source.shape[2] * SAMPLE_BYTES
     step = source.frame_step * max(1, _READ_BYTES // chunk)
     for band in _aligned(rows, source.row_step):
         for part in _aligned(frames, step):

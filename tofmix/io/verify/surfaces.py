@@ -10,7 +10,8 @@ from tofmix.arrays import BoolArray
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5
 from tofmix.io.guard import guard
-from tofmix.io.surfaces_file import FIELDS, SurfacesFile
+from tofmix.io.surfaces.fields import FIELDS
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.io.verify.findings import Findings
 from tofmix.io.verify.storage import check_storage
 from tofmix.surfaces.found import NO_SURFACE

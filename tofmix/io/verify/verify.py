@@ -16,7 +16,7 @@ import numpy as np
 
 from tofmix.errors import BadInputError
 from tofmix.invariants import layer_rules
-from tofmix.io import hdf5, surfaces_file
+from tofmix.io import hdf5
 from tofmix.io.atomic.storage import read_text
 from tofmix.io.guard import guard
 from tofmix.io.layers import layers_file
@@ -24,7 +24,8 @@ from tofmix.io.layers.layers_file import LayersFile
 from tofmix.io.model_file import load_model
 from tofmix.io.reconciliation import FILES, model_names
 from tofmix.io.recording.recording_file import RecordingFile
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.fields import FORMAT as SURFACES_FORMAT
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.io.verify.findings import Findings
 from tofmix.io.verify.recording import verify_recording
 from tofmix.io.verify.storage import check_storage
@@ -70,10 +71,10 @@ def _verify_hdf5(path: Path, findings: Findings) -> None:
         if kind == layers_file.FORMAT:
             findings.kind = "layers"
             _verify_layers(root, path, findings)
-        elif kind == surfaces_file.FORMAT:
+        elif kind == SURFACES_FORMAT:
             findings.kind = "surfaces"
             with guard.reading(path, "header"):
-                hdf5.check_format(root, path, kind=surfaces_file.FORMAT, required=True)
+                hdf5.check_format(root, path, kind=SURFACES_FORMAT, required=True)
                 surfaces = SurfacesFile(root, path)
             verify_surfaces(root, surfaces, findings)
         else:

@@ -22,7 +22,6 @@ _LEAST_HEIGHT, _MOST_HEIGHT = 0.8, 6.0  # of the image itself, inch
 _LEFT_INCH, _RIGHT_INCH, _BELOW_INCH, _ABOVE_INCH = 0.6, 1.05, 0.85, 0.1  # margins
 _BAR_GAP_INCH, _BAR_INCH = 0.1, 0.14  # from the image to the colour bar, and the bar's width
 _CLIPPED_PERCENT = (0.1, 99.9)  # percentiles of the values between which the colours run
-_LEAST_GAP_MM = 0.1  # least half-width of the scale of differences
 
 
 def colour_scale(values: FloatArray, *, default: tuple[float, float]) -> tuple[float, float]:
@@ -60,7 +59,7 @@ def category_image(categories: NDArray[np.uint8], *, names: tuple[str, ...], the
     return figure
 
 
-def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme) -> Figure:
+def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme, least_gap_mm: float = 0.1) -> Figure:
     """Draw signed differences over the image plane, zero in the middle of the colours.
 
     Parameters
@@ -71,11 +70,13 @@ def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme) -> Figure:
         What a hatched pixel is, for the legend.
     theme : Theme
         Colours.
+    least_gap_mm : float
+        Least half-width of the scale, mm.
     """
     figure, axes = _image_axes(gap_mm.shape)
     mark_no_data(axes, theme)
     finite = gap_mm[np.isfinite(gap_mm)]
-    most = max(_LEAST_GAP_MM, float(np.percentile(np.abs(finite), _CLIPPED_PERCENT[1])) if finite.size else 0.0)
+    most = max(least_gap_mm, float(np.percentile(np.abs(finite), _CLIPPED_PERCENT[1])) if finite.size else 0.0)
     norm = Normalize(-most, most)
     cmap = colormaps[GAP_MAP]
     axes.imshow(np.ma.masked_invalid(gap_mm), cmap=cmap, norm=norm, interpolation="nearest", aspect="auto")

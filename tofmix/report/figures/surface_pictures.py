@@ -17,9 +17,6 @@ from tofmix.wording import counted
 _COLOURS = "tab20"
 """Map of colours that tell surfaces apart; they come again after the last."""
 
-_MOST_NAMED = 8
-"""Surfaces in the legend: the largest."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfacesPart:
@@ -29,7 +26,9 @@ class SurfacesPart:
     images: tuple[ImagePicture, ...]
 
 
-def draw_surfaces(found: WindowSurfaces, layers: Layers, *, first: int, scale: tuple[float, float]) -> SurfacesPart:
+def draw_surfaces(
+    found: WindowSurfaces, layers: Layers, *, first: int, scale: tuple[float, float], most_named: int = 8
+) -> SurfacesPart:
     """Draw the surfaces of a window.
 
     Parameters
@@ -42,6 +41,8 @@ def draw_surfaces(found: WindowSurfaces, layers: Layers, *, first: int, scale: t
         Number of the window's first surface.
     scale : (float, float)
         Limits of the colours of ranges, mm.
+    most_named : int
+        Surfaces in the legend: the largest.
     """
     rows, cols = found.surface.shape[:2]
     numbers, sizes = np.unique(found.surface[found.surface >= 0], return_counts=True)
@@ -52,7 +53,7 @@ def draw_surfaces(found: WindowSurfaces, layers: Layers, *, first: int, scale: t
     shades = [to_hex(colour) for colour in colormaps[_COLOURS].colors]  # type: ignore[attr-defined]  # a listed map
     kind = np.where(found.surface_fine >= 0, (found.surface_fine - first) % len(shades), len(shades)).astype(np.uint8)
     uri = kinds_uri(kind, shades)
-    order = np.argsort(-sizes, kind="stable")[:_MOST_NAMED]
+    order = np.argsort(-sizes, kind="stable")[:most_named]
     legend = tuple(
         (shades[(numbers[k] - first) % len(shades)], f"surface {numbers[k]}: {counted(int(sizes[k]), 'layer', ',')}")
         for k in order

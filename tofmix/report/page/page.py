@@ -11,7 +11,7 @@ from importlib import import_module
 
 from tofmix.errors import UsageError
 from tofmix.layers import Provenance
-from tofmix.projection import projection_values
+from tofmix.optics.projection import projection_values
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
 from tofmix.report.page.templates import load_template, read_part

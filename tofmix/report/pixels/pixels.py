@@ -20,9 +20,6 @@ from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
 
-SNAPSHOTS = (0.05, 0.15, 0.3, 0.6, 1.0)
-"""Shares of the samples at which Fig. 7 shows the density, as in docs/results/paper.md."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PixelView:
@@ -299,7 +296,11 @@ def row_samples(recording: SampleSource, *, row: int, start: int, stop: int) -> 
 
 
 def grow_density(
-    samples_mm: FloatArray, sensor: Sensor, *, unambiguous_range_mm: float | None = None
+    samples_mm: FloatArray,
+    sensor: Sensor,
+    *,
+    unambiguous_range_mm: float | None = None,
+    shares: tuple[float, ...] = (0.05, 0.15, 0.3, 0.6, 1.0),
 ) -> GrowingDensity:
     """Add a pixel's samples one by one and look for modes after each.
 
@@ -311,6 +312,8 @@ def grow_density(
         Noise curve and working range.
     unambiguous_range_mm : float, optional
         Length of the circle that ranges are on, mm.
+    shares : tuple of float
+        Shares of the samples at which the density is kept, 0 to 1, as in docs/results/paper.md.
 
     Raises
     ------
@@ -320,7 +323,7 @@ def grow_density(
     if samples_mm.size == 0:
         raise ValueError("the pixel has no valid sample")
     live = IncrementalDensity(sensor, 1, unambiguous_range_mm=unambiguous_range_mm)
-    shown = {max(1, round(share * samples_mm.size)) for share in SNAPSHOTS}
+    shown = {max(1, round(share * samples_mm.size)) for share in shares}
     modes, snapshots = [], []
     for number, sample in enumerate(samples_mm, 1):
         live.add(np.array([[sample]]))

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
-from tofmix.projection import cell_nodes
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import cell_nodes
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.casting.cast_cells import cast_cells, reached_cells
 from tofmix.simulation.casting.cast_kernel import cast_row, reached_row
@@ -23,12 +23,15 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.surface import MAX_LENGTH_MM
 from tofmix.simulation.truth import Truth
 
-# A surface or a gap of less than this share of a pixel is left out, and the others take its place. Shares are right
-# to 0.001; one sample in 10,000 is what the sensor's random values (p(c_r)) yield anyway; and an edge that lies on the
-# border of two pixels must not count as a surface of both by a rounding error.
 MIN_SHARE = 1.0e-4
+"""A surface or a gap of less than this share of a pixel is left out, and the others take its place.
+
+Shares are right to 0.001; one sample in 10,000 is what the sensor's random values (p(c_r)) yield anyway; and an edge
+that lies on the border of two pixels must not count as a surface of both by a rounding error.
+"""
+
 MAX_SURFACES = 4096  # so that never all shares of a pixel are below MIN_SHARE
-MAX_LAYERS = 255  # n_modes is uint8
+MAX_LAYERS = int(np.iinfo(np.uint8).max)  # of n_modes
 
 _T = TypeVar("_T", bound=np.generic)
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
-from tofmix.projection import Projection, cell_nodes, pixel_extent_rad
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import Projection, cell_nodes, pixel_extent_rad
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.casting.cast import Seen, cast_scene, sift, truth_of
 from tofmix.simulation.casting.cast_cells import BULGE

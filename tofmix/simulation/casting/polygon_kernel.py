@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.cells import patch_ray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.optics.cells import patch_ray
 from tofmix.simulation.casting.cast_kernel import MIXED, judge
 from tofmix.simulation.casting.scene import SceneArrays
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
-from tofmix.projection import beam_directions_of
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.effects.parameter import Parameter, declared_parameters
 from tofmix.toml_table import nearest
@@ -69,7 +69,7 @@ class Latent(Enum):
     FRAME = "a state of each frame"
     PIXEL = "a value of each pixel"
     MEMORY = "the noise of the frame before"
-    LATTICE = "a lattice of values"
+    STEP = "a quantisation step"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

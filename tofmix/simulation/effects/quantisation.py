@@ -24,12 +24,12 @@ class Quantisation(Effect):
 
     kind: ClassVar[str] = "quantisation"
     level: ClassVar[Level] = Level.READ_OUT
-    signature: ClassVar[str] = "discreteness: ranges on a lattice"
+    signature: ClassVar[str] = "discreteness: ranges in equal steps"
     typical: ClassVar[str] = "steps of d_u / 2^b: 1.8, 7.3, 29 mm for 12, 10, 8 bits at 20 MHz"
     basis: ClassVar[str] = "physics"
     target: ClassVar[Target] = Target.VALUES
     shows_in: ClassVar[tuple[str, ...]] = ("discreteness",)
-    latent: ClassVar[Latent] = Latent.LATTICE
+    latent: ClassVar[Latent] = Latent.STEP
     exact_law: ClassVar[bool] = True
 
     step_mm: float = number(
@@ -45,7 +45,7 @@ class Quantisation(Effect):
         samples.measured_mm = self._rounded(samples.measured_mm)
 
     def predict(self, prediction: "Prediction", context: Context) -> None:  # noqa: ARG002
-        """Remember the lattice; pixels stuck before it are rounded too."""
+        """Remember the step; pixels stuck before it are rounded too."""
         if self.step_mm > 0:
             prediction.step_mm = self.step_mm
             prediction.stuck_mm = self._rounded(prediction.stuck_mm)

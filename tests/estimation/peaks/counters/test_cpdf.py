@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawing import draw
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
+from support.drawing import draw
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import Cpdf

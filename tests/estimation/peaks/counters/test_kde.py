@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drawing import draw
+from support.drawing import draw
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import Kde

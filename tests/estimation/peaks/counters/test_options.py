@@ -8,10 +8,10 @@ import click
 import h5py
 import numpy as np
 import pytest
-from drawing import draw
-from files import boards, write_recording
+from support.drawing import draw
+from support.files import boards, write_recording
 
-from tofmix.cli.estimate import COUNTER_OPTIONS, estimate
+from tofmix.cli.estimate.command import COUNTER_OPTIONS, estimate
 from tofmix.cli.main import run
 from tofmix.errors import ExitCode
 from tofmix.estimation.layering import layer_pixels

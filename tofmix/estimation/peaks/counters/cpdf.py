@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.peaks.counters.base import SIGMAS_BEYOND, Peaks, no_peaks
 from tofmix.estimation.samples import SortedSamples
-from tofmix.jit import jit
 
 FEWEST_BINS, MOST_BINS = 2, 100  # bounds of `bins`
 LARGEST_RATIO = 10.0  # upper bound of `ratio`: a wider step joins all surfaces of a working range

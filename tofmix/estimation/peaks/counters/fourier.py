@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.peaks.counters.base import MAX_PEAKS, SIGMAS_BEYOND, Peaks, no_peaks
 from tofmix.estimation.samples import SortedSamples
-from tofmix.jit import jit
 
 GRID = 16
 """Points of the grid to the shortest wavelength of the series."""
