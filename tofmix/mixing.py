@@ -33,7 +33,7 @@ class MixingLaw:
     def words(self) -> str:
         """Say it: ``100 % of the samples at edges are phasor sums (2,016 pixels)``."""
         if not self.pixels or math.isnan(self.phasor_share):
-            return "no edge tells whether samples are phasor sums; layers are as for samples of one surface each"
+            return "no edge shows whether samples are phasor sums; each sample counts as one surface"
         percent = round(100.0 * min(max(self.phasor_share, 0.0), 1.0))
         return f"{percent} % of the samples at edges are phasor sums ({self.pixels:,} pixels)"
 

@@ -266,7 +266,7 @@ class Sensor:
                 raise ValueError(f"{key}: {value} is not a finite number above 0")
         frequency = self.modulation_frequency_hz
         if frequency is not None and not _LEAST_FREQUENCY_HZ <= frequency <= _MOST_FREQUENCY_HZ:
-            raise ValueError(f"modulation_frequency_hz: {frequency:g} is no camera's (1 Hz to 1 THz)")
+            raise ValueError(f"modulation_frequency_hz: {frequency:g} is not between 1 Hz and 1 THz")
         if self.range_min_mm is not None and not math.isfinite(self.range_min_mm):
             raise ValueError(f"range_min_mm: {self.range_min_mm} is not finite")
         if self.range_max_mm is not None and (self.range_min_mm or 0.0) >= self.range_max_mm:

@@ -74,7 +74,7 @@ def test_compare_refuses_options_and_files_with_their_exit_code(tofmix: Tofmix, 
     for arguments, code, text in (
         ((layers, tmp_path / "one.layers.h5"), ExitCode.BAD_INPUT, "different sizes"),
         ((layers, tmp_path / "none.h5"), ExitCode.BAD_INPUT, "No such file"),
-        ((tmp_path / "a.h5", layers), ExitCode.BAD_INPUT, "no layers file"),
+        ((tmp_path / "a.h5", layers), ExitCode.BAD_INPUT, "not a layers file"),
         ((layers,), ExitCode.USAGE, "'B'"),
         ((layers, layers, "--tolerance", -1), ExitCode.USAGE, "--tolerance"),
         ((layers, layers, "--window", 0), ExitCode.USAGE, "--html"),

@@ -70,7 +70,7 @@ def test_zeros_that_count_as_ranges_are_said_once(tofmix: Tofmix, tmp_path: Path
     path = write_recording(tmp_path / "a.h5", samples)
     done = tofmix("estimate", path)
     assert done.code == 0
-    assert done.err.count("240 of 960 samples looked at are exactly 0") == 1
+    assert done.err.count("240 of 960 checked samples are exactly 0") == 1
     assert "range_zeros" in tofmix("info", path, "--json").out
     with h5py.File(path, "a") as root:
         root["range"].attrs["_FillValue"] = 0.0

@@ -33,7 +33,7 @@ def expected(tofmix: Tofmix, recording: Path, tmp_path: Path) -> bytes:
 def test_extreme_samples_are_kept_and_said(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     outcome = tofmix("estimate", recording, *WINDOWS)
     assert outcome.code == 0, outcome.err
-    assert "random values spread from the least sample to the largest, 90 to 21000 mm" in outcome.err
+    assert "random values spread from the smallest sample to the largest, 90 to 21000 mm" in outcome.err
     with h5py.File(tmp_path / "a.layers.h5") as root:
         attributes = root["sensor"].attrs
         assert (attributes["sample_min_mm"], attributes["sample_max_mm"]) == (90.0, 21_000.0)

@@ -70,8 +70,8 @@ def test_impossible_outputs_are_refused_before_the_first_recording_is_read(
     for arguments, reason in (
         ([*recordings], "several recordings need --output-dir"),
         ([*recordings, "-o", tmp_path / "x"], "-o takes a single recording"),
-        ([recordings[0], twin, "--output-dir", tmp_path / "out"], "would both become"),
-        ([recordings[0], recordings[0], "--output-dir", tmp_path / "out"], "would both become"),
+        ([recordings[0], twin, "--output-dir", tmp_path / "out"], "would both be written to"),
+        ([recordings[0], recordings[0], "--output-dir", tmp_path / "out"], "would both be written to"),
         ([*recordings, "--output-dir", tmp_path / "out"], "c.layers.h5 exists; pass --overwrite"),
     ):
         outcome = tofmix("estimate", *arguments)

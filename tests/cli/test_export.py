@@ -121,7 +121,7 @@ def test_export_refuses_options_and_files_with_their_exit_code(
         ((layers, "-o", tmp_path / "d.obj", "--what", "planes"), ExitCode.USAGE, "d.obj --what planes"),
         ((layers, "-o", tmp_path / "none" / "a.ply"), ExitCode.STORAGE, "no such folder"),
         ((tmp_path / "none.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "No such file"),
-        ((tmp_path / "a.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "no layers file"),
+        ((tmp_path / "a.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "not a layers file"),
         ((layers, "-o", tmp_path / "a.ply", "--window", 2), ExitCode.USAGE, "windows 0 to 1"),
         ((layers, "-o", tmp_path / "a.ply", "--fov", "40"), ExitCode.USAGE, "is not HxV in degrees"),
         ((layers, "-o", tmp_path / "a.ply", "--fov", "40x-1"), ExitCode.USAGE, "is not HxV in degrees"),

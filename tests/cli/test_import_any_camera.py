@@ -64,8 +64,8 @@ def test_commands_name_the_missing_camera_data(tofmix: Tofmix, tmp_path: Path) -
     refused = tofmix("map", layers, "-o", tmp_path / "map.yaml")
     assert refused.code == ExitCode.BAD_INPUT
     assert refused.err == (
-        f"tofmix: {layers}: not known where its pixels look; import the recording with --fov HxV or --intrinsics, and"
-        " estimate anew\n"
+        f"tofmix: {layers}: the directions of its pixels are not known; import the recording with --fov HxV or"
+        " --intrinsics, and estimate again\n"
     )
     assert tofmix("surfaces", layers).err == refused.err
 
@@ -80,7 +80,7 @@ def test_the_field_of_view_of_the_command_line_is_the_recordings(tofmix: Tofmix,
     assert tofmix("estimate", tmp_path / "a.h5").code == 0
     done = tofmix("map", tmp_path / "a.layers.h5", "-o", tmp_path / "map.yaml")
     assert done.code == 0, done.err
-    assert "no range_max_mm: samples without a return free no space" in done.err
+    assert "no range_max_mm: samples without a return mark no space as free" in done.err
 
 
 @pytest.mark.parametrize(("units", "mm"), [("mm", 1.0), ("cm", 10.0), ("m", 1000.0)])
@@ -120,7 +120,7 @@ def test_images_are_along_z_and_become_ranges_by_an_ideal_pinhole(tofmix: Tofmix
         tifffile.imwrite(source, flat, photometric="minisblack")
     done = tofmix("import", source, "-o", tmp_path / "a.h5", "--fov", "90x60")
     assert done.code == 0, done.err
-    assert "depths along z made ranges by an ideal pinhole of 90 x 60 degrees" in done.out
+    assert "depths along z converted to ranges by an ideal pinhole of 90 x 60 degrees" in done.out
     assert "--depth-axis ray if they are along the beam" in done.out
     row, col = np.mgrid[0:4, 0:6]
     x, y = (col - 2.5) / 3.0, (row - 1.5) / 2.0 * np.tan(np.radians(30))
@@ -159,7 +159,7 @@ def test_units_and_fill_value_of_a_dataset_are_used_and_the_command_line_overrul
     write_h5(tmp_path / "y.h5", "d", units="counts")
     refused = tofmix("import", tmp_path / "y.h5", "-o", tmp_path / "y_.h5")
     assert refused.code == ExitCode.BAD_INPUT
-    assert "units 'counts' are no length" in refused.err
+    assert "units 'counts' are not a known unit of length" in refused.err
     assert tofmix("import", tmp_path / "y.h5", "-o", tmp_path / "y_.h5", "--scale", 2).code == 0
 
 
@@ -169,7 +169,7 @@ def test_of_several_datasets_one_is_chosen_by_name(tofmix: Tofmix, tmp_path: Pat
         root["a/time"] = np.arange(SHAPE[0]) / 25.0
     refused = tofmix("import", tmp_path / "x.h5", "-o", tmp_path / "r.h5")
     assert refused.code == ExitCode.BAD_INPUT
-    assert "choose with --dataset from: a/depth (60, 4, 6), a/light (60, 4, 6)" in refused.err
+    assert "choose one with --dataset: a/depth (60, 4, 6), a/light (60, 4, 6)" in refused.err
     done = tofmix(
         "import", tmp_path / "x.h5", "-o", tmp_path / "r.h5", "--dataset", "/a/depth", "--amplitude", "a/light"
     )
@@ -240,7 +240,7 @@ def test_a_long_csv_may_name_its_unit_and_count_from_1(tofmix: Tofmix, tmp_path:
     (tmp_path / "a.csv").write_text("frame,row,col,range_m\n1,1,1,1.5\n1,1,2,1.6\n2,1,1,1.7\n2,1,2,-1\n")
     done = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5", "--invalid", -1)
     assert done.code == 0, done.err
-    assert "no row and no column 0: they are taken to count from 1" in done.err
+    assert "rows and columns are taken to start at 1, because none is 0" in done.err
     expected = np.array([[[1500.0, 1600.0]], [[1700.0, np.nan]]])
     np.testing.assert_allclose(read(tmp_path / "r.h5"), expected)
 
@@ -257,8 +257,8 @@ def test_a_long_csv_may_name_its_unit_and_count_from_1(tofmix: Tofmix, tmp_path:
         ("frame,row,range\n0,0,1000\n", (), "its header names no col"),
         ("frame,row,col,depth\n0,0,0,1000\n", (), "its header names no range"),
         ("frame,row,col,range\n", (), "no sample below its header"),
-        ("frame,row,col,range\n0,0.5,0,1000\n", (), "row: 0.5 is no whole number"),
-        ("frame,row,col,range\n0,0,-1,1000\n", (), "col: -1 is no whole number"),
+        ("frame,row,col,range\n0,0.5,0,1000\n", (), "row: 0.5 is not a whole number"),
+        ("frame,row,col,range\n0,0,-1,1000\n", (), "col: -1 is not a whole number"),
         ("frame,row,col,range\n0,0,0,1000\n0,0,0,2000\n", (), "need a column target"),
         ("frame,row,col,range\n0,0,0,1000\n0,0,90000,2000\n", (), "no more than 4096"),
         ("frame,row,col,range\n0,0,0,1000\n0,9,0,2000\n", ("--shape", "4x6"), "outside of --shape 4x6"),

@@ -45,7 +45,7 @@ def test_exported_points_of_a_wall_lie_on_its_plane(tofmix: Tofmix, tmp_path: Pa
     assert done.code == 0, done.err
     assert done.err == ""
     assert (
-        "depths along z made ranges by pinhole fx 125.677 fy 138.311 cx 87.5 cy 71.5 distortion -0.1 0 0 0 0"
+        "depths along z converted to ranges by pinhole fx 125.677 fy 138.311 cx 87.5 cy 71.5 distortion -0.1 0 0 0 0"
         in done.out
     )
     with h5py.File(tmp_path / "wall.h5") as file:
@@ -161,7 +161,10 @@ def test_a_calibration_file_says_where_the_pixels_look(
         (ROS.replace("image_width: 6", "image_width: 640"), "describes 4 x 640 pixels, the depths have 4 x 6"),
         (ROS.replace("image_width: 6", "image_width: six"), "'six' is not a whole number"),
         (ROS.replace("plumb_bob", "equidistant"), "distortion model equidistant is not a pinhole's"),
-        (ROS.replace("0.001, -0.001, 0.0]", "0, 0, 0, 0, 0, 0, 0.1]"), "thin prisms and tilted sensors are not read"),
+        (
+            ROS.replace("0.001, -0.001, 0.0]", "0, 0, 0, 0, 0, 0, 0.1]"),
+            "thin prisms and tilted sensors are not supported",
+        ),
         (ROS.replace("-0.02,", "-2,"), "distortion: it folds"),
         ("!!python/object/apply:os.system ['true']", "cannot be read"),
         ("[" * 10_000, "cannot be read"),

@@ -69,7 +69,9 @@ def test_a_recording_is_for_estimate_and_layers_for_report(tofmix: Tofmix, tmp_p
     for command in (("report",), ("inspect", "--pixel", "1,1"), ("export", "-o", tmp_path / "a.csv")):
         done = tofmix(command[0], recording, *command[1:])
         assert done.code == ExitCode.BAD_INPUT
-        assert done.err == f"tofmix: {recording}: no layers file; if it is a recording: tofmix estimate {recording}\n"
+        assert (
+            done.err == f"tofmix: {recording}: not a layers file; if it is a recording: tofmix estimate {recording}\n"
+        )
     with h5py.File(recording, "a") as root:
         root.attrs["format"], root.attrs["format_version"] = "tofmix-recording", "1.0"
     done = tofmix("report", recording)
@@ -118,4 +120,4 @@ def test_an_only_array_of_four_axes_is_asked_for_its_axes(tofmix: Tofmix, tmp_pa
         root["zones"] = np.ones((9, 2, 3, 4), dtype="u2")
     done = tofmix("import", tmp_path / "a.h5", "-o", tmp_path / "b.h5")
     assert done.code == ExitCode.BAD_INPUT
-    assert "say which axis is which, such as --axes frame,target,row,col" in done.err
+    assert "name the axes, such as --axes frame,target,row,col" in done.err

@@ -117,7 +117,12 @@ def test_layers_that_do_not_say_where_pixels_look_are_refused(tofmix: Tofmix, tm
     refused = tofmix("surfaces", tmp_path / "blind.layers.h5")
     assert refused.code == ExitCode.BAD_INPUT
     assert refused.err.count("\n") == 1
-    for text in ("blind.layers.h5: not known where its pixels look", "import", "--fov HxV", "estimate anew"):
+    for text in (
+        "blind.layers.h5: the directions of its pixels are not known",
+        "import",
+        "--fov HxV",
+        "estimate again",
+    ):
         assert text in refused.err
     assert not (tmp_path / "blind.surfaces.h5").exists()
 
@@ -252,7 +257,7 @@ def test_exports_that_do_not_fit_are_refused(tofmix: Tofmix, three: Path, layers
     before = sorted(tmp_path.iterdir())
     for arguments, code, text in (
         ((three, *out("a.las")), ExitCode.USAGE, "must end in one of .geojson"),
-        ((three, *out("a.png"), "--what", "edges"), ExitCode.USAGE, "--what edges does not go with .png"),
+        ((three, *out("a.png"), "--what", "edges"), ExitCode.USAGE, "--what edges cannot be written as .png"),
         ((three, *out("a.png")), ExitCode.USAGE, "--window"),
         ((three, *out("a.ply"), "--window", 3), ExitCode.USAGE, "windows 0 to 2"),
         ((three, *out("a.ply"), "--layer", 1), ExitCode.USAGE, "--layer does not belong to a surfaces file"),
@@ -261,7 +266,7 @@ def test_exports_that_do_not_fit_are_refused(tofmix: Tofmix, three: Path, layers
         ((three, *out("a.tif"), "--window", 0, "--scale", 0.01), ExitCode.BAD_INPUT, "another --scale"),
         ((layers, *out("a.geojson")), ExitCode.USAGE, f"{layers} has no edges: run tofmix surfaces {layers}"),
         ((layers, *out("a.ply"), "--what", "edges"), ExitCode.USAGE, "tofmix surfaces"),
-        ((layers, *out("a.ply"), "--what", "image"), ExitCode.USAGE, "--what image does not go with .ply"),
+        ((layers, *out("a.ply"), "--what", "image"), ExitCode.USAGE, "--what image cannot be written as .ply"),
     ):
         refused = tofmix("export", *arguments)
         assert refused.code == code, (arguments, refused.err)

@@ -416,10 +416,15 @@ def test_export_content_follows_the_extension_or_the_option(name: str, what: str
     ("name", "what", "known", "text"),
     [
         ("a.las", None, OF_SURFACES, "must end in one of .geojson, .json, .obj, .ply"),
-        ("a.png", "edges", OF_SURFACES, "--what edges does not go with .png; its formats: .geojson, .json, .obj, .ply"),
+        (
+            "a.png",
+            "edges",
+            OF_SURFACES,
+            "--what edges cannot be written as .png; its formats: .geojson, .json, .obj, .ply",
+        ),
         ("a.geojson", "planes", OF_SURFACES, "its formats: .json, .obj"),
         ("a.ply", "edges", OF_LAYERS, "tofmix surfaces"),
-        ("a.ply", "image", OF_LAYERS, "--what image does not go with .ply"),
+        ("a.ply", "image", OF_LAYERS, "--what image cannot be written as .ply"),
         ("a.obj", None, OF_LAYERS, "must end in one of .las"),
     ],
 )

@@ -62,8 +62,8 @@ def test_without_a_projection_the_field_of_view_says_where_pixels_look(
         ({"fx": 0.0}, "fx: 0 is not a finite number above 0"),
         ({"cy": np.nan}, "cy: nan is not a finite number"),
         ({"distortion": [0.1, 0.2]}, "distortion: 2 numbers; expected OpenCV's"),
-        ({"distortion": "none"}, "distortion: expected a few numbers"),
-        ({"distortion": np.zeros(65)}, "distortion: expected a few numbers"),
+        ({"distortion": "none"}, "distortion: expected a short list of numbers"),
+        ({"distortion": np.zeros(65)}, "distortion: expected a short list of numbers"),
     ],
 )
 def test_unfit_attributes_are_refused_by_name(tmp_path: Path, change: dict[str, Any], reason: str) -> None:

@@ -248,7 +248,7 @@ def test_a_changed_byte_in_the_options_is_noticed(path: Path) -> None:
     data = path.read_bytes()
     place = data.index(b'{"factor": 4}') + 11
     path.write_bytes(data[:place] + b"8" + data[place + 1 :])
-    with pytest.raises(BadInputError, match="is damaged: its checksum differs"), open_surfaces(path):
+    with pytest.raises(BadInputError, match="is damaged: their checksum differs"), open_surfaces(path):
         pass
 
 

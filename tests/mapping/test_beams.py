@@ -51,7 +51,7 @@ def test_beams_refuse_invalid_shapes_and_probabilities(make_layers: MakeLayers, 
         beams_from_layers(layers, replace(camera, fov_vertical_deg=None))
     with pytest.raises(ValueError, match="expected an image"):
         beams_from_layers(layers.reshaped((64,)), camera)
-    with pytest.raises(ValueError, match="does not go with range"):
+    with pytest.raises(ValueError, match="does not match range"):
         beams_from_ranges([[1.0, 2.0]], [[1.0]], camera)
 
 

@@ -234,7 +234,7 @@ def test_images_too_small_for_a_plane_are_left_alone(sums: Scene) -> None:
 @pytest.mark.parametrize(("share", "pixels", "text"), [
     (1.0, 2016, "100 % of the samples at edges are phasor sums (2,016 pixels)"),
     (-0.004, 34, "0 % of the samples at edges are phasor sums (34 pixels)"),
-    (float("nan"), 0, "no edge tells"),
+    (float("nan"), 0, "no edge shows"),
 ])  # fmt: skip
 def test_the_law_is_said_in_one_line(share: float, pixels: int, text: str) -> None:
     assert MixingLaw(phasor_share=share, pixels=pixels).words().startswith(text)

@@ -198,7 +198,7 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
             return Geometry(factor=None, sensor=sensor, text=f"depths along the beam, taken as ranges{otherwise}")
         if optics is None:
             raise BadInputError(
-                f"{source}: depths along z become ranges only with a lens: give --intrinsics FX,FY,CX,CY"
+                f"{source}: depths along z need a lens to become ranges: give --intrinsics FX,FY,CX,CY"
                 " or --fov HxV, or --depth-axis ray if they are along the beam"
             )
         factor = ray_factor(optics, shape)
@@ -207,7 +207,7 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     otherwise = "" if axis else " (--depth-axis ray if they are along the beam)"
     by_view = lens.intrinsics is None and lens.view_deg is not None
     how = _in_words(optics, shape, lens.view_deg if by_view else None)
-    return Geometry(factor=factor, sensor=sensor, text=f"depths along z made ranges by {how}{otherwise}")
+    return Geometry(factor=factor, sensor=sensor, text=f"depths along z converted to ranges by {how}{otherwise}")
 
 
 def ray_factor(optics: "Projection", shape: tuple[int, int]) -> "FloatArray":

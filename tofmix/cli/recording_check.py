@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from tofmix.sensor import Sensor
 
 
-_VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate anew"
+_VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate again"
 
 
 def echo(text: str) -> None:
@@ -118,7 +118,7 @@ def check_view(file: "LayersFile") -> None:
     except ValueError as error:
         raise BadInputError(f"{file.path}: sensor: {error}; {_VIEW_REMEDY}") from error
     if optics is None:
-        raise BadInputError(f"{file.path}: not known where its pixels look; {_VIEW_REMEDY}")
+        raise BadInputError(f"{file.path}: the directions of its pixels are not known; {_VIEW_REMEDY}")
 
 
 def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
@@ -135,12 +135,12 @@ def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
 
     if source.shape[1:] != file.shape[1:] or source.frames < int(file.window_stop[-1]):
         raise BadInputError(
-            f"{source.path}: range: shape {source.shape} does not go with {file.path}, which has"
+            f"{source.path}: range: shape {source.shape} does not match {file.path}, which has"
             f" {file.shape[1]} x {file.shape[2]} pixels and windows up to frame {int(file.window_stop[-1])}"
         )
     if file_sha256(source.path) != file.provenance.source_sha256:
         raise BadInputError(
             f"{source.path} is not the recording that {file.path} was made from, {file.provenance.source} of SHA-256"
-            f" {file.provenance.source_sha256[:8]}...; name that one, or estimate this one:"
+            f" {file.provenance.source_sha256[:8]}...; give that one, or estimate this one:"
             f" {next_command('estimate', source.path)}"
         )

@@ -332,7 +332,7 @@ class _Chooser:
         if self.circle_mm is None and sensor.range_max_mm is None and sensor.noise is not None:
             low, high = outlier_interval(sensor, sensor.noise)
             known = sensor.range_min_mm is not None and low == sensor.range_min_mm
-            ends = "range_min_mm to the largest sample" if known else "the least sample to the largest"
+            ends = "range_min_mm to the largest sample" if known else "the smallest sample to the largest"
             self._note(
                 "sensor: no range_max_mm: the share without a return is unknown, and random values spread from"
                 f" {ends}, {low:.0f} to {high:.0f} mm"

@@ -97,7 +97,7 @@ class EstimateOptions:
             if not isinstance(self.counter, Kde):
                 raise ValueError("paper: its algorithm counts by kernel density; leave out the other counter")
             if self.unambiguous_range_mm is not None:
-                raise ValueError("paper: its algorithm knows no wrapped range axis; leave out the unambiguous range")
+                raise ValueError("paper: its algorithm has no wrapped range axis; leave out the unambiguous range")
             for name, value in _OF_PAPER.items():
                 object.__setattr__(self, name, value)
         object.__setattr__(self, "sigma", SigmaMode(self.sigma))

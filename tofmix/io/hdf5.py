@@ -172,7 +172,7 @@ def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> N
         remedy = next_command("surfaces" if (found, kind) == (_LAYERS, _SURFACES) else command, path)
         raise BadInputError(f"{path} is a {what}, not a {_COMMANDS[kind][0]}: {remedy}")
     if found is None and "range" in root and "n_modes" not in root:
-        raise BadInputError(f"{path}: no layers file; if it is a recording: {next_command('estimate', path)}")
+        raise BadInputError(f"{path}: not a layers file; if it is a recording: {next_command('estimate', path)}")
     if found != kind:
         raise BadInputError(f"{path}: expected a {kind} file, its format attribute is {found!r}")
     version = text_attribute(root, "format_version") or ""

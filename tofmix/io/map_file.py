@@ -25,7 +25,7 @@ def map_paths(path: Path) -> tuple[Path, Path]:
         If `path` does not end in .yaml or .yml.
     """
     if path.suffix not in (".yaml", ".yml"):
-        raise UsageError(f"{path}: a map's name ends in .yaml; its image is written beside it, in .pgm")
+        raise UsageError(f"{path}: the name of a map must end in .yaml; its image gets the same name with .pgm")
     return path.with_suffix(".pgm"), path
 
 

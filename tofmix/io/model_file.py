@@ -97,7 +97,7 @@ def _read_map(folder: Path, path: str, shape: tuple[int, int] | None) -> Float32
     if array.dtype.kind != "f":
         raise ValueError(f'"{path}": expected float32, got {array.dtype}')
     if shape is None and array.ndim != _IMAGE_RANK:
-        raise ValueError(f'"{path}": shape {array.shape} is no image')
+        raise ValueError(f'"{path}": shape {array.shape} is not an image (row, col)')
     if shape is not None and array.shape != shape:
         raise ValueError(f'"{path}": shape {array.shape} differs from the image {shape}')
     return array.astype(np.float32)

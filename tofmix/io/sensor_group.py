@@ -118,7 +118,7 @@ def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
             with guard.reading(path, f"sensor/{name}"):
                 arrays[name] = np.asarray(group[name], dtype=np.float64)
         elif name != _PRIOR:
-            raise BadInputError(f"{path}: sensor/{name}: missing; the datasets of learnt noise need each other")
+            raise BadInputError(f"{path}: sensor/{name}: missing; learnt noise needs all its datasets")
     prior = arrays.pop(_PRIOR, None)
     if prior is not None and prior.shape != (2,):
         raise BadInputError(f"{path}: sensor/{_PRIOR}: shape {prior.shape}; two numbers are expected")
@@ -203,7 +203,9 @@ def _read_projection(group: h5py.Group, path: Path) -> Projection | None:
 def _short_list(group: h5py.Group, key: str, path: Path) -> list[float]:
     value = np.asarray(group.attrs[key])
     if value.size > _MOST_COEFFICIENTS or (value.size > 0 and value.dtype.kind not in "iuf"):
-        raise BadInputError(f"{path}: sensor: {key}: expected a few numbers, got {value.dtype} of shape {value.shape}")
+        raise BadInputError(
+            f"{path}: sensor: {key}: expected a short list of numbers, got {value.dtype} of shape {value.shape}"
+        )
     return [float(number) for number in value.ravel()]
 
 
@@ -212,7 +214,7 @@ def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:
     if not present:
         return None
     if len(present) == 1:
-        raise BadInputError(f"{path}: sensor: {present[0]} without its twin; noise_range and noise_sigma go together")
+        raise BadInputError(f"{path}: sensor: {present[0]} alone; noise_range and noise_sigma go together")
     range_mm, sigma_mm = (_numbers(group, name, path) for name in present)
     return NoiseCurve(
         range_mm,
@@ -238,7 +240,7 @@ def _read_shape(group: h5py.Group, path: Path) -> NoiseShape | None:
     if not present:
         return None
     if len(present) < len(_SHAPE):
-        raise BadInputError(f"{path}: sensor: {present[0]} without its twin; {' and '.join(_SHAPE)} go together")
+        raise BadInputError(f"{path}: sensor: {present[0]} alone; {' and '.join(_SHAPE)} go together")
     return NoiseShape(*(_numbers(group, name, path) for name in _SHAPE))
 
 
@@ -275,7 +277,7 @@ def _numbers(group: h5py.Group, name: str, path: Path, *, most: int = _MOST_POIN
     if dataset.dtype.kind not in "iuf":
         raise BadInputError(f"{path}: sensor/{name}: expected numbers, got {dataset.dtype}")
     if dataset.size > most:
-        raise BadInputError(f"{path}: sensor/{name}: shape {dataset.shape}; it has no more than {most} values")
+        raise BadInputError(f"{path}: sensor/{name}: shape {dataset.shape}; expected at most {most} values")
     with guard.reading(path, f"sensor/{name}"):
         return np.asarray(dataset[...], dtype=np.float64)
 

@@ -173,7 +173,7 @@ def beams_from_ranges(range_mm: ArrayLike, n_samples: ArrayLike, sensor: Sensor)
     """
     mean, count = np.asarray(range_mm, dtype=np.float64), np.asarray(n_samples, dtype=np.float64)
     if mean.shape != count.shape:
-        raise ValueError(f"n_samples: shape {count.shape} does not go with range {mean.shape}")
+        raise ValueError(f"n_samples: shape {count.shape} does not match range {mean.shape}")
     known = np.isfinite(mean) & (mean > 0) & (count > 0)
     open_space = known & (mean >= _free_to_mm(sensor))
     surface = known & ~open_space
@@ -209,8 +209,8 @@ def _beams(
     optics = sensor.optics
     if optics is None:
         raise ValueError(
-            "the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg) and no projection, so it is not"
-            " known where its pixels look"
+            "the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg) and no projection, so the"
+            " directions of its pixels are not known"
         )
     rows, cols = samples_no_return.shape
     if isinstance(optics, Equiangular):

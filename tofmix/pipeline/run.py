@@ -251,7 +251,7 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
         missing = grid.count - len(owner)
         if missing:
             raise BadInputError(
-                f"{first}: of the run's {counted(grid.count, 'block')} {missing} in no part; a part is damaged"
+                f"{first}: {missing} of {counted(grid.count, 'block')} are in no part; a part is damaged"
             )
         cells = ((grid.cell(index), owner[index].cell(index)) for index in range(grid.count))
         tally, mixture = assemble(cells, first, header, target, overwrite=overwrite, inputs=tuple(parts))
@@ -265,15 +265,18 @@ def _check_parts(parts: Sequence[Journal]) -> None:
         _grid(part)  # a damaged header is told of under the name of its own file
         if part.header != first.header:
             raise UsageError(
-                f"{part.path}: of another run than {first.path}; it differs in"
+                f"{part.path}: belongs to another run than {first.path}; it differs in"
                 f" {_difference(part, first.header, part.shard)}"
             )
         if part.shard.count != first.shard.count:
             raise UsageError(
-                f"{part.path}: of {counted(part.shard.count, 'part')}, but {first.path} of {first.shard.count}"
+                f"{part.path}: one of {counted(part.shard.count, 'part')}, but {first.path} is one of"
+                f" {first.shard.count}"
             )
         if part.shard.number in seen:
-            raise UsageError(f"{part.path}: part {part.shard.number} again; it is also {seen[part.shard.number].path}")
+            raise UsageError(
+                f"{part.path}: part {part.shard.number} twice; the other is {seen[part.shard.number].path}"
+            )
         seen[part.shard.number] = part
     missing = [str(number) for number in range(1, first.shard.count + 1) if number not in seen]
     if missing:

@@ -109,7 +109,7 @@ def read_sensor(
     sheet = read_sheet(table, base, more_keys=more_keys, read_map=read_map)
     if lacking := sheet.missing():
         keys = ", ".join("noise.range_mm, noise.sigma_mm" if key == "noise" else key for key in lacking)
-        raise table.error(f"missing {keys}; the profile of {sheet.name} does not know them: give them")
+        raise table.error(f"missing {keys}; the profile of {sheet.name} lacks them: give them")
     return sheet.profile()
 
 
@@ -131,7 +131,7 @@ def _projection(table: TomlTable, base: CameraSheet | None) -> Projection | None
     for key in _optics_keys():
         if key in table and key not in own:
             others = " or ".join(f'"{n}"' for n in PROJECTIONS if key in (*number_keys(n), *list_keys(n)))
-            raise table.error(f"does not go with the projection {name}; add projection = {others}", key)
+            raise table.error(f"does not belong to the projection {name}; add projection = {others}", key)
     if name == DEFAULT_PROJECTION:
         return None
     values: dict[str, float | tuple[float, ...]] = {}

@@ -64,8 +64,8 @@ def exposure_times(sensor: SensorProfile) -> tuple[float, ...]:
         )
     if total / tau > MAX_EXPOSURES:
         raise BadInputError(
-            f"[sensor]: integration_time_ms: {tau:g} ms goes into {total:g} ms more than {MAX_EXPOSURES} times; "
-            "raise it, or leave out --averaged"
+            f"[sensor]: integration_time_ms: {tau:g} ms fits into {total:g} ms more than {MAX_EXPOSURES} times;"
+            " raise it, or leave out --averaged"
         )
     whole = math.floor(total / tau + _NEGLIGIBLE)
     rest = total - whole * tau

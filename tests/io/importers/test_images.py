@@ -155,7 +155,7 @@ def test_unknown_kinds_and_options_that_do_not_go_with_one(tmp_path: Path) -> No
         read_source(tmp_path / "none.tif")
     folder = folder_of(tmp_path / "f", images(), ".png")
     for option, name in (("topic", "dataset"), ("camera_info", "camera-info"), ("axes", "axes"), ("shape", "shape")):
-        with pytest.raises(UsageError, match=f"--{name} does not go with"):
+        with pytest.raises(UsageError, match=f"--{name} does not apply to"):
             read_source(folder, **{option: "frame,row,col"})
 
 

@@ -188,7 +188,11 @@ def test_mono16_is_depth_where_it_is_asked_for(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "reason"),
-    [("size", "3 x 6 pixels, the first frame has 4 x 6"), ("type", "first frame has"), ("short", "are no image of")],
+    [
+        ("size", "3 x 6 pixels, the first frame has 4 x 6"),
+        ("type", "first frame has"),
+        ("short", "do not make an image of"),
+    ],
 )
 def test_images_that_differ_are_refused(tmp_path: Path, change: str, reason: str) -> None:
     with new_bag(tmp_path, "mcap") as (bag, path):

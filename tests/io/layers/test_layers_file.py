@@ -171,7 +171,7 @@ def test_a_changed_byte_in_the_options_is_noticed(path: Path) -> None:
     for text in texts:
         place = data.index(text) + len(text) // 2
         path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
-        with pytest.raises(BadInputError, match="is damaged: its checksum differs"), open_layers(path):
+        with pytest.raises(BadInputError, match="is damaged: their checksum differs"), open_layers(path):
             pass
 
 

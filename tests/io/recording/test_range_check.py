@@ -74,7 +74,7 @@ def test_many_zeros_without_fill_are_counted(tmp_path: Path) -> None:
     samples[:25, 1, 1] = 0
     with open_recording(_floats(tmp_path / "many.h5", samples)) as recording:
         (line,) = recording.remarks
-    assert "45 of 2,400 samples looked at are exactly 0" in line
+    assert "45 of 2,400 checked samples are exactly 0" in line
     assert "--invalid 0" in line
     assert "_FillValue" in line
     with open_recording(_floats(tmp_path / "filled.h5", samples, fill=0.0)) as recording:

@@ -162,8 +162,8 @@ def _what_is_missing(source: SampleSource, found: SeriesStatistics, chosen: IntA
         seen = counted(filled, "pixel")
         return f"noise: {seen} with {LEAST_SAMPLES} valid samples or more; at least {LEAST_IN_BIN} are needed"
     return (
-        f"noise: one surface in {counted(chosen.size, 'pixel')}, and nowhere {LEAST_IN_BIN} of them within"
-        f" {100 * WIDE:.0f} % of one range, as measuring it needs"
+        f"noise: {counted(chosen.size, 'pixel')} of one surface; measuring needs {LEAST_IN_BIN} of them within"
+        f" {100 * WIDE:.0f} % of one range"
     )
 
 

@@ -98,7 +98,7 @@ def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]])
     if what is not None and what not in known:
         raise UsageError(f"--what {what} needs a surfaces file, written by tofmix surfaces; this is a layers file")
     if what is not None and what not in fitting:
-        raise UsageError(f"--what {what} does not go with {suffix}; its formats: {', '.join(known[what])}")
+        raise UsageError(f"--what {what} cannot be written as {suffix}; its formats: {', '.join(known[what])}")
     return what or fitting[0]
 
 

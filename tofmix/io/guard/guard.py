@@ -75,7 +75,8 @@ class StructureChecker:
                     reason = f"its structure could not be read within {limit:g} s; given up, the file is damaged"
                 elif code == -signal.SIGKILL:
                     raise StorageError(
-                        f"{what}: the structure checker was killed, perhaps for want of memory; close other programs"
+                        f"{what}: the structure checker was killed, perhaps because memory ran out; close other"
+                        " programs"
                     )
                 elif code < 0:
                     reason = "cannot be read: the HDF5 library crashed on it; the file is damaged"

@@ -141,7 +141,7 @@ def check_dataset(item: h5py.h5d.DatasetID, name: str, file_bytes: int) -> None:
         )
     if declared > ALWAYS_FITS_BYTES and declared > MOST_EXPANSION * file_bytes:
         raise RefusedError(
-            f"{name}: shape {shape} announces {_size(declared)}, the file holds {_size(file_bytes)}; refused"
+            f"{name}: shape {shape} declares {_size(declared)}, the file holds {_size(file_bytes)}; refused"
         )
     if layout == h5py.h5d.CHUNKED:
         _check_filters(plist, value, name)
@@ -157,12 +157,12 @@ def _check_filters(plist: h5py.h5p.PropDCID, value_bytes: int, name: str) -> Non
         if code not in FILTERS:
             raise RefusedError(f"{name}: filter {code} is not one of {', '.join(FILTERS.values())}; refused")
         if FILTERS[code] in _OWN_COUNT and parameters[2:3] != (values,):
-            raise RefusedError(f"{name}: {FILTERS[code]} is set for another number of values than a chunk has; refused")
+            raise RefusedError(f"{name}: {FILTERS[code]} does not match the number of values in a chunk; refused")
     names = [FILTERS[code] for code in codes]
     if "gzip" in names and not set(names[names.index("gzip") + 1 :]) <= {"shuffle", "fletcher32"}:
-        raise RefusedError(f"{name}: packed by gzip and then by another filter; refused")
+        raise RefusedError(f"{name}: compressed by gzip and then by another filter; refused")
     if names.count("lzf") > 1 or ("lzf" in names and values * value_bytes > MOST_LZF_BYTES):
-        raise RefusedError(f"{name}: one chunk, packed by lzf, is over {_size(MOST_LZF_BYTES)}; refused")
+        raise RefusedError(f"{name}: one lzf chunk is over {_size(MOST_LZF_BYTES)}; refused")
 
 
 def _check_chunks(

@@ -68,7 +68,7 @@ def importer_for(path: Path) -> Importer:
         if path.suffix.lower() in importer.suffixes:
             return importer
     if path.suffix.lower() in folder.IMAGE_KINDS:
-        raise UsageError(f"{path} is one image, and a recording is a folder of them: {import_command(path.parent)}")
+        raise UsageError(f"{path} is one image; a recording needs a folder of images: {import_command(path.parent)}")
     known = ", ".join(suffix for importer in IMPORTERS for suffix in importer.suffixes)
     raise UsageError(f"{path}: not a known source; choose a folder of images, a ROS 2 bag, or a file of {known}")
 
@@ -92,7 +92,7 @@ def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
     importer = importer_for(path)
     for name in ("topic", "camera_info", "axes", "shape"):
         if getattr(request, name) is not None and name not in importer.names:
-            raise UsageError(f"--{_OPTIONS.get(name, name)} does not go with {path}")
+            raise UsageError(f"--{_OPTIONS.get(name, name)} does not apply to {path}")
     if request.amplitude is None or "amplitude" in importer.names:
         with importer.open(path, request) as source:
             yield _of_shape(source.check(path), request, path)

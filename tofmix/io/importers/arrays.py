@@ -175,7 +175,7 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
     if _PREFERRED in images:
         return _PREFERRED
     if len(images) != 1:
-        raise BadInputError(f"{path}: cannot tell which array holds the depths; choose with --dataset from: {listed}")
+        raise BadInputError(f"{path}: several arrays may hold the depths; choose one with --dataset: {listed}")
     return images[0]
 
 

@@ -22,11 +22,11 @@ def check_axes(text: str) -> str:
     Raises
     ------
     UsageError
-        If it is no order of frame, row and col, with or without target.
+        If it is not an order of frame, row and col, with or without target.
     """
     names = [name.strip() for name in text.split(",")]
     if len(set(names)) < len(names) or not {"frame", *IMAGE} <= set(names) <= set(_KNOWN):
-        raise UsageError(f"--axes: {text!r} is no order of frame, row and col, with or without target")
+        raise UsageError(f"--axes: {text!r} is not an order of frame, row and col, with or without target")
     return ",".join(names)
 
 
@@ -52,7 +52,7 @@ def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | 
     if len(shape) == _IMAGE_DIMENSIONS:
         if image is not None and shape != image and asked is None:
             if shape[1] != image[0] * image[1]:
-                raise BadInputError(f"{what}: frames of {shape[1]} values are no {image[0]} x {image[1]} pixels")
+                raise BadInputError(f"{what}: frames of {shape[1]} values do not fill {image[0]} x {image[1]} pixels")
             return ("frame", "zone")
         return IMAGE
     if asked is not None:
@@ -61,7 +61,7 @@ def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | 
             raise BadInputError(f"{what}: shape {shape} has {len(shape)} axes, --axes names {len(names)}")
         return names
     if len(shape) == len(_KNOWN):
-        raise BadInputError(f"{what}: shape {shape}: say which axis is which, such as --axes {WITH_TARGETS}")
+        raise BadInputError(f"{what}: shape {shape}: name the axes, such as --axes {WITH_TARGETS}")
     if len(shape) != _STACK_DIMENSIONS:
         raise BadInputError(f"{what}: expected (frame, row, col), got shape {shape}")
     return tuple(FRAMES_FIRST.split(","))

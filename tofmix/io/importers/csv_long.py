@@ -156,7 +156,7 @@ class _Table:
     def _index(self, name: str, values: FloatArray, most: int | None) -> IntArray:
         bad = ~(np.isfinite(values) & (values == np.floor(values)) & (values >= 0) & (values < 2**53))
         if bad.any():
-            raise BadInputError(f"{self.path}: {name}: {values[np.argmax(bad)]:g} is no whole number from 0 on")
+            raise BadInputError(f"{self.path}: {name}: {values[np.argmax(bad)]:g} is not a whole number of at least 0")
         if most is not None and values.max() > most:
             raise BadInputError(f"{self.path}: {name}: {values.max():g}; no more than {most}")
         return values.astype(np.int64)
@@ -220,7 +220,7 @@ class _Samples:
             min(ends.row[0], ends.col[0]) >= 1 and (shape is None or rows >= shape[0] or cols >= shape[1])
         )
         if self._first:
-            self.notes.append(f"{self._path}: no row and no column 0: they are taken to count from 1")
+            self.notes.append(f"{self._path}: rows and columns are taken to start at 1, because none is 0")
         self._pixels = shape or (rows - self._first + 1, cols - self._first + 1)
         if rows - self._first >= self._pixels[0] or cols - self._first >= self._pixels[1]:
             raise BadInputError(
@@ -239,8 +239,8 @@ class _Samples:
         """All lines, by frame."""
         if self._path.stat().st_size > MOST_WHOLE_BYTES:
             raise BadInputError(
-                f"{self._path}: longer than {MOST_WHOLE_BYTES >> 30} GB, and its frames do not ascend, so that it"
-                " must be read whole; sort its lines by frame"
+                f"{self._path}: longer than {MOST_WHOLE_BYTES >> 30} GB, and its frames are not in order; sort its"
+                " lines by frame"
             )
         pieces = list(self._table.pieces())
         if not pieces:
@@ -251,7 +251,7 @@ class _Samples:
     def source(self, unit_mm: float | None) -> FrameSource:
         """The file as a source."""
         return FrameSource(
-            kind="CSV, a sample a line",
+            kind="CSV, one sample a line",
             shape=(self._frames, *self._pixels),
             targets=self._targets,
             dtype=_FLOAT,

@@ -131,7 +131,7 @@ def _wide(
             yield Frame(depth=values.reshape(shape), time_s=time_s)
 
     return FrameSource(
-        kind="CSV, a frame a line",
+        kind="CSV, one frame a line",
         shape=(frames, *shape),
         dtype=_FLOAT,
         frames=images(),

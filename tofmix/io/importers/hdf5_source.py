@@ -42,7 +42,7 @@ def open_hdf5(path: Path, request: Request) -> Iterator[FrameSource]:
 
 def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
     if hdf5.text_attribute(root, "format") == LAYERS_FORMAT:
-        raise BadInputError(f"{path}: layers, which tofmix estimate wrote, not samples: tofmix report {path}")
+        raise BadInputError(f"{path}: a layers file, not a recording: tofmix report {path}")
     with guard.reading(path, "datasets"):
         shapes = _datasets(root)
     name = choose(
@@ -141,7 +141,7 @@ def _unit(dataset: h5py.Dataset, name: str, path: Path, request: Request) -> flo
         return None
     unit = unit_mm_of(text)
     if unit is None:
-        raise BadInputError(f"{path}: {name}: units {text!r} are no length that is known here; give --units or --scale")
+        raise BadInputError(f"{path}: {name}: units {text!r} are not a known unit of length; give --units or --scale")
     return unit
 
 

@@ -120,7 +120,7 @@ class Calibration:
         if any(self.distortion[longest:]):
             raise BadInputError(
                 f"{self.what}: distortion of {len(self.distortion)} numbers: thin prisms and tilted sensors are not"
-                " read"
+                " supported"
             )
         fits = [n for n in DISTORTION_LENGTHS if n >= len(self.distortion[:longest])]
         return (*self.distortion[:longest], *(0.0,) * (fits[0] - len(self.distortion[:longest])))
@@ -167,9 +167,9 @@ def _numbers(values: object, what: str) -> tuple[float, ...]:
     try:
         numbers = tuple(float(value) for value in np.asarray(values, dtype=np.float64).ravel())
     except (TypeError, ValueError):
-        raise BadInputError(f"{what}: a matrix of the camera is not made of numbers") from None
+        raise BadInputError(f"{what}: a camera matrix is not made of numbers") from None
     if not all(math.isfinite(number) for number in numbers):
-        raise BadInputError(f"{what}: a matrix of the camera is not finite")
+        raise BadInputError(f"{what}: a camera matrix is not finite")
     return numbers
 
 

@@ -61,7 +61,7 @@ def _with_axes(shape: tuple[int, ...], request: Request, what: str) -> Request:
     if first == last:
         known = "" if image is None else f" and a sensor of {image[0]} x {image[1]}"
         raise BadInputError(
-            f"{what}: size {shape}{known} {'does' if image is None else 'do'} not tell the order of its axes;"
+            f"{what}: the order of its axes does not follow from size {shape}{known};"
             f" choose --axes {FRAMES_LAST} or --axes {FRAMES_FIRST}"
         )
     return replace(request, axes=FRAMES_FIRST if first else FRAMES_LAST)

@@ -151,7 +151,7 @@ def _decoded(message: Any, what: str, encodings: tuple[str, ...]) -> NDArray[Any
     data = np.asarray(message.data, dtype=np.uint8)
     if min(rows, cols) < 1 or step < cols * dtype.itemsize or data.size < rows * step:
         raise BadInputError(
-            f"{what}: {data.size} bytes are no image of {rows} x {cols} pixels {encoding} in steps of {step}"
+            f"{what}: {data.size} bytes do not make an image of {rows} x {cols} pixels {encoding} in steps of {step}"
         )
     lines = data[: rows * step].reshape(rows, step)[:, : cols * dtype.itemsize]
     return np.ascontiguousarray(lines).view(dtype).astype(dtype.newbyteorder("="))

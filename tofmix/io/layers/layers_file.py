@@ -203,7 +203,7 @@ class LayersFile:
             raise BadInputError(f"{path}: range: shape {shape} holds no layer")
         for name, dataset in self._datasets.items():
             if dataset.shape != shape[: dataset.ndim]:
-                raise BadInputError(f"{path}: {name}: shape {dataset.shape} does not go with range {shape}")
+                raise BadInputError(f"{path}: {name}: shape {dataset.shape} does not match range {shape}")
         self.window_start = _window_bounds(root, "window_start", shape[0], path)
         self.window_stop = _window_bounds(root, "window_stop", shape[0], path)
         self.provenance = read_provenance(root, path)

@@ -112,7 +112,7 @@ def _blocks(recording: FloatRecording) -> Iterator[tuple[slice, slice]]:
 
 
 def unit_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | None:
-    """Doubts about mm, with the remedies; None without a doubt."""
+    """Reason to doubt that ranges are in mm, with the remedies; None without a doubt."""
     if found is None or found.median is None or recording.units is not None:
         return None
     least = recording.sensor.range_min_mm or 0.0
@@ -126,23 +126,23 @@ def unit_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | Non
 
 
 def zeros_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | None:
-    """How many samples are exactly 0 and count as ranges, and how to say otherwise; None where they are few."""
+    """Number of samples that are exactly 0 and count as ranges, with the remedy; None if they are few."""
     if found is None or recording.fill is not None or found.zeros <= ZEROS_SHARE * found.samples:
         return None
     return (
-        f"{found.zeros:,} of {found.samples:,} samples looked at are exactly 0 and taken as ranges of 0 mm; where 0"
+        f"{found.zeros:,} of {found.samples:,} checked samples are exactly 0 and count as ranges of 0 mm; if 0"
         f" means no sample: {import_command(recording.path, '--invalid', '0')}, or set the dataset's attribute"
         " _FillValue to 0"
     )
 
 
 def check_range(recording: FloatRecording) -> tuple[str, ...]:
-    """Refuse ranges that are not in mm, as it seems.
+    """Refuse ranges that are probably not in mm.
 
     Returns
     -------
     tuple of str
-        What the user should know beside, each a line that names the file.
+        Notes for the user, each a line that names the file.
 
     Raises
     ------

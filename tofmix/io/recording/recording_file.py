@@ -332,8 +332,8 @@ def _check_targets(dataset: h5py.Dataset, name: str, path: Path) -> None:
         scales = [Path(dim[0].name).name if len(dim) else "" for dim in dataset.dims]
     if scales != [DIMS[0], TARGET, *DIMS[1:]]:
         raise BadInputError(
-            f"{path}: {name}: got shape {dataset.shape}, four axes, and no scales frame, {TARGET}, row, col say which"
-            f" is which; in their order: {import_command(path, '--axes', ','.join((DIMS[0], TARGET, *DIMS[1:])))}"
+            f"{path}: {name}: got shape {dataset.shape}, four axes without the scales frame, {TARGET}, row,"
+            f" col; if this is their order: {import_command(path, '--axes', ','.join((DIMS[0], TARGET, *DIMS[1:])))}"
         )
     if dataset.shape[1] > MOST_TARGETS:
         raise BadInputError(f"{path}: {name}: {dataset.shape[1]} targets; no more than {MOST_TARGETS}")

@@ -121,7 +121,7 @@ def _check_truth(root: h5py.File, recording: RecordingFile, findings: Findings) 
         what = f"truth/{name}"
         dataset = guard.checked_dataset(root, what, path)
         if dataset.shape[:2] != image or dataset.ndim != (3 if name in ("range_true", "weight_true") else 2):
-            raise BadInputError(f"{path}: {what}: shape {dataset.shape} does not go with range {recording.shape}")
+            raise BadInputError(f"{path}: {what}: shape {dataset.shape} does not match range {recording.shape}")
         check_storage(dataset, what, path, findings, ours=True)
         with guard.reading(path, what):
             arrays[name] = np.asarray(dataset[...])
