@@ -191,7 +191,7 @@ def test_a_sensors_projection_is_of_its_own_image_size(tofmix: Tofmix, tmp_path:
         out = tmp_path / f"{rows}.h5"
         done = tofmix("import", tmp_path / "depth.npy", "-o", out, "--sensor", tmp_path / "camera.toml")
         assert done.code == 0, done.err
-        assert ("projection is not taken" in done.err) != known
+        assert ("projection is not used" in done.err) != known
         assert ("not known: field of view" in done.out) != known
         with h5py.File(out) as file:
             assert ("projection" in file["sensor"].attrs) == known

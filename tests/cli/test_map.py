@@ -101,7 +101,7 @@ def test_map_refuses_options_and_files_with_their_exit_code(tofmix: Tofmix, laye
     out = ("-o", tmp_path / "a.yaml")
     for arguments, code, text in (
         ((layers,), ExitCode.USAGE, "nothing to write"),
-        ((layers, "-o", tmp_path / "a.pgm"), ExitCode.USAGE, "ends in .yaml"),
+        ((layers, "-o", tmp_path / "a.pgm"), ExitCode.USAGE, "must end in .yaml"),
         ((layers, "-o", tmp_path / "old.yaml"), ExitCode.USAGE, "old.pgm exists"),
         ((layers, "--voxels", tmp_path / "a.las"), ExitCode.USAGE, ".ply or .npz"),
         ((layers, *out, "--from", "averaged"), ExitCode.USAGE, "--recording"),

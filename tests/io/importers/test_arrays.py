@@ -103,7 +103,7 @@ def test_the_array_is_chosen_or_the_candidates_are_listed(tmp_path: Path, kind: 
     path = tmp_path / ("a.npz" if kind == "npz" else "a.mat")
     np.savez(path, **held) if kind == "npz" else save(path, kind, **held)
     np.testing.assert_array_equal(depths(path, topic="b", axes=FRAMES_FIRST), samples(seed=4))
-    with pytest.raises(BadInputError, match=r"--dataset from: a \(6, 4, 5\), b \(6, 4, 5\)"):
+    with pytest.raises(BadInputError, match=r"--dataset: a \(6, 4, 5\), b \(6, 4, 5\)"):
         read_source(path, axes=FRAMES_FIRST)
     with pytest.raises(BadInputError, match=r"no array 'c'; it holds: a"):
         read_source(path, topic="c", axes=FRAMES_FIRST)
