@@ -278,7 +278,7 @@ def test_background_with_outliers_above_one_is_refused() -> None:
 def test_explain_says_what_the_noise_is() -> None:
     said = explain(model(PARTS))
     assert "of its own shape, skewness 0.99" in said or "of its own shape, skewness 1" in said
-    assert "its logarithm spread by 0.2" in said
+    assert "a spread of its logarithm of 0.2" in said
     assert "background: 5 % of the samples" in said
     assert "Gaussian" not in said
 

@@ -64,7 +64,7 @@ def test_pictures_show_the_largest_disagreements_and_each_statistic(page: str, e
     shown = {title.split(" against ")[0] for title in curves}
     assert {"bias", "spread", "skew", "tails", "trend", "common mode", "memory"} <= shown
     assert "discreteness against period" in curves
-    assert re.search(rf'alt="{curves[0]}: \d+\.\d times chance before, \d\.\d after"', page) is not None
+    assert re.search(rf'alt="{curves[0]}: \d+\.\d times noise alone before, \d\.\d after"', page) is not None
 
 
 def test_residual_maps_are_drawn_before_and_after(page: str) -> None:

@@ -61,7 +61,7 @@ def test_a_turned_pose_gives_the_cast_of_the_model_with_the_edited_surface(
 
 def test_turn_is_said_only_where_there_is_one() -> None:
     shifted = effect("surface_pose", surface="near", shift_mm=12.0)
-    assert shifted.explain() == '"near" stands +12 mm along its normal from where the model puts it'
+    assert shifted.explain() == '"near" lies +12 mm along its normal from its position in the model'
     turned = effect("surface_pose", surface="near", shift_mm=12.0, pitch_deg=-1.5)
     assert turned.explain() == shifted.explain() + ", turned by -1.5 degrees in pitch"
 

@@ -260,8 +260,8 @@ def _drift_note(provenance: Provenance, *, shown: bool) -> str:
     if not shown or not drifts(provenance):
         return ""
     return (
-        "Where a pixel's ranges drift within the window its samples lie wider than its component; tofmix inspect draws"
-        " the drift."
+        "If the ranges of a pixel drift within the window, its samples spread more than its component; tofmix"
+        " inspect draws the drift."
     )
 
 

@@ -87,7 +87,7 @@ def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme) -> 
     """
     finite = gap_errors[np.isfinite(gap_errors)]
     most = max(_LEAST_ERRORS, 1.3 * tolerance)
-    figure, axes = _curve_axes("range in B less range in A (combined standard errors)", "layers")
+    figure, axes = _curve_axes("range in B minus range in A (combined standard errors)", "layers")
     edges = np.linspace(-most, most, _GAP_BINS + 1)
     counts = np.histogram(finite, edges)[0]
     axes.stairs(counts, edges, baseline=None, color=theme.layers[0], linewidth=1.8, label="layers")

@@ -57,7 +57,7 @@ def _map(mixing: ByteArray) -> ImagePicture:
         title="Kind of mixing",
         alt=f"Kind of mixing in each pixel over the image plane. {said or 'No pixel has a kind'}.",
         shows="Whether a pixel sees one surface; several, one in each sample (events) or all in their sum (phasor); or"
-        " sums of surfaces that cannot be told (undecided).",
+        " sums of surfaces that cannot be determined (undecided).",
         good="Thin lines of one colour along edges, one surface elsewhere.",
         bad="Mixed pixels scattered over plain surfaces; long lines or areas that are undecided.",
         rows=rows,

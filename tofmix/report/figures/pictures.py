@@ -79,8 +79,8 @@ def _range_pictures(layers: Layers, averaged: AveragedImage, scale: tuple[float,
             no_data="no data to average",
             title="Averaged image",
             alt=f"Averaged range over the image plane. {_extent(averaged.range_mm)}",
-            shows=f"One range a pixel, the {averaged.averaging}. The colours are those of the layers beside it;"
-            " open space shows as the end of the range.",
+            shows=f"One range a pixel, the {averaged.averaging}. The colours are those of the layers; open space has"
+            " the largest range.",
             good="Sharp edges between surfaces.",
             bad="Edges with colours in between: ranges without a surface.",
         )

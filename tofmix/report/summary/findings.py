@@ -128,7 +128,7 @@ def sample_findings(*, scatter_over_curve: float | None, drift_sigmas: float | N
         window = int(0.5 * DRIFT_SIGMAS / drift_sigmas * remedy.window_frames)
         text = (
             f"In a quarter of the pixels ranges drift by {drift_sigmas:.1f} sigma or more within the"
-            f" {remedy.window_frames} frames of a window, which can make two layers of one surface."
+            f" {remedy.window_frames} frames of a window, which can split one surface into two layers."
         )
         found.append(Finding(code="drift", text=text, commands=(remedy.shorter(window),)))
     return found
@@ -190,8 +190,9 @@ def count_findings(
         found.append(Finding(code="all_layers_used", text=text, commands=more))
     if close / max(1, pixels) > CLOSE_SHARE:
         text = (
-            f"{100 * close / pixels:.1f} % of the pixels have two layers within {CLOSE_SIGMAS:g} sigma of each other,"
-            " as few scenes have. Drift within a window causes such pairs, and so does noise above the curve."
+            f"{100 * close / pixels:.1f} % of the pixels have two layers within {CLOSE_SIGMAS:g} sigma of each"
+            " other, which is rare in real scenes. Drift within a window causes such pairs, and so does"
+            " noise above the curve."
         )
         commands = tuple(dict.fromkeys((remedy.shorter(), remedy.measure())))
         if remedy.paper:  # its peaks are split by chance alone

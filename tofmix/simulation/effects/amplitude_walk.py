@@ -39,7 +39,9 @@ class AmplitudeWalk(Effect):
     reference_amplitude: float = number(
         "Amplitude at which the bias is `scale_mm`.", unit="1", low=0, high=1e6, low_open=True
     )
-    exponent: float = number("How fast it falls with amplitude.", unit="1", low=0, high=4, default=1, typical=(0.5, 2))
+    exponent: float = number(
+        "Exponent of its decrease with amplitude.", unit="1", low=0, high=4, default=1, typical=(0.5, 2)
+    )
 
     def explain(self) -> str:
         """One sentence."""

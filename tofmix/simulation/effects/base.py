@@ -54,8 +54,8 @@ LEVEL_NAMES = {
 class Target(Enum):
     """The part of the distribution of a pixel's samples that an effect changes most."""
 
-    BIAS = "mean, at all times alike"
-    TREND = "mean, in the course of time"
+    BIAS = "mean, the same at all times"
+    TREND = "mean, changing in time"
     MIXTURE = "shares of several surfaces in one sample"
     SPREAD = "noise"
     VALUES = "values that a sample can have"

@@ -32,13 +32,13 @@ class Dropout(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("invalid",)
 
     probability: float = number(
-        "Share that is lost by chance.", unit="1", low=0, high=1, default=0, zero=0, typical=(0.001, 0.2)
+        "Share of the samples that is lost at random.", unit="1", low=0, high=1, default=0, zero=0, typical=(0.001, 0.2)
     )
     threshold: float = number(
-        "Least amplitude that is valid; 0 for none.", unit="1", low=0, high=1e9, default=0, zero=0, typical=(1, 200)
+        "Smallest valid amplitude; 0 for no limit.", unit="1", low=0, high=1e9, default=0, zero=0, typical=(1, 200)
     )
     threshold_noise: float = number(
-        "Standard deviation of the amplitude that is compared.", unit="1", low=0, high=1e9, default=0
+        "Standard deviation of the noise on the compared amplitude.", unit="1", low=0, high=1e9, default=0
     )
 
     def explain(self) -> str:

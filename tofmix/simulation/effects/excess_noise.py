@@ -28,7 +28,7 @@ class ExcessNoise(Effect):
     target: ClassVar[Target] = Target.SPREAD
     shows_in: ClassVar[tuple[str, ...]] = ("spread", "tails", "skew", "spread_pattern", "memory")
 
-    factor: float = number("Sigma is that many times larger.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3))
+    factor: float = number("Factor on sigma.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3))
 
     def explain(self) -> str:
         """One sentence."""

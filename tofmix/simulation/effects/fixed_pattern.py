@@ -34,8 +34,8 @@ class FixedPattern(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
     latent: ClassVar[Latent] = Latent.PIXEL
     predicts: ClassVar[str] = (
-        "exact for the map, or for what the seed draws; over all patterns it is a random effect that pixels of one "
-        "column or row share"
+        "exact for the map, or for the pattern that the seed draws; over all patterns a random effect that pixels of"
+        " one column or row share"
     )
 
     pixel_sigma_mm: float = number(
@@ -48,7 +48,7 @@ class FixedPattern(Effect):
         "Spread from row to row.", unit="mm", low=0, high=1000, default=0, zero=0, typical=(0.5, 10)
     )
     map: PixelMap | None = pixel_map(  # noqa: RUF009
-        "Bias of each pixel; takes the place of the drawn ones."
+        "Bias of each pixel; replaces the drawn biases."
     )
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:

@@ -48,7 +48,7 @@ class FlyingPixels(Effect):
         """One sentence."""
         return (
             f"in pixels that see several surfaces, or a surface and nothing, {100 * self.probability:g} % of the "
-            "samples are the phasor sum of all, between several surfaces at a range where nothing stands"
+            "samples are the phasor sum of all: between several surfaces, at a range without a surface"
         )
 
     def expect(self, prediction: "Prediction", context: Context) -> "_Mixed":  # noqa: ARG002

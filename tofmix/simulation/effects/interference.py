@@ -38,8 +38,8 @@ class Interference(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("bursts", "common_mode", "spread")
     latent: ClassVar[Latent] = Latent.FRAME
     predicts: ClassVar[str] = (
-        "the marginal is exact, a mixture of disturbed and quiet; that all pixels of a frame are disturbed together, "
-        "in bursts, is a latent state of each frame"
+        "exact for a single sample: a mixture of disturbed and quiet frames. A latent state of each frame disturbs"
+        " all its pixels together, in bursts"
     )
 
     probability: float = number(

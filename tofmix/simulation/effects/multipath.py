@@ -44,7 +44,7 @@ class Multipath(Effect):
         "Amplitude of the second path over that of the first.", unit="1", low=0, high=1, zero=0, typical=(0.02, 0.5)
     )
     extra_path_mm: float = number(
-        "How much longer the second path is in all, there and back.",
+        "Extra length of the second path, there and back.",
         unit="mm",
         low=0,
         high=200_000,
@@ -58,7 +58,7 @@ class Multipath(Effect):
     def explain(self) -> str:
         """One sentence."""
         return (
-            f'"{self.surface}" is also lit by way of another surface: {100 * self.share:g} % more light on a path '
+            f'"{self.surface}" is also lit through another surface: {100 * self.share:g} % more light on a path '
             f"that is {self.extra_path_mm:g} mm longer"
         )
 

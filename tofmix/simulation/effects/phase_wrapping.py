@@ -21,14 +21,14 @@ class PhaseWrapping(Effect):
     kind: ClassVar[str] = "phase_wrapping"
     level: ClassVar[Level] = Level.CORRELATION
     signature: ClassVar[str] = "far samples appear near"
-    typical: ClassVar[str] = "what is beyond c / (2 f), 7.495 m at 20 MHz, seems nearer by that"
+    typical: ClassVar[str] = "surfaces beyond c / (2 f), 7.495 m at 20 MHz, appear nearer by this length"
     basis: ClassVar[str] = "physics"
     target: ClassVar[Target] = Target.VALUES
     exact_law: ClassVar[bool] = True
     averages: ClassVar[bool] = False
 
     unambiguous_range_mm: float = number(
-        "Range at which the phase has turned once; c / (2 f) of the sensor if it is left out.",
+        "Range of one turn of the phase. Default: c / (2 f) of the sensor.",
         unit="mm", low=0, high=1e6, low_open=True, required=False,
     )  # fmt: skip
 
@@ -45,7 +45,7 @@ class PhaseWrapping(Effect):
             if self.unambiguous_range_mm is None
             else f"{self.unambiguous_range_mm:g} mm"
         )
-        return f"ranges fold: what is beyond {shown} appears that much nearer"
+        return f"ranges fold: surfaces beyond {shown} appear nearer by this length"
 
     def act(self, echoes: Echoes, context: Context) -> None:
         """Say where ranges fold; it is done once noise and bias are in."""

@@ -24,7 +24,7 @@ class Quantisation(Effect):
 
     kind: ClassVar[str] = "quantisation"
     level: ClassVar[Level] = Level.READ_OUT
-    signature: ClassVar[str] = "discreteness: ranges on a lattice"
+    signature: ClassVar[str] = "discreteness: ranges are multiples of one step"
     typical: ClassVar[str] = "steps of d_u / 2^b: 1.8, 7.3, 29 mm for 12, 10, 8 bits at 20 MHz"
     basis: ClassVar[str] = "physics"
     target: ClassVar[Target] = Target.VALUES
@@ -32,9 +32,7 @@ class Quantisation(Effect):
     latent: ClassVar[Latent] = Latent.LATTICE
     exact_law: ClassVar[bool] = True
 
-    step_mm: float = number(
-        "Distance of the values; 0 for none.", unit="mm", low=0, high=10_000, zero=0, typical=(2, 60)
-    )
+    step_mm: float = number("Step between values; 0 for none.", unit="mm", low=0, high=10_000, zero=0, typical=(2, 60))
 
     def explain(self) -> str:
         """One sentence."""

@@ -47,7 +47,7 @@ class SurfacePose(Effect):
         turns = (("yaw", self.yaw_deg), ("pitch", self.pitch_deg))
         said = " and ".join(f"{angle:+.4g} degrees in {name}" for name, angle in turns if angle)
         turn = f", turned by {said}" if said else ""
-        return f'"{self.surface}" stands {self.shift_mm:+.4g} mm along its normal from where the model puts it{turn}'
+        return f'"{self.surface}" lies {self.shift_mm:+.4g} mm along its normal from its position in the model{turn}'
 
     def place(self, surface: "Surface", time_s: float) -> "Surface":  # noqa: ARG002
         """Move the surface."""

@@ -33,13 +33,13 @@ class TemporalCorrelation(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("memory", "neighbour_correlation", "common_mode")
     latent: ClassVar[Latent] = Latent.MEMORY
     predicts: ClassVar[str] = (
-        "it changes no marginal distribution; a pixel's next noise, given its last e, is normal around rho e with "
-        "variance 1 - rho^2"
+        "the distribution of single samples stays the same; after an error e, the next error of the pixel is normal"
+        " about rho e with variance 1 - rho^2"
     )
     averages: ClassVar[bool] = False
 
     coefficient: float = number(
-        "rho, the correlation of a frame's noise with the one before.",
+        "rho, the correlation of the noise in consecutive frames.",
         unit="1",
         low=-1,
         high=1,
@@ -51,7 +51,7 @@ class TemporalCorrelation(Effect):
 
     def explain(self) -> str:
         """One sentence."""
-        return f"each pixel's noise remembers the frame before, with a correlation of {self.coefficient:g}"
+        return f"the noise of each pixel correlates with its noise in the frame before, by {self.coefficient:g}"
 
     def colour(self, noise: FloatArray, before: FloatArray) -> FloatArray:
         """One step of the AR(1) process."""

@@ -31,7 +31,7 @@ class Vignetting(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("spread", "tails", "skew", "spread_pattern", "memory")
 
     corner_factor: float = number(
-        "Sigma of the pixel in the image's corner, in that of the axis.",
+        "Sigma in the corner of the image, divided by sigma on the axis.",
         unit="1",
         low=1,
         high=100,

@@ -37,7 +37,7 @@ class Wiggling(Effect):
 
     amplitude_mm: float = number("Largest bias.", unit="mm", low=0, high=1000, zero=0, typical=(3, 60))
     phase_rad: float = number(
-        "Phase of the swing at range 0.", unit="rad", low=-2 * math.pi, high=2 * math.pi, default=0
+        "Phase of the sine at range 0.", unit="rad", low=-2 * math.pi, high=2 * math.pi, default=0
     )
 
     def explain(self) -> str:
