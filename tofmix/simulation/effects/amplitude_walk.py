@@ -1,4 +1,4 @@
-"""A bias that depends on how bright the sample is."""
+"""A bias that depends on the amplitude of a sample."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -16,9 +16,9 @@ _LARGEST_MM = 1.0e5  # beyond any range: amplitude 0 must not give infinity
 class AmplitudeWalk(Effect):
     """Bias ``scale_mm * (reference_amplitude / amplitude) ** exponent``.
 
-    At low signal, charge lags behind in the pixel, and its non-linearity turns the phase: dark targets seem nearer or
-    farther than bright ones at the same range. Some mm to a few cm between black and white targets are reported.
-    The amplitude is that of the light, after all light effects; a bias is limited to 100 m.
+    At low signal, charge lags behind in the pixel, and its non-linearity turns the phase: dark targets appear nearer or
+    farther than bright ones at the same range. Some mm to a few cm between black and white targets are reported. The
+    amplitude is the light's, after all light effects. The bias is limited to 100 m.
 
     References
     ----------

@@ -63,7 +63,7 @@ class Target(Enum):
 
 
 class Latent(Enum):
-    """Which hidden state links samples under an effect, so that they are not independent given its parameters."""
+    """Hidden state that links the samples of an effect: given its parameters, they are not independent."""
 
     NONE = "none"
     FRAME = "a state of each frame"
@@ -74,7 +74,7 @@ class Latent(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Context:
-    """Camera, time and random streams for an effect.
+    """Camera, time and random streams that an effect uses.
 
     Parameters
     ----------
@@ -157,9 +157,9 @@ class EffectTruth:
     values : array
         Of these dimensions.
     unit : str
-        Unit; ``1`` for none.
+        Unit; ``1`` without a dimension.
     long_name : str
-        What it is.
+        Description of the values.
     """
 
     name: str
@@ -176,42 +176,43 @@ class Effect:
     Raises
     ------
     ValueError
-        If a parameter is out of its bounds. The message begins with the key, and has value and bound.
+        If a parameter is out of its bounds. The message names the key, the value and the bound.
 
     Attributes
     ----------
     kind : str
-        Its name in a model.
+        Name in a model file.
     level : Level
-        Where it acts.
+        Level at which it acts.
     signature : str
-        How it shows: against what axis, in which statistic.
+        The statistic that shows it, and over which axis.
     typical : str
         Magnitudes of real cameras.
     basis : str
-        Where they are from: ``physics`` (a formula, held by a test), ``reported`` (literature, recalled and not
+        Source of the magnitudes: ``physics`` (a formula that a test checks), ``reported`` (literature, recalled and not
         checked against a copy), or ``assumed``.
     predicts : str
-        Which part of its action on a pixel's distribution has a closed form, and what stands for the rest.
+        The part of its action on a pixel's distribution that has a closed form, and the approximation of the rest.
     target : Target
-        What it changes most.
+        Property of the distribution that it changes most.
     shows_in : tuple of str
-        Statistics of `tofmix.reconciliation.panel` that it changes, so that it is never named for what shows elsewhere;
-        none for a law that is exact, which needs no such check.
+        Statistics of `tofmix.reconciliation.panel` that it changes. It is never named for a deviation in other
+        statistics. Empty for an exact law, which needs no such check.
     latent : Latent
-        What links samples under it. `reconcile` searches for a kind without a hidden state by its parameters alone.
+        Hidden state that links its samples. `reconcile` searches for a kind without a hidden state by its parameters
+        alone.
     exact_law : bool
-        Whether a camera has its law exactly. Each sample that such an effect explains gains as much as many that are a
-        little off.
+        Whether cameras follow its law exactly. Then a single sample that fits exactly gains as much as many samples
+        that fit roughly.
     changes_in_time : bool
         Whether the distribution of a pixel's samples depends on the time. `reconcile` then predicts it at several times
         of the recording.
     static_partner : str
-        Kind of what is static in an effect that changes in time; empty for none.
+        Kind of the static part of an effect that changes in time; empty for none.
     acts_on_phase : bool
-        Whether a camera without a modulation frequency cannot have it.
+        Whether it needs a camera with a modulation frequency.
     averages : bool
-        Whether it can be simulated in a camera that averages on board.
+        Whether a camera that averages on board can be simulated with it.
     """
 
     kind: ClassVar[str]

@@ -1,4 +1,4 @@
-"""Samples that are lost, by chance or because they are dark."""
+"""Samples that are lost at random, or because they are dark."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 class Dropout(Effect):
     """Samples are invalid with `probability`, and where amplitude plus Gaussian noise falls below `threshold`.
 
-    Cameras mark samples of too little amplitude as invalid: at their default threshold, far or dark surfaces lose
-    some or all of their samples, and what has no return loses all. Lost packets and conflicting read-outs take
-    samples by chance. The amplitude is that of the light, after all light effects. A threshold of 0 is none.
+    Cameras mark samples of low amplitude as invalid. At the default threshold of a camera, far or dark surfaces lose
+    some or all of their samples, and open space loses all. Lost packets and read-out conflicts remove samples at
+    random. The amplitude is the light's, after all light effects. A threshold of 0 removes none.
     """
 
     kind: ClassVar[str] = "dropout"

@@ -14,11 +14,11 @@ from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedPattern(Effect):
-    """Each pixel has its own bias: a sum of a pixel's, its column's and its row's, drawn once a recording, or a map.
+    """Each pixel has a constant bias: the sum of a pixel, a column and a row bias from the seed, or a map.
 
-    Clock lines reach pixels after different delays, column by column, and capacitances differ from pixel to pixel.
-    Some mm are reported after the factory's calibration, some cm without. The pattern is drawn from the recording's
-    seed; a map stays the same whatever the seed, as a camera's own pattern does.
+    Clock lines reach pixels after different delays, column by column, and capacitances differ from pixel to pixel. Some
+    mm are reported after the factory's calibration, some cm without. The pattern is drawn from the recording's seed. A
+    map is independent of the seed, like the pattern of a real camera.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""Light that reaches a surface twice: directly, and by way of another one."""
+"""Light that reaches a surface twice: directly, and through another surface."""
 
 import cmath
 import math
@@ -20,10 +20,10 @@ _LONGEST = 0.95
 class Multipath(Effect):
     """z of one surface becomes z (1 + share exp(i pi extra_path / d_u)).
 
-    Light that bounces off a wall, a floor or a neighbouring board on its way arrives later and makes the surface
-    seem farther: by 44 mm at 20 MHz for 10 % of light on a path 1 m longer. In corners, some cm to some ten cm are
-    reported. One constant share and path for the whole surface: near a real corner both change from pixel to pixel.
-    A path that is longer by a whole turn of the modulation, 15 m at 20 MHz, moves no range: it only looks like noise.
+    Light that is reflected by a wall, a floor or another board on its way arrives later. The surface appears farther:
+    by 44 mm at 20 MHz for 10 % of light on a path 1 m longer. In corners, some cm to some ten cm are reported. Share
+    and path are constant over the surface; near a real corner both vary from pixel to pixel. A path that is longer by a
+    whole turn of the modulation, 15 m at 20 MHz, changes no range, only the noise.
 
     References
     ----------

@@ -13,9 +13,9 @@ from tofmix.simulation.effects.parameter import number
 class PhaseWrapping(Effect):
     """Ranges, noise and bias included, modulo `unambiguous_range_mm`.
 
-    A phase is known up to whole turns: what is beyond d_u = c / (2 f) seems near, and noise carries samples across
-    the turn both ways. This is no error but how such a camera measures. Samples without a return are no
-    measured phases and stay at `range_max_mm`; random values stay too. A range that folds to 0 is stored as 1 mm.
+    A phase is known up to whole turns. Surfaces beyond d_u = c / (2 f) appear near, and noise moves samples across the
+    fold in both directions. This is a property of the measurement, not an error. Samples without a return are not
+    measured phases and stay at `range_max_mm`. Random values stay too. A range that folds to 0 is stored as 1 mm.
     """
 
     kind: ClassVar[str] = "phase_wrapping"

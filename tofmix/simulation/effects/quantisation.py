@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantisation(Effect):
-    """Every range, whatever its event, is rounded to a multiple of `step_mm`, then to whole mm.
+    """Every range, also without a return, is rounded to a multiple of `step_mm`, then to whole mm.
 
-    A phase word of b bits has steps of d_u / 2^b: 1.8 mm for 12 bits at 20 MHz, 7.3 mm for 10, 29 mm for 8. Steps
-    well below sigma add a variance of step^2 / 12 to that of the noise, and no bias. A step of 0 is none.
+    A phase word of b bits has steps of d_u / 2^b: 1.8 mm for 12 bits at 20 MHz, 7.3 mm for 10, 29 mm for 8. Steps well
+    below sigma add a variance of step^2 / 12, and no bias. A step of 0 rounds to whole mm only.
     """
 
     kind: ClassVar[str] = "quantisation"

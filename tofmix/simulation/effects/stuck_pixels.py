@@ -19,10 +19,10 @@ _HIGHEST_MM = 65_534  # the largest range that a recording stores
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StuckPixels(Effect):
-    """A share of the pixels, drawn once a recording, or those of a map, always return one value.
+    """Some pixels always return one value: a share drawn once a recording, or the pixels of a map.
 
-    Defects of the chip: a pixel that is saturated by its dark current, or does not work at all. Makers accept some
-    0.01 to 0.1 %. A stuck pixel returns its value whatever else happens, dropout included.
+    The cause is a defect of the chip: a pixel that its dark current saturates, or that does not work. Makers accept
+    some 0.01 to 0.1 %. No other effect, including dropout, changes the value of a stuck pixel.
     """
 
     kind: ClassVar[str] = "stuck_pixels"

@@ -15,8 +15,8 @@ from tofmix.simulation.effects.parameter import number
 class TemperatureDrift(Effect):
     """Bias ``amplitude_mm * (1 - exp(-t / time_constant_s))``, t the time since the first frame.
 
-    The delay of the light source's driver and of the pixel changes with temperature, and both warm up after
-    power-on. Some mm to some ten mm over 20 to 40 minutes are reported; the time constant is that of the housing.
+    The delay of the light source's driver and of the pixel changes with temperature, and both warm up after power-on.
+    Some mm to some ten mm over 20 to 40 minutes are reported. The time constant is the housing's.
 
     References
     ----------

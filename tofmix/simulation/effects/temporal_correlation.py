@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 class TemporalCorrelation(Effect):
     """Each pixel's standardised noise is AR(1) from frame to frame: e_t = rho e_(t-1) + sqrt(1 - rho^2) w_t.
 
-    Charge that stays behind in the pixel, flicker noise of the read-out, or a filter in the camera's software link a
-    frame to the one before. A software filter reaches 0.5 and more; charge that lags, some 0.01. The memory runs on
-    across changes of surface, lost samples and random values. Where the camera's noise has a shape of its own, this is
-    so of its normal scores. The spread of a sample is unchanged; averages of n
-    frames have a variance larger by about (1 + rho) / (1 - rho).
+    Charge that remains in the pixel, flicker noise of the read-out, or a filter in the camera's software links a frame
+    to the one before. rho is 0.5 and more for a software filter, and some 0.01 for remaining charge. The memory
+    continues across changes of surface, lost samples and random values. If the camera's noise has a shape, the normal
+    scores of the errors are AR(1). The spread of a sample does not change. The variance of averages of n frames
+    increases by about (1 + rho) / (1 - rho).
     """
 
     kind: ClassVar[str] = "temporal_correlation"
