@@ -149,11 +149,11 @@ class Geometry:
     factor : (row, col) float64 or None
         Range along the beam over depth along z; None where depths are ranges.
     sensor : Sensor
-        The camera with where its pixels look, as far as that is known.
+        The camera, with the directions of its pixels if they are known.
     text : str
         The same in words.
     notes : tuple of str
-        What the user should know.
+        Notes for the user.
     """
 
     factor: "FloatArray | None"
@@ -175,9 +175,9 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     sensor : Sensor
         The camera, from ``--sensor`` or the source.
     lens : Lens
-        What was said of the lens.
+        The lens options.
     axis : {"z", "ray"} or None
-        ``--depth-axis``; without it, as the source's kind has it.
+        ``--depth-axis``; without it, the default of the kind of source.
     source : Path
         For messages.
 
@@ -227,7 +227,7 @@ def ray_factor(optics: "Projection", shape: tuple[int, int]) -> "FloatArray":
 def _with_optics(
     frames: "FrameSource", sensor: "Sensor", lens: Lens, source: Path, *, along_z: bool
 ) -> "tuple[Sensor, str]":
-    """The camera with where its pixels look, and who says so."""
+    """The camera with the directions of its pixels, and the source of these."""
     from tofmix.pinhole import Pinhole
 
     rows, cols = frames.shape[1:]

@@ -160,7 +160,7 @@ def map_(
 
 
 def _check_call(output: Path | None, voxels: Path | None, source: str, recording: Path | None) -> tuple[Path, ...]:
-    """Refuse what cannot work before any work is done; return what will be written."""
+    """Refuse impossible options before any work; return the files to write."""
     from tofmix.io.map_file import map_paths
     from tofmix.io.voxel_file import check_voxel_path
 
@@ -252,7 +252,7 @@ def _comment(file: "LayersFile", source: str, recording: Path | None) -> str:
 
 
 def _say(output: Path | None, floor: "FloorMap | None", voxels: Path | None, space: "VoxelMap", as_json: bool) -> None:
-    """Print what was written and how many cells of each state it has."""
+    """Print the name of a written map and its number of cells in each state."""
     from tofmix.mapping.occupancy import State
 
     parts: dict[str, tuple[Path, NDArray[np.uint8]]] = {}

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 
 class _Path(click.Path):
-    """A path that the package checks itself, so that its refusals have their own exit codes."""
+    """A path that the package checks instead of click, for its own exit codes."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401  as click has it
         if not str(value):

@@ -1,4 +1,4 @@
-"""Opening recordings, and whether one goes with a layers file; shared by the commands that read recordings."""
+"""Open recordings, and check that one matches a layers file; shared by the commands that read recordings."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,13 +20,13 @@ _VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimat
 
 
 def echo(text: str) -> None:
-    """Say something on stderr."""
+    """Print a line on stderr."""
     click.echo(f"tofmix: {text}", err=True)
 
 
 @contextmanager
 def opened_recording(path: Path, *, say: Callable[[str], object] = echo) -> Iterator["RecordingFile"]:
-    """Open a recording, and say what is doubtful about it.
+    """Open a recording, and print the doubts about it.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def findings_of_samples(
 
 
 def check_view(file: "LayersFile") -> None:
-    """Refuse a layers file that does not say where its pixels look.
+    """Refuse a layers file without the directions of its pixels.
 
     Raises
     ------

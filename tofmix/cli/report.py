@@ -1,4 +1,4 @@
-"""``tofmix report``: what came out of an estimate, for people and for scripts."""
+"""``tofmix report``: the results of an estimate, for people and for scripts."""
 
 import json
 from contextlib import ExitStack
