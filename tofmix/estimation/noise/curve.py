@@ -1,8 +1,7 @@
 """From the spreads of single-surface series to a curve sigma(r): bins of range, measured, smoothed and joined.
 
-Use it through `noise`. Series come sorted by range. Each bin's sigma is that of its
-single series (`scale`); the bins are then smoothed as far as their scatter
-allows, so that many narrow bins cost nothing where the curve is smooth.
+Use it through `noise`. Series come sorted by range. Each bin's sigma is that of its single series (`scale`); the bins
+are then smoothed according to their scatter, so many narrow bins lose no precision where the curve is smooth.
 """
 
 import math
@@ -17,7 +16,7 @@ from tofmix.estimation.noise.scale import Located, locate
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 
 LEAST_IN_BIN = 20
-"""Fewest series that tell a sigma."""
+"""Fewest series that determine a sigma."""
 
 BIN_TARGET = 60
 """Series of a bin, where there are enough."""
@@ -37,7 +36,7 @@ FILL = 1.15
 """Ratio of neighbouring points of the curve where nothing was seen."""
 
 LEAST_SMOOTHED = 4
-"""Fewest bins that tell how smooth the curve is."""
+"""Fewest bins that determine the smoothness of the curve."""
 
 _ROUGHNESS = np.geomspace(1e-3, 1e5, 33)
 """Variances of the second derivative of log sigma by log range, with the whole range as unit, that are tried."""
@@ -111,10 +110,10 @@ def measure_bins(
 
 
 def smooth(x: FloatArray, y: FloatArray, error: FloatArray) -> FloatArray:
-    """Smooth values with known errors by cubic splines, as far as their own scatter asks for it.
+    """Smooth values with known errors by cubic splines, according to their scatter.
 
     A spline is the mean of a process whose second derivative is white noise. Its variance is integrated out by the
-    restricted likelihood of the values, so that kinks keep values as they are and straight curves pool them.
+    restricted likelihood of the values, so kinks remain, and straight curves pool the values.
 
     Parameters
     ----------
