@@ -1,4 +1,4 @@
-"""The status of a pixel, and what its samples are of: one definition for code, files and documentation."""
+"""The status of a pixel, and its kind of mixing: one definition for code, files and documentation."""
 
 from enum import IntEnum
 
