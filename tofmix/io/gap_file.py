@@ -12,7 +12,7 @@ _NEEDED = {"verdict": str, "effects": list, "gap": dict}
 
 
 def is_gap_folder(path: Path) -> bool:
-    """Whether a folder is what `tofmix reconcile` writes."""
+    """Whether a folder is an output of `tofmix reconcile`."""
     try:
         return (path / GAP).is_file()
     except OSError:
@@ -20,7 +20,7 @@ def is_gap_folder(path: Path) -> bool:
 
 
 def read_gap(folder: Path) -> dict[str, Any]:
-    """Read what `gap.json` of a folder holds.
+    """Read `gap.json` of a folder.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""2-D maps as ROS's map_server reads them: an image (PGM) and a text beside it (YAML).
+"""2-D maps for ROS's map_server: an image (PGM) and a text of the same name (YAML).
 
 See http://wiki.ros.org/map_server, "Map format". Unknown cells are 205; with free_thresh 0.196 that is
 (255 - 205) / 255 = 0.19608, just not free.

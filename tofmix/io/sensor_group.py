@@ -1,4 +1,4 @@
-"""The group `sensor` of recordings, layers and surfaces files: the camera, its noise, and what was learnt of it."""
+"""The group `sensor` of recordings, layers and surfaces files: the camera, its noise, and the learnt noise."""
 
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,7 @@ _LEARNT = {
     "noise_gain_of_one_more": "gain_more",
     "noise_gain_of_first": "gain_first",
 }
-"""Datasets of what a recording taught of its pixels, and the fields of `LearntNoise`."""
+"""Datasets of learnt noise, and the fields of `LearntNoise`."""
 
 _PRIOR, _MEMORY = "noise_background_prior", "noise_memory"
 
@@ -81,7 +81,7 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
 
 
 def _write_noise(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
-    """Write a noise curve, with its law of amplitude and what it has beyond sigma."""
+    """Write a noise curve, with its law of amplitude, shape, widths and background."""
     curve = {"noise_range": (noise.range_mm, "mm"), "noise_sigma": (noise.sigma_mm, "mm")}
     if noise.law is not None:
         curve |= {name: (getattr(noise.law, key), "1") for name, key in _LAW.items()}
@@ -99,7 +99,7 @@ def _write_noise(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -
 
 
 def _write_learnt(group: h5py.Group, learnt: LearntNoise) -> None:
-    """Write what a recording taught of its pixels."""
+    """Write learnt noise."""
     group.attrs[_MEMORY] = float(learnt.memory)
     arrays = {name: np.asarray(getattr(learnt, key)) for name, key in _LEARNT.items()}
     if learnt.background is not None:
@@ -134,7 +134,7 @@ def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
 
 
 def _write_noise_parts(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
-    """Write what a noise curve has beyond sigma: its shape, its widths, its background."""
+    """Write the shape, widths and background of a noise curve."""
     if noise.shape is not None:
         for name, key in _SHAPE.items():
             values = getattr(noise.shape, key)

@@ -1,4 +1,4 @@
-"""Surfaces files (`*.surfaces.h5`): what `tofmix surfaces` writes.
+"""Surfaces files (`*.surfaces.h5`), written by `tofmix surfaces`.
 
 `FIELDS` is the one list of datasets. Surfaces and lines are numbered within the file. The same surfaces and the same
 provenance give the same bytes.
@@ -37,7 +37,7 @@ MOST_POINTS_A_PIXEL = 64
 """Points of edges for each pixel, on average over a file: beyond it, they are no edges. A thin bar has four."""
 
 _CHUNK_BYTES = 1 << 20
-"""A stored chunk takes about this much, so that a reader who wants a few rows unpacks little."""
+"""Approximate bytes of a stored chunk: a reader of a few rows unpacks little."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,7 +115,7 @@ class SurfacesWriter:
     factor : int
         Parts along each side of a pixel.
     provenance : SurfacesProvenance
-        What the surfaces are made from and with.
+        Source and options of the surfaces.
     overwrite, inputs
         As for `AtomicFile`.
 
@@ -205,7 +205,7 @@ class SurfacesWriter:
         self._file.check()
 
     def _write_rest(self) -> None:
-        """Write what is known when all windows are: planes and edges."""
+        """Write planes and edges after all windows."""
         if len(self._found) != self._dims["window"]:
             raise RuntimeError(f"{counted(len(self._found), 'window')} written of {self._dims['window']}")
         self._dims["surface_index"] = self._surfaces

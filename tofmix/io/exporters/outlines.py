@@ -27,7 +27,7 @@ is half a part. Longer steps, of nearly level borders, stay: triangles as large 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outline:
-    """Polygons of one surface in the image; holes are what other surfaces hide.
+    """Polygons of one surface in the image; holes are the parts that other surfaces hide.
 
     Parameters
     ----------

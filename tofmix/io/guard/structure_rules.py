@@ -1,9 +1,8 @@
 """Rules on the structure of an HDF5 file, applied before a byte of data is read.
 
 A file's header may claim anything: data that lie in other files, petabytes, a chunk of many gigabytes.
-`check_structure` goes over every object and refuses what would leave the file or take memory without bound. It belongs
-in a process that may hang or crash, for the library itself does so on some damaged files: `guard` sees to
-that.
+`check_structure` checks every object, and refuses those that refer to other files or need memory without bound. It
+belongs in a process that may hang or crash, for the library itself does so on some damaged files: `guard` sees to that.
 """
 
 import math
@@ -44,7 +43,7 @@ MOST_ATTRIBUTES = 1000  # of one object
 MOST_ATTRIBUTE_BYTES = 16 << 20  # of one attribute
 
 FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 4: "szip", 5: "nbit", 6: "scaleoffset", 32000: "lzf"}
-"""Filters that may be asked for, by their numbers: those of the library, none that is loaded from a path."""
+"""Accepted filters by their numbers: those of the library, none that is loaded from a path."""
 
 MOST_LZF_BYTES = 16 << 20
 """A chunk packed by lzf: its unpacking cannot be checked beforehand, and it grows by 90 at most."""
@@ -76,7 +75,7 @@ def check_structure(root: h5py.File, file_bytes: int) -> None:
     RefusedError
         If it breaks one.
     OSError, RuntimeError, KeyError, ValueError, MemoryError
-        What the library makes of a damaged file.
+        From the library, for a damaged file.
     """
     _check_attributes(root, "the file")
     for name, item in _objects(root):

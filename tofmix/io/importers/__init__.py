@@ -1,8 +1,7 @@
 """Recordings from other programs' files: one file a kind of source, one line each here.
 
-`open_source` recognises a source by its name, or by what a folder holds. Frames
-come one by one, so that a recording of any length fits in memory; where a kind
-cannot be read in parts, its module says so.
+`open_source` recognises a source by its name, or by the content of a folder. Frames come one by one, so that a
+recording of any length fits in memory; the module of a kind says if it cannot be read in parts.
 """
 
 from collections.abc import Callable, Iterator
@@ -53,7 +52,7 @@ def importer_for(path: Path) -> Importer:
     BadInputError
         If there is no such file or folder, or the file is empty.
     UsageError
-        If its name says no known kind.
+        If its name is of no known kind.
     """
     try:
         is_folder = path.is_dir()
@@ -74,7 +73,7 @@ def importer_for(path: Path) -> Importer:
 
 
 def is_importable(path: Path) -> bool:
-    """Whether a file's name says that it is a source."""
+    """Whether a file is a source by its name."""
     return any(path.suffix.lower() in importer.suffixes for importer in IMPORTERS)
 
 
@@ -87,7 +86,7 @@ def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
     BadInputError
         If it is missing, damaged, or holds nothing that fits.
     UsageError
-        If it is of no known kind, an option does not go with its kind, or a library is missing.
+        If it is of no known kind, an option does not apply to its kind, or a library is missing.
     """
     importer = importer_for(path)
     for name in ("topic", "camera_info", "axes", "shape"):
@@ -104,7 +103,7 @@ def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
 
 
 def _of_shape(source: FrameSource, request: Request, path: Path) -> FrameSource:
-    """Return the source itself; `UsageError` if its images have a shape of their own, and another one is asked for."""
+    """Return the source; raise `UsageError` if another shape than that of its images is requested."""
     rows, cols = source.shape[1:]
     if request.shape not in (None, (rows, cols)):
         asked = "{}x{}".format(*request.shape)

@@ -1,4 +1,4 @@
-"""Orders of axes: what an array of a file is, and how it becomes a stack of images."""
+"""Orders of axes: their names in an array of a file, and its conversion to a stack of images."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ _IMAGE_DIMENSIONS, _STACK_DIMENSIONS = 2, 3  # of an image, and of a stack of im
 
 
 def check_axes(text: str) -> str:
-    """The order of axes as it was asked for, without blanks.
+    """The requested order of axes, without blanks.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | 
     shape : tuple of int
         The array's.
     asked : str, optional
-        What `check_axes` returned.
+        Result of `check_axes`.
     image : (int, int), optional
         Rows and columns, where the zones of a frame lie in one axis; the axis is then ``zone``.
     what : object
@@ -47,7 +47,7 @@ def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | 
     Raises
     ------
     BadInputError
-        If the array has another number of axes, or they cannot be told.
+        If the array has another number of axes, or their order is not determined.
     """
     if len(shape) == _IMAGE_DIMENSIONS:
         if image is not None and shape != image and asked is None:

@@ -1,8 +1,8 @@
 """CSV with a sample a line: the header names `frame`, `row`, `col` and `range`.
 
-And perhaps `target`, `amplitude` and `time` (s), in any order and beside others. Rows, columns and targets count from
-0; from 1 where no 0 is there (of rows and columns alike). Where the frames ascend, the file is read twice in pieces:
-once for its sizes, once for its samples. Where they do not, it is read whole, and sorted.
+Optional columns are `target`, `amplitude` and `time` (s). Columns may be in any order, with others. Rows, columns and
+targets count from 0; from 1 if no 0 occurs (in neither rows nor columns). Where the frames ascend, the file is read
+twice in pieces: once for its sizes, once for its samples. Where they do not, it is read whole, and sorted.
 """
 
 import math
@@ -44,11 +44,11 @@ def open_long(
     path : Path
         The file.
     names : list of str
-        What its header names, in lower case.
+        Names in its header, in lower case.
     delimiter : str, optional
-        What parts cells; blanks without it.
+        Separator of cells; blanks without it.
     shape : (int, int), optional
-        Rows and columns; as the samples say without it.
+        Rows and columns; without it, from the samples.
     unit_mm : float, optional
         mm of the unit that was asked for; it must not contradict the header.
 

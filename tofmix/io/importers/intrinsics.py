@@ -1,8 +1,7 @@
 """Intrinsics of a camera as ROS has them: `sensor_msgs/CameraInfo` of bags, and calibration files in YAML.
 
-`Calibration.pinhole` makes of either what a recording has: the pinhole of the images that
-are imported. The rules are those of ROS's `image_geometry`: what holds at full resolution
-is moved by the region of interest, then divided by the binning.
+`Calibration.pinhole` converts either to the pinhole of the imported images. The rules are those of ROS's
+`image_geometry`: values of full resolution are shifted by the region of interest, then divided by the binning.
 """
 
 import math
@@ -33,9 +32,9 @@ class Calibration:
     Parameters
     ----------
     what : str
-        Where it is from, for messages.
+        Its source, for messages.
     image : (int, int) or None
-        Rows and columns at full resolution; None if they are not said.
+        Rows and columns at full resolution; None if unknown.
     matrix : tuple of float
         K, 3 x 3 in rows: of images as the lens makes them.
     distortion : tuple of float
@@ -208,7 +207,7 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def _parse(text: str) -> Any:  # noqa: ANN401  what YAML holds
-    """Plain values of YAML, without what OpenCV adds to it: its own first line and the tag of its matrices."""
+    """Plain YAML, without OpenCV's additions: its first line and the tag of its matrices."""
     yaml = need("yaml", extra="ros", what="a calibration in YAML")
     first, _, rest = text.partition("\n")
     return yaml.safe_load((rest if first.startswith("%YAML:") else text).replace("!!opencv-matrix", ""))

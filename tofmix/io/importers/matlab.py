@@ -1,8 +1,7 @@
 """MATLAB's .mat: up to version 7 by SciPy, version 7.3 as the HDF5 file that it is.
 
-MATLAB's own order is (row, col, frame). Version 7.3 is read frame by frame; it
-stores its axes reversed, which is undone here. Up to version 7 an array is unpacked
-into the temporary folder by a process of its own, which a damaged file may crash.
+MATLAB's own order is (row, col, frame). Version 7.3 is read frame by frame; it stores its axes reversed, which is
+undone here. Up to version 7 a separate process unpacks an array into the temporary folder; a damaged file may crash it.
 """
 
 import json
@@ -42,7 +41,8 @@ def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
     Raises
     ------
     BadInputError
-        If it is damaged, holds no fitting array or several, its axes cannot be told, or arrays do not go together.
+        If it is damaged, holds no fitting array or several, the order of its axes is not determined, or arrays do not
+        match.
     """
     if guard.is_hdf5(path):
         with guard.open_for_reading(path) as root:
@@ -53,7 +53,7 @@ def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
 
 
 def _with_axes(shape: tuple[int, ...], request: Request, what: str) -> Request:
-    """Tell the order of the axes, given in MATLAB's view, by the sensor's image where nobody says."""
+    """Determine the order of the axes, in MATLAB's view; from the sensor's image if it is not given."""
     image = request.image or request.shape
     if request.axes is not None or len(shape) != _DIMENSIONS:
         return request

@@ -1,8 +1,8 @@
-"""Whether the ranges of a recording are what they seem: mm, and zeros that are ranges.
+"""Checks on the ranges of a recording: that they are in mm, and that zeros are ranges.
 
-A float dataset says neither by itself. Without the attribute `units`, values of a few units are metres more likely than
-mm; without `_FillValue`, exact zeros are ranges by the contract, and lost samples more likely. Both are looked at in a
-few blocks, so that a long recording is not read twice: the same blocks whenever the same file is opened.
+A float dataset does not show this. Without the attribute `units`, values of a few units are metres more likely than mm;
+without `_FillValue`, exact zeros are ranges by the contract, and lost samples more likely. Both are checked in a few
+blocks, so that a long recording is not read twice; a file always has the same blocks.
 """
 
 from collections.abc import Iterator
@@ -52,7 +52,7 @@ class FloatRecording(Protocol):
 
     @property
     def fill(self) -> float | None:
-        """Value of invalid samples beside NaN."""
+        """Value of invalid samples in addition to NaN."""
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples, mm, NaN where invalid."""

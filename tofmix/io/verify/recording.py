@@ -27,10 +27,7 @@ def verify_recording(root: h5py.File, recording: RecordingFile, findings: Findin
         The file.
     recording : RecordingFile
         The recording in it.
-    findings : Findings
-        What is found goes there.
-    ours : bool
-        Whether the file says that it is of the tofmix format.
+    findings : Findings Receives the findings. ours : bool Whether the file is marked as of the tofmix format.
     """
     for name in ("range", *_UNITS):
         with guard.reading(recording.path, name):
