@@ -1,11 +1,11 @@
 """Fitting of edges to the shares of the pixels along them. Compiled.
 
 The share of a surface in a pixel is the area that it covers there. An edge is fitted to the shares of a run of pixels
-on both sides of the pixel it is asked for: a straight line, an arc, or two parallel lines (a bar). The run grows pixel
-by pixel as long as the shares agree with it. No pixel's own share is held; all are weighed.
+on both sides of the wanted pixel: a straight line, an arc, or two parallel lines (a bar). The run grows pixel by pixel
+as long as the shares agree with it. No pixel's own share is held; all are weighed.
 
 Places are in a pixel's own plane: (x, y), down and to the right of its centre, in pixels of it, where the rays of
-others meet it. A straight edge in space is a straight line there, whatever the camera's projection.
+others meet it. A straight edge in space is a straight line there, for any projection of the camera.
 """
 
 import math
@@ -62,8 +62,8 @@ COLUMNS = 13
 # Columns of a fit.
 KIND, ANGLE, OFFSET, THIRD, BACK, AHEAD, VAR_ANGLE, COV_ANGLE, VAR_OFFSET, VAR_THIRD, WORTH = range(11)
 FIT_COLUMNS = 11
-"""What a fit is: its kind; angle of n from the rows' axis, rad; c, pixels; curvature or second offset; run behind and
-ahead, pixels; variances; 1 if the fit agrees with its run."""
+"""Columns of a fit: its kind; angle of n from the rows' axis, rad; c, pixels; curvature or second offset; run behind
+and ahead, pixels; variances; 1 if the fit agrees with its run."""
 
 
 @borrowing
@@ -71,10 +71,10 @@ def share_of(
     label: int, row: int, col: int, count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray,
     up_to: FloatArray, planes: FloatArray, directions: FloatArray,
 ) -> float:  # fmt: skip
-    """Share (0 to 1) that a surface and all nearer ones have in a pixel; -1 if the pixel does not tell.
+    """Share (0 to 1) that a surface and all nearer ones have in a pixel; -1 if unknown.
 
-    A pixel without the surface shows 0 where all that it sees is farther than the surface's plane; what is nearer
-    hides it.
+    In a pixel without the surface the share is 0 if all its surfaces are farther than the surface's plane; nearer
+    surfaces hide it.
     """
     entries = count[row, col]
     if entries == 0:
@@ -152,7 +152,8 @@ def _mean_square(
 ) -> float:  # fmt: skip
     """Mean square distance, along an edge's tangent in a pixel, from the place where it touches: of the part inside.
 
-    Half of it times the curvature is how far the arc lies from the tangent on average, and so what it covers less.
+    Half of it times the curvature is the mean distance of the arc from the tangent, and so the area that the arc covers
+    less.
     """
     chord(a, b, c, place)
     if place[0] == 0.0:
@@ -187,7 +188,7 @@ def _variance(share: float, pixel: FloatArray, bend: float) -> float:
 def _is_of_run(
     kind: int, fit: FloatArray, down: float, right: float, pixel: FloatArray, back: float, ahead: float
 ) -> bool:  # fmt: skip
-    """Whether a collected pixel lies beside the edge of normal (down, right), not farther along it than the run."""
+    """Whether a collected pixel lies at the edge of normal (down, right), not farther along it than the run."""
     along = -right * pixel[_X] + down * pixel[_Y]
     if along < -back - 0.5 or along > ahead + 0.5:
         return False
@@ -387,7 +388,7 @@ def _collect(
     directions: FloatArray, rays: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
     nearer: FloatArray, frame: FloatArray, pixels: FloatArray,
 ) -> int:  # fmt: skip
-    """Fill `pixels` with those around (row, col) that tell the share of a surface; return how many.
+    """Fill `pixels` with those around (row, col) with a known share of a surface; return their number.
 
     The pixel itself comes first. `rays` is (row, col, 3, 3): the ray of the centre, and its change down and across;
     `frame` (3, 3) is filled with the rows that give x, y and 1 of a ray in the pixel's own plane.
@@ -559,7 +560,7 @@ def fit_edges(
     fits : (cut, FIT_COLUMNS) float64
         The fits, filled; `WORTH` is 0 where none agrees with the shares.
     nearer : (cut, FIT_COLUMNS) float64
-        Fits of the cuts that are nearer in their pixels than these, made before; 0 where there is none.
+        Fits of the cuts that are nearer in their pixels than these, made before; 0 for none.
     first_cut, next_cut
         The first cut of each pixel (row, col), and the next one of each cut's pixel; -1: none.
     rows, cols, cut_labels : (cut,) int32

@@ -81,8 +81,8 @@ def _numbered(label: NDArray[np.int32]) -> NDArray[np.int32]:
 def _joined(planes: FloatArray, covariances: FloatArray, sizes: FloatArray) -> NDArray[np.int32]:
     """New number of each surface: pieces of one plane, such as a wall behind slats, get that of the largest.
 
-    Two pieces are joined if their planes agree within their errors, and if this is more than chance: the density of the
-    difference at 0 beside that of any other plane, one that faces any way at any range.
+    Two pieces are joined if their planes agree within their errors, and if this is unlikely by chance: the density of
+    the difference at 0, compared with that for a plane of any direction and range.
     """
     new = np.arange(len(planes), dtype=np.int32)
     big = int((sizes >= _LEAST_PIECE).sum())  # by size, the largest first
@@ -97,7 +97,7 @@ def _joined(planes: FloatArray, covariances: FloatArray, sizes: FloatArray) -> N
 def _odds(
     plane: FloatArray, covariance: FloatArray, size: float, planes: FloatArray, covariances: FloatArray
 ) -> FloatArray:  # fmt: skip
-    """Odds (whole,) that a piece is of each of the planes and not of one of its own."""
+    """Odds (whole,) that a piece belongs to each of the planes and not to a separate one."""
     both = covariances + covariance
     miss = planes - plane
     squared = (miss * np.linalg.solve(both, miss[..., np.newaxis])[..., 0]).sum(axis=-1)

@@ -1,10 +1,10 @@
-"""Errors of edges whose shares are unmixed: what the errors of shares along a run have in common.
+"""Errors of edges of unmixed shares: the common part of the errors along a run.
 
-Shares that are counts are independent of each other. Those of phasor sums are not: a pixel's share rests on the
-phasors of the two surfaces beside it, and the pixels next to it rest on nearly the same ones. Fits take shares for
-independent, so their variances are too small. A fit cannot see what its whole run has in common; it follows from the
-windows in which unmixing measures a surface. What runs scatter beyond their errors is seen. It is of the edge, which
-is not as straight or as round as the fit, and so in common too.
+Shares that are counts are independent of each other. Those of phasor sums are not: a pixel's share depends on the
+phasors of its two neighbouring surfaces, and the next pixels depend on nearly the same ones. Fits take shares for
+independent, so their variances are too small. A fit cannot show an error that its whole run has in common; it follows
+from the windows in which unmixing measures a surface. The scatter of runs beyond their errors is measured. It is of the
+edge, which is not as straight or as round as the fit, and so in common too.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ from tofmix.surfaces.edge_fit import (
 from tofmix.surfaces.shares import Shares
 
 _SHARED = 0.25
-"""Part of a share's variance that comes from the phasors of the surfaces beside its pixel.
+"""Part of a share's variance from the phasors of the neighbouring surfaces.
 
 A surface is fitted in half a window of 9 x 9 pixels, its light with a weight that falls with a standard deviation of 2
 pixels. That is some 12 to 25 pixels, and the fit is continued from their middle to the pixel: its variance is 0.1 to
