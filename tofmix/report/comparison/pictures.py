@@ -1,4 +1,4 @@
-"""The pictures of a comparison of two windows, each with the words that go with it."""
+"""The pictures of a comparison of two windows, each with its text."""
 
 import numpy as np
 

@@ -1,7 +1,6 @@
 """Data of the page's explorer: every pixel of some windows, packed, and the settings of its script.
 
-The script reads what `explorer_json` writes. For one pixel in the terminal use
-`tofmix.report.pixels.pixels`.
+The script reads the output of `explorer_json`. For one pixel in the terminal use `tofmix.report.pixels.pixels`.
 """
 
 import json
@@ -32,7 +31,7 @@ LARGEST_IMAGE = 400_000
 """Pixels beyond which a page has no explorer."""
 
 MOST_TEXT = 2_400_000
-"""Characters of the data, so that a page of one full image stays below 3 MB with its pictures."""
+"""Most characters of the data: a page of one full image with pictures stays below 3 MB."""
 
 LEAST_SAMPLE_TEXT = 200_000
 """Characters that samples may take however much the layers take."""
@@ -84,7 +83,7 @@ def make_explorer(
     layers_file : LayersSource
         The file.
     recording : SampleSource, optional
-        What the layers were made from; without it there are no samples.
+        Source of the layers; without it there are no samples.
     window : int
         The window shown first.
     layers, averaged : Layers, AveragedImage

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 
 NOT_KNOWN = -(2**31)
-"""Stands for NaN and infinity."""
+"""Code for NaN and infinity."""
 
 _MOST = 2**31 - 1  # of int32
 _BYTES = 4  # of int32

@@ -14,7 +14,7 @@ from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
 SHOWN_LAYERS = len(LAYER_LINES)
-"""Layers that are drawn each for itself; more cannot be told apart."""
+"""Most layers that are drawn separately; more are not distinguishable."""
 
 _HISTOGRAM_INCH = (5.0, 3.3)  # width and height
 _RANGE_BINS, _WEIGHT_BINS, _SIGMA_BINS, _GAP_BINS = 80, 25, 70, 60  # bins along each axis

@@ -1,4 +1,4 @@
-"""The page's part about mixing: which law holds, in words, and a map of what each pixel's samples are of."""
+"""The mixing part of the page: the share of phasor sums in words, and a map of the kind of mixing in each pixel."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ class MixingPart:
 
 
 def draw_mixing(mixing: ByteArray, numbers: MixingNumbers) -> MixingPart:
-    """Draw what the samples of the pixels of a window are of.
+    """Draw the kind of mixing of each pixel of a window.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Pictures of learnt noise: the curve with the pixels around it, the shape beside the Gaussian, the pixels' widths."""
+"""Pictures of learnt noise: the curve with single pixels, the shape with the Gaussian, and the widths of the pixels."""
 
 import math
 
@@ -61,7 +61,7 @@ def curve_figure(curve: NoiseCurve, singles: SinglePixels, *, theme: Theme) -> F
 
 
 def shape_figure(shape: NoiseShape, singles: SinglePixels, *, theme: Theme) -> Figure:
-    """Draw the learnt density of the error beside the Gaussian's, on a logarithmic axis, and what samples show."""
+    """Draw the learnt density of the error, the Gaussian and the samples, on a logarithmic axis."""
     figure, axes = _axes("error (sigma)", "density (1/sigma)")
     low, high = _reach(shape)
     z = np.linspace(low, high, _PLACES)

@@ -17,7 +17,7 @@ from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
 _SHARE_STEPS = (0.01, 0.02, 0.04, 0.08, 0.12, 0.16, 0.2, 0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
-"""Ends of the colours of a background map, whose quarters are round; shares below 1 % are not told from none."""
+"""Ends of the colours of a background map, with round quarters; shares below 1 % look like none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

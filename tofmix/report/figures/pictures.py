@@ -1,4 +1,4 @@
-"""The pictures of one window, each with the words that go with it."""
+"""The pictures of one window, each with its text."""
 
 from dataclasses import dataclass
 
@@ -135,7 +135,7 @@ _LAYER_WORDS: dict[int, dict[str, str]] = {
 
 
 def _extent(range_mm: FloatArray) -> str:
-    """Say in a sentence what an image holds."""
+    """Describe the content of an image in one sentence."""
     finite = range_mm[np.isfinite(range_mm)]
     if finite.size == 0:
         return "No pixel has data."

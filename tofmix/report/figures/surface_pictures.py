@@ -15,7 +15,7 @@ from tofmix.surfaces.found import Edges, WindowSurfaces
 from tofmix.wording import counted
 
 _COLOURS = "tab20"
-"""Map of colours that tell surfaces apart; they come again after the last."""
+"""Colours of different surfaces; they repeat after the last."""
 
 _MOST_NAMED = 8
 """Surfaces in the legend: the largest."""

@@ -1,4 +1,4 @@
-"""Pictures of a reconciliation: statistics against their axes before and after, and maps of what is left."""
+"""Pictures of a reconciliation: statistics over their axes before and after, and maps of the residuals."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple

@@ -8,7 +8,7 @@ from tofmix.report.pixels.pixels import GrowingDensity, PixelView
 from tofmix.wording import counted
 
 _COUNTED_ALONE = (None, *(mixing_name(kind) for kind in (Mixing.ONE_SURFACE, Mixing.EVENTS)))
-"""What the samples are of where a pixel's surfaces were counted by its own samples alone."""
+"""Kinds of mixing in which the samples of the pixel alone gave its surfaces."""
 
 
 def format_pixels(views: list[PixelView], chosen: int) -> str:
@@ -18,7 +18,7 @@ def format_pixels(views: list[PixelView], chosen: int) -> str:
 
 
 def why_layers_stand(views: list[PixelView], options: Mapping[str, str | float]) -> str | None:
-    """Say by what probability a layer was kept; None where surfaces were not counted by likelihood.
+    """Text on the probability of kept layers; None if surfaces were not counted by likelihood.
 
     Parameters
     ----------

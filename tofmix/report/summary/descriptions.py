@@ -1,7 +1,7 @@
 """Descriptions of files for `tofmix info`: sizes, units, options, camera, and warnings.
 
 Use `describe_recording`, `describe_layers`, `describe_surfaces` or `describe_model`. Headers are read, not samples; of
-layers also the counts and the status. What an estimate found is told by `tofmix.report.summary.summary`.
+layers also the counts and the status. `tofmix.report.summary.summary` describes the results of an estimate.
 """
 
 import textwrap
@@ -57,7 +57,7 @@ class Description:
     name : str
         The file as it was named.
     sections : dict of str to dict
-        Names of values within each section carry their units; None stands for what is not known.
+        Names of values within each section carry their units; None means unknown.
     warnings : tuple of Finding
         What to be wary of.
     """
@@ -99,7 +99,7 @@ class RecordingHeader(Protocol):
 
     @property
     def fill(self) -> float | None:
-        """Value of invalid samples beside NaN."""
+        """Value of invalid samples in addition to NaN."""
 
     @property
     def has_amplitude(self) -> bool:
@@ -152,8 +152,7 @@ def describe_recording(
 ) -> Description:
     """Describe a recording from its header and its frames' times.
 
-    `doubts` are what its samples make doubtful, text by code, None where they do not
-    (`tofmix.io.recording.range_check`).
+    `doubts` about its samples are texts by code, or None (`tofmix.io.recording.range_check`).
     """
     _, rows, cols = file.shape
     time_s = file.read_time()
@@ -244,7 +243,7 @@ def describe_surfaces(file: SurfacesHeader, *, name: str, file_bytes: int) -> De
 
 
 def describe_model(model: Model, *, name: str) -> Description:
-    """Describe a model: its camera, what it will record, and its surfaces and effects."""
+    """Describe a model: its camera, recording settings, surfaces and effects."""
     plan, camera = model.recording, model.sensor
     effects = tomllib.loads(model.text).get("effect", []) if model.text else []
     surfaces: list[dict[str, Any]] = [
@@ -343,7 +342,7 @@ def _sensor_section(sensor: Sensor) -> Section:
 
 
 def _noise_parts(noise: NoiseCurve) -> Section:
-    """Parts of a noise curve beyond sigma; empty if the error is Gaussian and all pixels are alike."""
+    """Parts of a noise curve beyond sigma; empty if the error is Gaussian and equal in all pixels."""
     parts: Section = {}
     if noise.shape is not None:
         parts["noise_shape_z"] = noise.shape.z.tolist()

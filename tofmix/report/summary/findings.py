@@ -1,7 +1,7 @@
 """Warnings on a layers file, in one sentence each.
 
-A finding says what was seen and which command to try. The thresholds are for drawing
-attention, not tests: nothing is refused here. `estimate`, `merge` and `report` print the same ones.
+A finding has a text and the commands to try. The thresholds are for drawing attention, not tests: nothing is refused
+here. `estimate`, `merge` and `report` print the same ones.
 """
 
 import math
@@ -18,7 +18,7 @@ SIGMA_TOLERANCE = 0.10
 SCATTER_FACTOR = 2.0
 """Samples that scatter this much more or less than the curve contradict it.
 
-Two surfaces that samples cannot tell apart, 3 sigma from each other, scatter sqrt(1 + 3^2 / 4) = 1.8 times as much.
+Two surfaces 3 sigma apart that samples do not separate scatter sqrt(1 + 3^2 / 4) = 1.8 times as much.
 """
 
 DRIFT_SIGMAS = math.sqrt(12.0 * ((1.0 + SIGMA_TOLERANCE) ** 2 - 1.0))
@@ -40,12 +40,12 @@ _MORE_ITERATIONS = 200
 """Iterations to advise: four times the default of --max-iter."""
 
 MIN_COMPONENTS = 30
-"""Fewer components than this say nothing of the curve."""
+"""Fewest components for a statement about the curve."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One warning: `code` is stable and for scripts, `text` for people, `commands` are what may mend it."""
+    """One warning: `code` is stable and for scripts, `text` for people, `commands` are possible remedies."""
 
     code: str
     text: str
@@ -97,12 +97,12 @@ class Remedy:
         return self.shorter() if self.noise == "auto" else self.command("--noise", "auto")
 
     def shorter(self, window: int | None = None) -> str:
-        """The command with a shorter window; a third, if not said otherwise, has a ninth of a drift's variance."""
+        """The command with a shorter window; by default a third, which has a ninth of a drift's variance."""
         return self.command("--window", str(max(1, self.window_frames // 3 if window is None else window)))
 
 
 def sample_findings(*, scatter_over_curve: float | None, drift_sigmas: float | None, remedy: Remedy) -> list[Finding]:
-    """List what the samples say against the noise curve, and of drift within a window.
+    """List contradictions between samples and noise curve, and drift within a window.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def count_findings(
     remedy: Remedy,
     close: int = 0,
 ) -> list[Finding]:
-    """List what the counts of pixels say.
+    """List findings from the counts of pixels.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def count_findings(
 
 
 def target_findings(targets: int) -> list[Finding]:
-    """Say what a share is of, where pixels return several targets a frame; `targets` is 0 where they do not."""
+    """Explain shares if pixels return several targets a frame; `targets` is 0 if they do not."""
     if not targets:
         return []
     text = f"Each pixel has up to {targets} targets a frame. A share is the share of its detections, not of the beam."
@@ -213,7 +213,7 @@ def target_findings(targets: int) -> list[Finding]:
 
 
 def sigma_findings(*, count: int, median: float | None, has_curve: bool, remedy: Remedy) -> list[Finding]:
-    """List what sigma says of the sensor's noise curve.
+    """List contradictions between fitted sigma and the sensor's noise curve.
 
     Parameters
     ----------

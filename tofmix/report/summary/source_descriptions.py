@@ -34,7 +34,7 @@ class ForeignSource(Protocol):
 
     @property
     def unit_mm(self) -> float | None:
-        """mm of one unit; None if the source does not say."""  # noqa: D403  a unit's symbol
+        """mm of one unit; None if unknown."""  # noqa: D403  a unit's symbol
 
     @property
     def depth_axis(self) -> str:
@@ -73,7 +73,7 @@ def describe_source(source: ForeignSource, *, name: str, command: str) -> Descri
 
 
 def describe_gap(gap: dict[str, Any], *, name: str) -> Description:
-    """Describe what `tofmix reconcile` found, from its `gap.json`."""
+    """Describe the result of `tofmix reconcile`, from its `gap.json`."""
     effects: list[dict[str, Any]] = [
         {"kind": effect.get("kind"), **_flat(effect.get("parameters"))} for effect in _dicts(gap["effects"])
     ]

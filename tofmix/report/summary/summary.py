@@ -28,12 +28,12 @@ from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
 from tofmix.sensor import NoiseCurve
 
 DOMINANT_WEIGHT = 0.5
-"""Components above this share tell of the noise curve; weak ones tell of the fit."""
+"""Components above this share test the noise curve; weak ones depend on the fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerSummary:
-    """One layer over all pixels and windows. None stands where there is no such value.
+    """One layer over all pixels and windows. None means no such value.
 
     Medians are over the layer's `count` components; `sigma_over_curve_median` is sigma divided by the sensor's
     sigma(r) at the component's range.
@@ -57,9 +57,8 @@ class MixingNumbers:
     line : str
         The law in words.
     phasor_share : float or None
-        Share of the samples at edges that are phasor sums; None if no pixel tells it.
-    telling_pixels : int
-        Pixels that tell it.
+        Share of the samples at edges that are phasor sums; None if no pixel determines it. telling_pixels : int Pixels
+        that determine it.
     pixels : dict
         Pixels by the names of `tofmix.flags.Mixing`.
     """
@@ -103,9 +102,9 @@ class Summary:
     noise : NoiseNumbers or None
         The noise, where it has learnt parts, or parts of a file, beyond sigma by range and amplitude.
     mixing : MixingNumbers or None
-        The law of mixing, where it was measured.
+        The measured mixing.
     warnings : tuple of Finding
-        What to be wary of.
+        Warnings.
     """
 
     source: str
@@ -216,7 +215,7 @@ def find(layers_file: LayersSource, remedy: Remedy | None = None) -> tuple[Findi
     layers_file : LayersSource
         The file; read window by window.
     remedy : Remedy, optional
-        What the remedies' commands are about; by default the recording under the name that the file gives.
+        Names in the commands; by default the name of the recording in the file.
     """
     provenance = layers_file.provenance
     windows, rows, cols = layers_file.shape
@@ -239,7 +238,7 @@ def remedy_for(provenance: Provenance, windows: int, recording: str | None = Non
 
 
 class _FindingTally:
-    """Running counts over windows of what findings are about."""
+    """Running counts over windows for the findings."""
 
     def __init__(self, max_layers: int, curve: NoiseCurve | None, length: float | None) -> None:
         self._curve = curve
@@ -258,7 +257,7 @@ class _FindingTally:
         self.dominant_ratio.add(self.ratio(window)[window.weight > DOMINANT_WEIGHT])
 
     def ratio(self, window: Layers) -> FloatArray:
-        """Sigma over the curve's, of each layer; NaN where there is none."""
+        """Sigma over the curve's, of each layer; NaN without a curve."""
         range_mm = window.range.astype(np.float64)
         ratio = np.full(range_mm.shape, np.nan)
         if self._curve is not None:
@@ -293,7 +292,7 @@ class _FindingTally:
 
 
 class _Tally(_FindingTally):
-    """Running counts over windows of all that a summary tells."""
+    """Running counts over windows for the summary."""
 
     def __init__(self, max_layers: int, curve: NoiseCurve | None, length: float | None) -> None:
         super().__init__(max_layers, curve, length)
