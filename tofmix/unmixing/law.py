@@ -20,24 +20,24 @@ LEAST_PHASOR_SHARE = 0.05
 """Share of phasor sums from which on layers are unmixed: below, the samples themselves show the surfaces."""
 
 _LEAST_PROBABILITY = 0.9
-"""Posterior of pairs that tell the law."""
+"""Smallest posterior of pairs that measure q."""
 
 _LEAST_SHARE = 0.15
 """Least share of a pair's lesser surface: w (1 - w) is known well there."""
 
 _TELLING = 0.5
-"""Largest standard error of q of a pixel that tells the law."""
+"""Largest standard error of q of a pixel that measures q."""
 
 _REACH, _LEAST_ALONG = 3, 5
-"""Reach of the window, pixels, in which an edge's own law is measured, and pixels in it that must tell it."""
+"""Reach of the window, pixels, in which the q of an edge is measured, and the fewest pixels in it."""
 
 _DIFFERENT = 4.0
 """Standard errors by which an edge differs from the others of the image before its own law is taken."""
 
 _LEAST_DIFFERING = 0.05
-"""Part of the pixels that tell the law, which those at edges of another law must exceed. One in 100 of the pairs that
-are sure may have a wrong surface, as `probability` says; and these lie together, at a corner, or beside a surface that
-no pixel sees alone."""
+"""Part of the pixels that measure q, which the pixels at edges of another q must exceed. By their probability, one in
+100 of the certain pairs may have a wrong surface. These lie together, at a corner, or next to a surface that no pixel
+sees alone."""
 
 _BY_CHANCE = 3.0
 """Standard errors above 0 from which on a share of phasor sums is no chance."""
@@ -102,7 +102,7 @@ def _median(value: FloatArray, error: FloatArray) -> tuple[float, float]:
 
 
 def _of_pixels(image: PhasorImage, labels: Labels) -> tuple[FloatArray, FloatArray]:
-    """Q of each pixel and its standard error (pixel,), infinite where the pixel tells nothing."""
+    """Q of each pixel and its standard error (pixel,), infinite without information."""
     pair, parallel, noise, jump = _along_chords(image, labels)
     value = 1.0 - (1.0 - 1.0 / np.maximum(image.samples, 1.0)) * (parallel - noise) / jump
     return np.where(pair, value, 0.0), np.where(pair, _error_of(image, parallel, noise, jump), np.inf)
@@ -134,8 +134,8 @@ def _along_edges(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Pixels of `edges` with enough of a group around them, the median of q over these, and its standard error.
 
-    A median, because some pixels have wrong surfaces: a narrow surface beside a chord makes a pixel that sees it alone
-    look like a sum.
+    A median, because some pixels have wrong surfaces: a pixel that sees only a narrow surface near a chord looks like a
+    sum.
     """
     square = np.ones((2 * _REACH + 1, 2 * _REACH + 1), np.int64)
     count = ndimage.convolve(group.reshape(image.shape).astype(np.int64), square, mode="constant").ravel()

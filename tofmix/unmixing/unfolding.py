@@ -1,8 +1,8 @@
-"""Ranges that fold: which surfaces stand beyond the fold, one turn farther than their folded ranges say.
+"""Ranges that fold: which surfaces lie beyond the fold, one turn farther than their folded ranges.
 
 On a folded axis a surface beyond the fold is no plane: 1 / r is linear in the beam for the true range alone, and so is
-ln A + 3 ln r a constant. Use `unfolded` before planes are fitted. Only the first turn is told from the second; ranges
-in the farther half of a turn stay as they are.
+ln A + 3 ln r a constant. Use `unfolded` before planes are fitted. Only the first and second turn are distinguished;
+ranges in the farther half of a turn stay as they are.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.unmixing.image import PhasorImage
 
 _LEAST_PIXELS = 12
-"""Pixels of a surface that is unfolded; fewer may be mixtures, whose range is none of a surface."""
+"""Fewest pixels of a surface that is unfolded; fewer may be mixtures."""
 
 _SIGMAS, _PITCHES = 4.0, 4.0
 """Standard errors, and steps of a pixel's width, between neighbours of one surface: 76 degrees of incidence."""
@@ -23,7 +23,7 @@ _CROSSED = 0.2
 a fifth of one side."""
 
 _STRIDES = 4, 16
-"""Pixels from one to the other of two whose light is compared: the farther, the more it tells of a wide surface."""
+"""Distances, in pixels, over which light is compared: a larger distance tests a wide surface better."""
 
 _BETTER = 0.7
 """Ratio of the scatter of light with the turn to that without it, from which on the turn is taken."""
