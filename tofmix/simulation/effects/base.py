@@ -130,7 +130,7 @@ class Context:
         return float(image[[0, 0, -1, -1], [0, -1, 0, -1]].min())
 
     def recording_rng(self, effect: "Effect") -> np.random.Generator:
-        """The effect's own random stream of a recording, for what does not change from frame to frame."""
+        """The effect's random stream of a recording, for draws that are constant over the frames."""
         return _stream(self.seed, effect, _RECORDING)
 
     def frame_rng(self, effect: "Effect") -> np.random.Generator:
@@ -139,14 +139,14 @@ class Context:
 
 
 def _stream(seed: int, effect: "Effect", *key: int) -> np.random.Generator:
-    """A stream of its own for each kind and surface: one effect more changes no draw of the others."""
+    """A separate stream for each kind and surface: a further effect changes no draw of the others."""
     name = zlib.crc32(f"{effect.kind} {getattr(effect, 'surface', '')}".encode())
     return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(name, *key))))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EffectTruth:
-    """A draw for an effect, as a recording's ``truth/effects`` holds it.
+    """A draw of an effect, as in ``truth/effects`` of a recording.
 
     Parameters
     ----------
@@ -255,7 +255,7 @@ class Effect:
         raise NotImplementedError
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
-        """Refuse what does not fit the camera or the scene.
+        """Refuse an effect that does not fit the camera or the scene.
 
         Raises
         ------
@@ -272,7 +272,7 @@ class Effect:
             raise ValueError(f"map: shape {plane.values.shape} differs from the image {(sensor.rows, sensor.cols)}")
 
     def plausible(self, sensor: SensorProfile) -> bool:  # noqa: ARG002  for those that depend on the camera
-        """Whether the numbers are such as this effect has, and not another cause in its guise; `reconcile` asks."""
+        """Whether the parameters are plausible for this effect, not the trace of another cause; for `reconcile`."""
         for parameter in self.parameters().values():
             value, (low, high) = getattr(self, parameter.name), parameter.plausible
             if isinstance(value, int | float) and not low <= value <= high:
@@ -288,7 +288,7 @@ class Effect:
         return surface
 
     def prepare(self, context: Context, n_frames: int) -> Any:  # noqa: ANN401, ARG002  the effect's own
-        """Draw what holds for a whole recording of `n_frames`; it comes back as ``context.prepared``."""
+        """Draw the values that hold for a whole recording of `n_frames`; `context.prepared` returns them."""
         return None
 
     def truth(self, prepared: Any) -> tuple[EffectTruth, ...]:  # noqa: ANN401, ARG002  the effect's own
@@ -296,14 +296,14 @@ class Effect:
         return ()
 
     def expect(self, prediction: "Prediction", context: Context) -> Any:  # noqa: ANN401, ARG002  the effect's own
-        """Work out what a light effect needs to know of the whole scene; it comes back as ``context.expected``.
+        """Compute the data of the whole scene for a light effect; `context.expected` returns them.
 
         `prediction` has the light effects before this one applied.
         """
         return None
 
     def act(self, echoes: "Echoes", context: Context) -> None:
-        """Change echoes in place: samples of a frame, or components of a prediction alike."""
+        """Change echoes in place: the samples of a frame, or the components of a prediction."""
         raise NotImplementedError
 
     def colour(self, noise: FloatArray, before: FloatArray) -> FloatArray:  # noqa: ARG002  for those that remember

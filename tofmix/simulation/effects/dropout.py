@@ -48,7 +48,7 @@ class Dropout(Effect):
         return f"{' and '.join(part for part in (chance, dark) if part)} are lost"
 
     def sample(self, samples: FrameSamples, context: Context) -> None:
-        """Lose what chance and threshold take."""
+        """Lose samples at random and by threshold."""
         rng = context.frame_rng(self)
         lost = rng.random(samples.shape) < self.probability
         if self.threshold > 0:

@@ -52,7 +52,7 @@ class FlyingPixels(Effect):
         )
 
     def expect(self, prediction: "Prediction", context: Context) -> "_Mixed":  # noqa: ARG002
-        """What mixes, and in which pixels."""
+        """The mixed samples and their pixels."""
         area = prediction.area()
         seen = np.zeros(prediction.shape[1], dtype=np.int64)
         for number_ in np.unique(prediction.surface[area > 0]):
@@ -101,10 +101,10 @@ class FlyingPixels(Effect):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Mixed:
-    """What a frame's mixed samples are made of; arrays are (pixel,).
+    """Components of a frame's mixed samples; arrays are (pixel,).
 
-    A no-return sample has neither turn nor noise of its own. The surface with the most light, share times amplitude,
-    lends it both.
+    A no-return sample has neither turn nor noise. It takes both from the surface with the most light, share times
+    amplitude.
 
     Parameters
     ----------

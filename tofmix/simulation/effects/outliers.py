@@ -54,7 +54,7 @@ class Outliers(Effect):
         return f"{100 * self.probability:g} % more samples are random values anywhere in the working range"
 
     def sample(self, samples: FrameSamples, context: Context) -> None:
-        """Put random values in the place of what is no random value yet."""
+        """Replace samples that are not random values yet."""
         rng, sensor = context.frame_rng(self), context.sensor
         others = 1 - np.broadcast_to(sensor.random_share, sensor.shape).ravel()
         hit = rng.random(samples.shape) * others < self.probability

@@ -38,7 +38,7 @@ class Parameter:
     sentence : str
         Description in one sentence.
     low, high : float
-        Bounds of a number; infinite where there is none.
+        Bounds of a number; infinite without a bound.
     low_open, high_open : bool
         Whether the bound itself is refused.
     default : float or None
@@ -71,7 +71,7 @@ class Parameter:
 
     @property
     def bounds(self) -> str:
-        """The interval in which it must lie, such as ``(0, 1000]``; empty for what is no number."""
+        """The interval in which it must lie, such as ``(0, 1000]``; empty if it is not a number."""
         if self.holds is not Holds.NUMBER:
             return ""
         left = "(" if self.low_open or math.isinf(self.low) else "["

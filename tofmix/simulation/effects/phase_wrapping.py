@@ -33,7 +33,7 @@ class PhaseWrapping(Effect):
     )  # fmt: skip
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
-        """A camera without phase folds where it is told to, or not at all."""
+        """A camera without phase folds only at a given range."""
         Effect.check(self, sensor, surfaces)
         if self.unambiguous_range_mm is None:
             refuse_without_phase(self.kind, sensor)
@@ -48,5 +48,5 @@ class PhaseWrapping(Effect):
         return f"ranges fold: surfaces beyond {shown} appear nearer by this length"
 
     def act(self, echoes: Echoes, context: Context) -> None:
-        """Say where ranges fold; it is done once noise and bias are in."""
+        """Set the range of the fold; it is applied after noise and bias."""
         echoes.period_mm = context.turn_mm if self.unambiguous_range_mm is None else self.unambiguous_range_mm

@@ -57,7 +57,7 @@ class PixelCrosstalk(Effect):
         samples.replace_phasor(z, (1 - 4 * self.share) * z + self.share * leaked)
 
     def predict(self, prediction: "Prediction", context: Context) -> None:
-        """What the two most uncertain neighbours see is told apart; of the others, first and second moments count."""
+        """Keep the surfaces of the two most uncertain neighbours separate; use two moments of the others."""
         shape = (context.sensor.rows, context.sensor.cols)
         z, area = prediction.phasor(), prediction.area()
         all_, top, rest = _moments(z, area)

@@ -41,9 +41,9 @@ class Saturation(Effect):
         return f"samples of amplitude over {self.full_well_amplitude:g} are invalid"
 
     def sample(self, samples: FrameSamples, context: Context) -> None:  # noqa: ARG002
-        """Lose what is too bright."""
+        """Lose samples that are too bright."""
         samples.lose(samples.amplitude > self.full_well_amplitude)
 
     def predict(self, prediction: "Prediction", context: Context) -> None:  # noqa: ARG002
-        """Move the weight of what is too bright to the invalid samples."""
+        """Move the weight of components that are too bright to the invalid samples."""
         prediction.lose((prediction.amplitude > self.full_well_amplitude).astype(np.float64))

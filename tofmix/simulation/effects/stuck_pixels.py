@@ -72,7 +72,7 @@ class StuckPixels(Effect):
         return (EffectTruth(name=self.kind, dims=("row", "col"), values=values, unit="mm", long_name=name),)
 
     def sample(self, samples: FrameSamples, context: Context) -> None:
-        """Replace what stuck pixels measured."""
+        """Replace the samples of stuck pixels."""
         stuck = ~np.isnan(context.prepared)
         samples.measured_mm = np.where(stuck, context.prepared, samples.measured_mm)
         samples.stuck = samples.stuck | stuck
