@@ -218,8 +218,7 @@ def _find_conditions(
     patch: FloatArray, scene: SceneArrays, centre: FloatArray, radius: float, seen: IntArray, n_seen: int,
     scratch: Scratch,
 ) -> bool:  # fmt: skip
-    """Fill the boundaries within the cell of each possible surface; return whether the circle of the largest range is
-    one."""
+    """Fill the boundaries of each possible surface in the cell; return whether the largest range is one."""
     round_one = False
     for k in range(n_seen):
         s = seen[k]
