@@ -64,7 +64,7 @@ def test_info_warns_of_metres(tofmix: Tofmix, metres: Path) -> None:
 
 
 @pytest.mark.slow
-def test_zeros_that_count_as_ranges_are_said_once(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_zeros_that_count_as_ranges_are_noted_once(tofmix: Tofmix, tmp_path: Path) -> None:
     samples = boards(40).astype("f4")
     samples[:10] = 0
     path = write_recording(tmp_path / "a.h5", samples)

@@ -93,7 +93,7 @@ def test_every_source_comes_back_exactly(tofmix: Tofmix, tmp_path: Path, sensor:
     assert tofmix("estimate", out).code == 0
 
 
-def test_metres_along_z_by_the_intrinsics_of_the_bag(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
+def test_bag_depths_in_metres_become_ranges_by_its_intrinsics(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     fx, fy, cx, cy = 5.2, 5.5, 2.5, 1.5
     metres = (samples() / np.float32(1000)).astype("f4")
     metres[metres == 0] = np.nan
@@ -116,7 +116,9 @@ def test_metres_along_z_by_the_intrinsics_of_the_bag(tofmix: Tofmix, tmp_path: P
 
 
 @pytest.mark.parametrize("intrinsics", [None, "5,6,2.5,1.5"])
-def test_depths_along_z_of_arrays(tofmix: Tofmix, tmp_path: Path, sensor: Path, intrinsics: str | None) -> None:
+def test_array_depths_along_z_become_ranges(
+    tofmix: Tofmix, tmp_path: Path, sensor: Path, intrinsics: str | None
+) -> None:
     source, _ = write_source(tmp_path, "npy")
     given = () if intrinsics is None else ("--intrinsics", intrinsics)
     done = tofmix("import", source, "-o", tmp_path / "r.h5", "--sensor", sensor, "--depth-axis", "z", *given)
@@ -132,7 +134,7 @@ def test_depths_along_z_of_arrays(tofmix: Tofmix, tmp_path: Path, sensor: Path, 
         np.testing.assert_allclose(root["range"][...], expected, rtol=1e-7)
 
 
-def test_scale_invalid_and_frame_rate(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
+def test_scale_invalid_and_frame_rate_options_are_applied(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     np.save(tmp_path / "a.npy", samples())
     done = tofmix(
         "import", tmp_path / "a.npy", "-o", tmp_path / "r.h5", "--sensor", sensor, "--scale", 0.5, "--invalid", 65535,

@@ -124,7 +124,7 @@ WHOLE = (5.0, 5.5, 2.4, 1.4)
 
 
 @pytest.mark.parametrize(("text", "expected"), [(ROS, WHOLE), (OPENCV, WHOLE), (ECHOED, (5.0, 5.5, 2.4, 1.4))])
-def test_a_calibration_file_says_where_the_pixels_look(
+def test_calibration_file_sets_the_pixel_directions(
     tofmix: Tofmix, tmp_path: Path, text: str, expected: tuple[float, ...]
 ) -> None:
     (tmp_path / "lens.yaml").write_text(text)
@@ -183,7 +183,7 @@ def test_invalid_calibration_is_refused_in_one_line(tofmix: Tofmix, tmp_path: Pa
     assert not (tmp_path / "r.h5").exists()
 
 
-def test_a_sensors_projection_is_of_its_own_image_size(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_sensor_projection_is_used_for_its_image_size_only(tofmix: Tofmix, tmp_path: Path) -> None:
     text = 'projection = "pinhole"\nfx = 5.0\nfy = 5.5\ncx = 2.4\ncy = 1.4\n'
     np.save(tmp_path / "depth.npy", np.full((3, 4, 6), 2000, dtype=np.uint16))
     for rows, known in ((4, True), (5, False)):

@@ -20,7 +20,7 @@ def layers(tofmix: Tofmix, tmp_path: Path) -> Path:
     return tmp_path / "a.layers.h5"
 
 
-def test_numbers_are_those_of_the_files(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_inspect_prints_the_numbers_of_the_files(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     shown = tofmix(
         "inspect",
         layers,

@@ -36,9 +36,7 @@ def occupied_x(text: Path) -> set[float]:
     return {round(about["origin"][0] + (column + 0.5) * about["resolution"], 3) for column in columns}
 
 
-def test_layers_stand_where_the_boards_are_and_averages_between_them(
-    tofmix: Tofmix, layers: Path, tmp_path: Path
-) -> None:
+def test_layers_lie_at_the_boards_and_averages_between_them(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     shown = tofmix("map", layers, "-o", tmp_path / "a.yaml", "--cell", 100)
     assert shown.code == 0, shown.err
     assert "cells of 100 mm; occupied" in shown.out
@@ -56,7 +54,7 @@ def test_a_thin_beam_has_one_surface(tofmix: Tofmix, layers: Path, tmp_path: Pat
     assert {1.15, 1.25} & occupied_x(tmp_path / "thin.yaml")
 
 
-def test_both_maps_as_json_and_the_same_bytes_again(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_both_maps_have_json_and_repeatable_bytes(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     for name, workers in (("a", 1), ("b", 3)):
         outputs = "-o", tmp_path / f"{name}.yaml", "--voxels", tmp_path / f"{name}.npz"
         shown = tofmix("map", layers, *outputs, "--json", "--cell", 100, "--workers", workers)
@@ -86,7 +84,7 @@ def test_the_pose_moves_and_turns_the_map(tofmix: Tofmix, layers: Path, tmp_path
     assert np.mean(turned.T[::-1] == still) > 0.98  # but for roundings on the cells' borders
 
 
-def test_another_recording_is_pointed_out(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_another_recording_is_noted(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     other = write_recording(tmp_path / "other.h5", boards(7), attributes=SEES)
     shown = tofmix("map", layers, "-o", tmp_path / "a.yaml", "--from", "averaged", "--recording", other, "--cell", 100)
     assert shown.code == 0

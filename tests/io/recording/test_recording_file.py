@@ -229,7 +229,7 @@ def test_a_flipped_bit_is_noticed(tmp_path: Path) -> None:
         recording.read_range(*EVERYTHING)
 
 
-def test_file_sha256(tmp_path: Path) -> None:
+def test_file_sha256_equals_hashlib(tmp_path: Path) -> None:
     path = tmp_path / "x"
     path.write_bytes(b"abc" * 1000)
     assert file_sha256(path) == hashlib.sha256(b"abc" * 1000).hexdigest()
@@ -270,7 +270,7 @@ def test_a_written_recording_reads_back(tmp_path: Path) -> None:
         np.testing.assert_array_equal(recording.sensor.noise.sigma_mm, [10.0, 80.0])
 
 
-def test_a_temperature_that_is_none_a_frame_is_refused(tmp_path: Path) -> None:
+def test_temperature_of_wrong_length_is_refused(tmp_path: Path) -> None:
     _write(tmp_path / "r.h5", boards(12))
     with h5py.File(tmp_path / "r.h5", "r+") as root:
         del root["temperature"]
@@ -309,7 +309,7 @@ def test_an_unfinished_recording_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_older_file_stands_until_the_new_one_is_whole(tmp_path: Path) -> None:
+def test_old_file_stays_until_the_new_one_is_complete(tmp_path: Path) -> None:
     path = tmp_path / "r.h5"
     path.write_text("old")
     with pytest.raises(UsageError, match="pass --overwrite"):

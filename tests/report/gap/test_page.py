@@ -40,7 +40,7 @@ def _titles(page: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_page_tells_the_missing_effect_and_where_it_shows(page: str) -> None:
+def test_page_names_the_missing_effect_and_its_place(page: str) -> None:
     assert "my &lt;recording&gt;.h5" in page
     assert "<board>" not in page
     for words in ("Verdict: explained", "What was missing", "Where they disagree", "Candidates", "Panel"):
