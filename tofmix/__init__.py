@@ -1,8 +1,7 @@
 """tofmix: the surfaces in a time-of-flight pixel.
 
-A pixel of a time-of-flight camera is a cone. tofmix treats the samples of each
-pixel of a recorded sequence as a Gaussian mixture and recovers all surfaces in
-it: how many, how far, what share of the beam, how sure.
+A pixel of a time-of-flight camera is a cone. tofmix treats the samples of each pixel of a recorded sequence as a
+Gaussian mixture and recovers all surfaces in it: their number, ranges, shares of the beam, and errors.
 
 The data's path through the package:
 
@@ -21,8 +20,7 @@ In Python:
 >>> layers = tm.estimate(tm.open("recording.h5"))  # doctest: +SKIP
 
 `open`, `from_array`, `estimate`, `simulate`, `reconcile` and `plot` are loaded from `tofmix.api` when they are first
-used.
-Nothing heavy is imported here, so that ``tofmix --help`` answers at once.
+used. No large library is imported here, so ``tofmix --help`` answers at once.
 """
 
 from importlib import import_module

@@ -72,7 +72,7 @@ def samples_a_frame(source: SampleSource) -> int:
 
 
 class TargetSeries:
-    """A recording with each target as a pixel of its own: (frame, row and target, col); nothing is copied.
+    """A recording with each target as a separate pixel: (frame, row and target, col); no array is copied.
 
     Use it where the samples of a pixel must follow each other in time, as for its noise.
 
@@ -140,7 +140,7 @@ class TargetSeries:
 
 
 def by_target(source: SampleSource) -> SampleSource:
-    """A recording with each target as a pixel of its own; the recording itself where it has no targets."""
+    """A recording with each target as a separate pixel; the recording itself if it has no targets."""
     return TargetSeries(source) if samples_a_frame(source) > 1 else source
 
 
@@ -162,7 +162,7 @@ def amplitude_source(source: SampleSource) -> AmplitudeSource | None:
 
 
 def wanted_amplitudes(source: SampleSource, *, phasors: bool = False) -> AmplitudeSource | None:
-    """The recording's amplitudes, where its noise curve asks for them, or phasors are wanted."""
+    """The recording's amplitudes, if the noise curve or the phasors need them."""
     noise = source.sensor.noise
     return amplitude_source(source) if phasors or (noise is not None and noise.law is not None) else None
 

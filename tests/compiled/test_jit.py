@@ -91,7 +91,7 @@ def test_a_constant_argument_compiles_nothing_more() -> None:
     assert callee is None or len(callee.__self__._compiled) == 1
 
 
-def test_a_compiled_function_computes() -> None:
+def test_compiled_function_returns_its_value() -> None:
     def twice(values: np.ndarray) -> float:
         return float(2 * values.sum())
 

@@ -76,7 +76,7 @@ def test_counted_light_agrees_with_thin_rays(make_layers: MakeLayers, pinhole: S
 
 
 @pytest.mark.parametrize("pose", POSES)
-def test_the_grid_holds_all_that_the_beams_tell_of(make_layers: MakeLayers, pinhole: Sensor, pose: Pose) -> None:
+def test_grid_contains_all_ranges_of_the_beams(make_layers: MakeLayers, pinhole: Sensor, pose: Pose) -> None:
     beams = beams_from_layers(make_layers([1000.0], [0.5], no_return=0.5, size=3), pinhole)
     grid = plan_grid(beams, pose, cell_mm=50.0)
     row, col = np.random.default_rng(3).uniform(-0.5, 2.5, (2, 300))

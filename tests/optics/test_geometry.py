@@ -48,7 +48,7 @@ def test_a_pinhole_is_pythagoras() -> None:
 
 
 @pytest.mark.parametrize("view", [(0.0, 10.0), (10.0, -1.0), (361.0, 10.0), (10.0, 181.0), (np.nan, 1.0)])
-def test_a_view_that_cannot_be_is_refused(view: tuple[float, float]) -> None:
+def test_impossible_field_of_view_is_refused(view: tuple[float, float]) -> None:
     with pytest.raises(ValueError, match="fov_"):
         beam_directions(2, 2, fov_horizontal_deg=view[0], fov_vertical_deg=view[1])
 

@@ -122,7 +122,7 @@ def test_directions_behind_the_camera_and_beyond_the_fold_have_no_pixel() -> Non
     np.testing.assert_array_equal(np.isnan(col), np.isnan(row))
 
 
-def test_words_say_the_field_of_view() -> None:
+def test_words_name_the_field_of_view() -> None:
     focal = 88.0 / math.tan(math.radians(35.0)), 72.0 / math.tan(math.radians(27.5))
     pinhole = Pinhole(fx=focal[0], fy=focal[1], cx=87.5, cy=71.5)
     assert pinhole.words((144, 176)) == "70.0 x 55.0 degrees of a pinhole"

@@ -25,7 +25,7 @@ PINHOLE = Pinhole(fx=13.0, fy=12.0, cx=5.3, cy=3.8, distortion=(-0.1, 0.01, 0.00
 ALL: list[Projection] = [EQUIANGULAR, PINHOLE]
 
 
-def test_equal_angles_look_where_they_always_did() -> None:
+def test_equal_angle_directions_follow_the_formula() -> None:
     expected = beam_directions(*SHAPE, fov_horizontal_deg=47.0, fov_vertical_deg=39.0)
     np.testing.assert_array_equal(beam_directions_of(EQUIANGULAR, SHAPE), expected)
 

@@ -21,7 +21,9 @@ def run(source: RecordingFile, target: Path) -> None:
     run_job(job, engine, target, verify_source=source.verify_unchanged)
 
 
-def test_a_change_before_the_end_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_change_of_the_recording_before_the_end_leaves_no_output(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path, target = write_recording(tmp_path / "a.h5", boards(30, 6, 5)), tmp_path / "a.layers.h5"
     verify_source = RecordingFile.verify_unchanged
 
@@ -37,7 +39,7 @@ def test_a_change_before_the_end_leaves_nothing(tmp_path: Path, monkeypatch: pyt
     assert not journal_path(target).exists()
 
 
-def test_a_change_after_the_end_is_no_fault(tmp_path: Path) -> None:
+def test_change_of_the_recording_after_the_end_is_accepted(tmp_path: Path) -> None:
     path, target = write_recording(tmp_path / "a.h5", boards(30, 6, 5)), tmp_path / "a.layers.h5"
     with open_recording(path) as source:
         run(source, target)

@@ -106,7 +106,7 @@ def _kinds(result: Reconciliation) -> list[str]:
 
 
 @pytest.mark.slow
-def test_second_distance_tells_an_offset_from_a_pose_that_one_cannot(model: Model) -> None:
+def test_second_distance_separates_an_offset_from_a_pose(model: Model) -> None:
     near, far = board(model, 1500.0), board(model, 3000.0)
     hidden = MAKE["range_offset"](offset_mm=1.5)
     first, second = recorded(near, hidden), recorded(far, hidden, seed=6)

@@ -116,7 +116,7 @@ def test_fine_ranges_lie_on_the_planes_of_their_surfaces() -> None:
     assert near.all()
 
 
-def test_undecided_pixels_are_shared_out_among_those_beside_them() -> None:
+def test_undecided_pixels_get_the_surfaces_of_their_neighbours() -> None:
     one = scene([facing(SMALL, 23.0, 20.0, 1800.0, size_pixels=(20.3, 200.0)), wall(3000.0)], SMALL)
     layers = counted(one, 100, 5)
     mixed = layers.n_modes > 1

@@ -134,7 +134,7 @@ def export(
 
 
 def _check_not_of_surfaces(layers: Path, output: Path, what: str | None) -> None:
-    """Refuse to write what only a surfaces file has; the commands that make one, and write it, are the remedy."""
+    """Refuse content that only a surfaces file has; the message names the commands that make one and export it."""
     from tofmix.cli.surfaces import surfaces_path
     from tofmix.io.exporters import EDGES, OF_LAYERS, OF_SURFACES
     from tofmix.io.next_command import next_command

@@ -149,11 +149,11 @@ class Geometry:
     factor : (row, col) float64 or None
         Range along the beam over depth along z; None where depths are ranges.
     sensor : Sensor
-        The camera with where its pixels look, as far as that is known.
+        The camera, with the directions of its pixels if they are known.
     text : str
         The same in words.
     notes : tuple of str
-        What the user should know.
+        Notes for the user.
     """
 
     factor: "FloatArray | None"
@@ -175,9 +175,9 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     sensor : Sensor
         The camera, from ``--sensor`` or the source.
     lens : Lens
-        What was said of the lens.
+        The lens options.
     axis : {"z", "ray"} or None
-        ``--depth-axis``; without it, as the source's kind has it.
+        ``--depth-axis``; without it, the default of the kind of source.
     source : Path
         For messages.
 
@@ -198,7 +198,7 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
             return Geometry(factor=None, sensor=sensor, text=f"depths along the beam, taken as ranges{otherwise}")
         if optics is None:
             raise BadInputError(
-                f"{source}: depths along z become ranges only with a lens: give --intrinsics FX,FY,CX,CY"
+                f"{source}: depths along z need a lens to become ranges: give --intrinsics FX,FY,CX,CY"
                 " or --fov HxV, or --depth-axis ray if they are along the beam"
             )
         factor = ray_factor(optics, shape)
@@ -207,7 +207,7 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     otherwise = "" if axis else " (--depth-axis ray if they are along the beam)"
     by_view = lens.intrinsics is None and lens.view_deg is not None
     how = _in_words(optics, shape, lens.view_deg if by_view else None)
-    return Geometry(factor=factor, sensor=sensor, text=f"depths along z made ranges by {how}{otherwise}")
+    return Geometry(factor=factor, sensor=sensor, text=f"depths along z converted to ranges by {how}{otherwise}")
 
 
 def ray_factor(optics: "Projection", shape: tuple[int, int]) -> "FloatArray":
@@ -227,7 +227,7 @@ def ray_factor(optics: "Projection", shape: tuple[int, int]) -> "FloatArray":
 def _with_optics(
     frames: "FrameSource", sensor: "Sensor", lens: Lens, source: Path, *, along_z: bool
 ) -> "tuple[Sensor, str]":
-    """The camera with where its pixels look, and who says so."""
+    """The camera with the directions of its pixels, and the source of these."""
     from tofmix.optics.pinhole import Pinhole
 
     rows, cols = frames.shape[1:]

@@ -1,4 +1,4 @@
-"""``tofmix info``: what a file is."""
+"""``tofmix info``: describe a file."""
 
 import json
 from pathlib import Path

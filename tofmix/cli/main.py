@@ -136,7 +136,7 @@ def _discard(stream: TextIO) -> None:
 
 
 def _die(number: int, _: FrameType | None) -> None:
-    """Remove unfinished files and die of the signal itself, so that a shell loop around us stops too.
+    """Remove partial files and end by the signal itself, so that a shell loop around the command stops too.
 
     Not by an exception: raised while a kernel is compiled, it would be lost in the compiler's callbacks.
     """

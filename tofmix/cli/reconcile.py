@@ -208,8 +208,8 @@ def _say_other_optics(measured: Path, file: "RecordingFile", scene: "Model") -> 
         raise BadInputError(f"{measured}: sensor: {error}") from error
     if off_deg > _SAME_PLACE * math.degrees(float(pixel_extent_rad(models, shape).min())):
         click.echo(
-            f"tofmix: {measured}: sensor: its pixels see {own.words(shape)}; the model's see {models.words(shape)} and"
-            f" look up to {off_deg:.2g} degrees elsewhere",
+            f"tofmix: {measured}: sensor: its pixels see {own.words(shape)}; the model's see {models.words(shape)};"
+            f" directions differ by up to {off_deg:.2g} degrees",
             err=True,
         )
 

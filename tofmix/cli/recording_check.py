@@ -1,4 +1,4 @@
-"""Opening recordings, and whether one goes with a layers file; shared by the commands that read recordings."""
+"""Open recordings, and check that one matches a layers file; shared by the commands that read recordings."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from tofmix.sensor import Sensor
 
 
-_VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate anew"
+_VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate again"
 
 
 def echo(text: str) -> None:
-    """Say something on stderr."""
+    """Print a line on stderr."""
     click.echo(f"tofmix: {text}", err=True)
 
 
 @contextmanager
 def opened_recording(path: Path, *, say: Callable[[str], object] = echo) -> Iterator["RecordingFile"]:
-    """Open a recording, and say what is doubtful about it.
+    """Open a recording, and print the doubts about it.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def findings_of_samples(
 
 
 def check_view(file: "LayersFile") -> None:
-    """Refuse a layers file that does not say where its pixels look.
+    """Refuse a layers file without the directions of its pixels.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def check_view(file: "LayersFile") -> None:
     except ValueError as error:
         raise BadInputError(f"{file.path}: sensor: {error}; {_VIEW_REMEDY}") from error
     if optics is None:
-        raise BadInputError(f"{file.path}: not known where its pixels look; {_VIEW_REMEDY}")
+        raise BadInputError(f"{file.path}: the directions of its pixels are not known; {_VIEW_REMEDY}")
 
 
 def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
@@ -92,12 +92,12 @@ def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
 
     if source.shape[1:] != file.shape[1:] or source.frames < int(file.window_stop[-1]):
         raise BadInputError(
-            f"{source.path}: range: shape {source.shape} does not go with {file.path}, which has"
+            f"{source.path}: range: shape {source.shape} does not match {file.path}, which has"
             f" {file.shape[1]} x {file.shape[2]} pixels and windows up to frame {int(file.window_stop[-1])}"
         )
     if file_sha256(source.path) != file.provenance.source_sha256:
         raise BadInputError(
             f"{source.path} is not the recording that {file.path} was made from, {file.provenance.source} of SHA-256"
-            f" {file.provenance.source_sha256[:8]}...; name that one, or estimate this one:"
+            f" {file.provenance.source_sha256[:8]}...; give that one, or estimate this one:"
             f" {next_command('estimate', source.path)}"
         )

@@ -44,7 +44,7 @@ def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
         click.echo("\n".join(json.dumps(_as_dict(*item)) for item in sheets.items()) if as_json else _table(sheets))
         return
     if as_toml and as_json:
-        raise UsageError("--toml and --json are two ways to print a camera; choose one")
+        raise UsageError("--toml and --json exclude each other")
     try:
         sheet = load_sheet(name)
     except BadInputError as error:  # unlike --sensor, it may be no file

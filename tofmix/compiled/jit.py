@@ -61,7 +61,7 @@ def borrowing(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` as `jit` does, without counting references to arrays where other kernels call it.
 
     For kernels that make no array, return none, and call none that returns one: such an array would never be freed.
-    They may take slices and rows of what they are given.
+    They may take slices and rows of their arguments.
     """
     compiled = jit(function)
     _link_into_callers(compiled, borrows=True)
@@ -117,9 +117,9 @@ def _base_folder() -> Path:
 
 
 def _private_folder(folder: Path) -> Path:
-    """Make `folder` for this user alone; where somebody else has it, make another.
+    """Make `folder` for this user alone; if another user owns it, make a new one.
 
-    Compiled kernels are run as they are found: nobody else may put any there.
+    Compiled kernels are run without a check, so no other user may write to their folder.
     """
     folder.mkdir(mode=0o700, exist_ok=True)
     status = folder.lstat()
@@ -129,7 +129,7 @@ def _private_folder(folder: Path) -> Path:
 
 
 def _writable(folder: Path) -> bool:
-    """Whether a file can be made in `folder`: permissions alone do not tell, least of all to root."""
+    """Whether a file can be made in `folder`: permissions alone do not show it, especially for root."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -1,4 +1,4 @@
-"""Compile a kernel that other kernels call once, as a part of them, and not also by itself.
+"""Compile a kernel that other kernels call once, as a part of them, and not a second time alone.
 
 numba optimises every function together with all that it calls, makes machine code of
 that and two wrappers, and does so again for each caller of the function, up to the

@@ -1,13 +1,11 @@
 """Exponential and logarithm that vectorise, and sums that do not wait for each other.
 
-Use these in the loops over a pixel's samples. `math.exp` and `math.log` are calls into
-the C library, one number at a time; the polynomials here are inlined, and the compiler
-works on 4 or 8 numbers at once; for that, a loop must count from 0: an index that may be
-negative, as one from a parameter, stops it, so loops take slices. What is left over
-past the last 8 goes one by one, at the price of 8 each: `samples.gather` leaves
-nothing over. Sums are kept in four or eight parts, always the same ones: a sum in one
-part waits for each addition, and a sum that the compiler may reorder would differ from
-machine to machine. `range` with a step of 4 would cost as much as the sum.
+Use these in the loops over a pixel's samples. `math.exp` and `math.log` are calls into the C library, one number at a
+time; the polynomials here are inlined, and the compiler works on 4 or 8 numbers at once; for that, a loop must count
+from 0: an index that may be negative, as one from a parameter, stops it, so loops take slices. Values after the last
+group of 8 are computed one by one, each at the cost of 8: `samples.gather` leaves nothing over. Sums are kept in four
+or eight parts, always the same ones: a sum in one part waits for each addition, and a sum that the compiler may reorder
+would differ from machine to machine. `range` with a step of 4 would cost as much as the sum.
 """
 
 import math
@@ -21,7 +19,7 @@ LANES = 8
 """Loops over a multiple of this many numbers leave nothing over."""
 
 LARGEST = 700.0
-"""exp(-x) is not told from exp(-700) beyond it: 10^-304."""
+"""Beyond it, exp(-x) is replaced by exp(-700), 10^-304."""
 
 _SQUARINGS = 10  # the series is taken at x / 2^10, and squared ten times
 _LOG_2 = math.log(2.0)

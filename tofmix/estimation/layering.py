@@ -94,7 +94,7 @@ def _split_no_return(places: FloatArray, heights: FloatArray, k: int, beam: Beam
 
 @borrowing
 def _fit_clear(data: Readings, fit: Components, beam: Beam) -> bool:
-    """Fit one surface by the mean of all samples, if none is far from it (paper, section V: no EM is needed)."""
+    """Fit one surface by the mean of all samples, if all lie near it (paper, section V: no EM is needed)."""
     values = data.value
     mean = product_of(values, data.times) / data.total
     sigma = sigma_at(mean, beam.curve_range, beam.curve_sigma)

@@ -224,7 +224,7 @@ class _Chooser:
         self.notes.append(Note(text=f"{self.name}: {text}", is_warning=True))
 
     def _with_measured(self, sensor: Sensor) -> Sensor:
-        """The sensor with the sigma and the share of outliers of single surfaces, if they are asked for."""
+        """The sensor with the sigma and the share of outliers of single surfaces, if requested."""
         given, sensor = sensor, replace(sensor, learnt=None)
         if AUTO not in (self.request.noise, self.request.outliers):
             return sensor
@@ -306,7 +306,7 @@ class _Chooser:
         return amplitude_source(self.use(sensor)) is not None
 
     def _note_measured(self, given: Sensor, measured: MeasuredNoise) -> None:
-        """Note which curve stands for a missing one, and whether sigma depends on amplitude."""
+        """Note the curve that replaces a missing one, and whether sigma depends on amplitude."""
         parts = []
         if given.noise is None:
             curve = measured.curve
@@ -333,7 +333,7 @@ class _Chooser:
         if self.circle_mm is None and sensor.range_max_mm is None and sensor.noise is not None:
             low, high = outlier_interval(sensor, sensor.noise)
             known = sensor.range_min_mm is not None and low == sensor.range_min_mm
-            ends = "range_min_mm to the largest sample" if known else "the least sample to the largest"
+            ends = "range_min_mm to the largest sample" if known else "the smallest sample to the largest"
             self._note(
                 "sensor: no range_max_mm: the share without a return is unknown, and random values spread from"
                 f" {ends}, {low:.0f} to {high:.0f} mm"

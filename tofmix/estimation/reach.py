@@ -7,7 +7,7 @@ from tofmix.compiled.vector import LANES
 
 @borrowing
 def whole_lanes(first: int, stop: int, n: int) -> tuple[int, int]:
-    """Widen [first, stop) of n values to whole `LANES`, as far as n goes: a few values more cost less than a rest."""
+    """Widen [first, stop) of n values to whole `LANES`, within n: a few more values cost less than a partial lane."""
     return first // LANES * LANES, min((stop + LANES - 1) // LANES * LANES, n)
 
 

@@ -38,7 +38,7 @@ def load_model_text(name: str) -> str:
 
 
 def _is_hdf5(path: Path) -> bool:
-    """Whether a file begins as HDF5 does; what cannot be read is refused by who reads it."""
+    """Whether a file begins like HDF5; the reader refuses a file that cannot be read."""
     try:
         check_input(path)
         with path.open("rb") as file:
@@ -53,7 +53,7 @@ def load_model(name: str) -> Model:
     Raises
     ------
     BadInputError
-        If there is none, or it is not TOML or no model; the text names the line or the key.
+        If it is missing, not TOML or not a model; the text names the line or the key.
     """
     text = load_model_text(name)
     if not Path(name).is_file():
@@ -97,7 +97,7 @@ def _read_map(folder: Path, path: str, shape: tuple[int, int] | None) -> Float32
     if array.dtype.kind != "f":
         raise ValueError(f'"{path}": expected float32, got {array.dtype}')
     if shape is None and array.ndim != _IMAGE_RANK:
-        raise ValueError(f'"{path}": shape {array.shape} is no image')
+        raise ValueError(f'"{path}": shape {array.shape} is not an image (row, col)')
     if shape is not None and array.shape != shape:
         raise ValueError(f'"{path}": shape {array.shape} differs from the image {shape}')
     return array.astype(np.float32)

@@ -94,7 +94,7 @@ class Distortion:
         return _fold_radius(self._all)
 
     def undo(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Undistorted places of distorted ones; NaN where there is none before the distortion folds.
+        """Undistorted places of distorted ones; NaN if none exists before the distortion folds.
 
         Newton's iteration on both coordinates. It starts from the radius of a lens without p1 and p2, which a table
         gives, so that it cannot end behind the fold.
@@ -210,7 +210,7 @@ class Pinhole:
         Raises
         ------
         ValueError
-            If a place lies beyond what the lens images: where the distortion folds, or 90 degrees off the axis.
+            If a place lies outside the image of the lens: where the distortion folds, or 90 degrees off the axis.
         """
         down, across = np.broadcast_arrays(np.asarray(row, dtype=np.float64), np.asarray(col, dtype=np.float64))
         with np.errstate(over="ignore"):
@@ -240,7 +240,7 @@ class Pinhole:
         return np.where(seen, y * self.fy + self.cy, np.nan), np.where(seen, x * self.fx + self.cx, np.nan)
 
     def check(self, shape: tuple[int, int]) -> None:
-        """Refuse an image (rows, cols) that reaches beyond what the lens images.
+        """Refuse an image (rows, cols) that extends beyond the image of the lens.
 
         The distorted radius grows up to the fold, so that an image whose border has rays has rays everywhere.
 

@@ -28,7 +28,7 @@ class Job:
     options : EstimateOptions
         The estimator's.
     provenance : Provenance
-        What the layers file will say of them; its sensor is the one that is used.
+        Provenance in the layers file; its sensor is the one that is used.
     grid : Grid
         The cells.
         In samples of a pixel: a frame has as many as targets.

@@ -123,7 +123,7 @@ class SensorProfile:
 
     @property
     def random_share(self) -> float | FloatArray:
-        """Probability of a random value: p(c_r) and the background, of all pixels alike or of each (row, col)."""
+        """Probability of a random value: p(c_r) and the background, one for all pixels or for each (row, col)."""
         background = self.noise.background
         if background is None:
             return self.outlier_probability
@@ -176,12 +176,12 @@ class SensorProfile:
         return self.noise.scaled(factor, amplitude_factor=integration_time_ms / self.reference_integration_time_ms)
 
     def turn_mm(self, purpose: str) -> float:
-        """Unambiguous range d_u = c / (2 f), mm, for what acts on the phase.
+        """Unambiguous range d_u = c / (2 f), mm, for effects on the phase.
 
         Parameters
         ----------
         purpose : str
-            What asks, as the user knows it: "--averaged", or an effect's kind.
+            The caller, in words of the user: "--averaged", or an effect's kind.
 
         Raises
         ------

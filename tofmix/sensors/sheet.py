@@ -1,7 +1,7 @@
 """Known properties of a camera: the numbers of a profile, of which some may be missing.
 
 Use a sheet where a camera is only described: `tofmix sensors`, `tofmix import`. Where one is simulated, or its noise is
-asked for, `CameraSheet.profile` gives the whole `SensorProfile`, or says what is missing.
+asked for, `CameraSheet.profile` gives the whole `SensorProfile`, or names the missing data.
 """
 
 from dataclasses import dataclass, fields
@@ -22,7 +22,7 @@ VIEW_KEYS = ("fov_horizontal_deg", "fov_vertical_deg")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraSheet:
-    """A camera of which not all need be known: None stands for what is not.
+    """A camera of which not all need be known: None means unknown.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class CameraSheet:
         return profile
 
     def sensor(self) -> Sensor:
-        """The camera as a recording describes it; what is not known stays unknown.
+        """The camera as a recording describes it; unknown values stay unknown.
 
         Raises
         ------

@@ -50,9 +50,7 @@ def make_cuts(shares: Shares, planes: FloatArray, directions: FloatArray, settin
 
     Parameters
     ----------
-    shares : Shares
-        What each pixel sees.
-    planes : (surface, 3) float64
+    shares : Shares Surfaces in each pixel. planes : (surface, 3) float64
         m of 1/r = m . d.
     directions : (row, col, 3) float64
         Unit vectors d.
@@ -82,7 +80,7 @@ def make_cuts(shares: Shares, planes: FloatArray, directions: FloatArray, settin
 def _borders(
     shares: Shares, planes: FloatArray, directions: FloatArray, crease: float
 ) -> tuple[BoolArray, NDArray[np.int32]]:  # fmt: skip
-    """Pixels (row, col) that one surface fills and beside which it is not seen, and the surface behind it there."""
+    """Pixels (row, col) that one surface fills and next to which it is not seen, and the surface behind it there."""
     rows, cols = shares.count.shape
     alone = (shares.count == 1) & (shares.label[..., 0] != NO_SURFACE)
     found = np.zeros((rows, cols), bool)

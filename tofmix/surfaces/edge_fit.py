@@ -1,8 +1,8 @@
 """Fitting of edges to the shares of the pixels along them. Compiled.
 
 The share of a surface in a pixel is the area that it covers there. An edge is fitted to the shares of a run of pixels
-on both sides of the pixel it is asked for: a straight line, an arc, or two parallel lines (a bar). The run grows pixel
-by pixel as long as the shares agree with it.
+on both sides of the wanted pixel: a straight line, an arc, or two parallel lines (a bar). The run grows pixel by pixel
+as long as the shares agree with it.
 """
 
 import math
@@ -185,7 +185,7 @@ def fit_edges(
     fits : (cut, FIT_COLUMNS) float64
         The fits, filled; `AGREES` is 0 where none agrees with the shares.
     nearer : (cut, FIT_COLUMNS) float64
-        Fits of the cuts that are nearer in their pixels than these, made before; 0 where there is none.
+        Fits of the cuts that are nearer in their pixels than these, made before; 0 for none.
     first_cut, next_cut
         The first cut of each pixel (row, col), and the next one of each cut's pixel; -1: none.
     rows, cols, cut_labels : (cut,) int32

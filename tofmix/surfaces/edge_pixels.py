@@ -31,10 +31,10 @@ def share_of(
     label: int, row: int, col: int, count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray,
     up_to: FloatArray, planes: FloatArray, directions: FloatArray,
 ) -> float:  # fmt: skip
-    """Share (0 to 1) that a surface and all nearer ones have in a pixel; -1 if the pixel does not tell.
+    """Share (0 to 1) that a surface and all nearer ones have in a pixel; -1 if unknown.
 
-    A pixel without the surface shows 0 where all that it sees is farther than the surface's plane; what is nearer
-    hides it.
+    In a pixel without the surface the share is 0 if all its surfaces are farther than the surface's plane; nearer
+    surfaces hide it.
     """
     entries = count[row, col]
     if entries == 0:
@@ -56,7 +56,7 @@ def collect(
     directions: FloatArray, rays: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
     nearer: FloatArray, frame: FloatArray, pixels: FloatArray,
 ) -> int:  # fmt: skip
-    """Fill `pixels` with those around (row, col) that tell the share of a surface; return how many.
+    """Fill `pixels` with those around (row, col) with a known share of a surface; return their number.
 
     The pixel itself comes first. `rays` is (row, col, 3, 3): the ray of the centre, and its change down and across;
     `frame` (3, 3) is filled with the rows that give x, y and 1 of a ray in the pixel's own plane.

@@ -47,7 +47,7 @@ def is_of_run(
     kind: int, fit: FloatArray, down: float, right: float, pixel: FloatArray, back: float, ahead: float,
     settings: EdgeSettings,
 ) -> bool:  # fmt: skip
-    """Whether a collected pixel lies beside the edge of normal (down, right), not farther along it than the run."""
+    """Whether a collected pixel lies at the edge of normal (down, right), not farther along it than the run."""
     along = -right * pixel[X] + down * pixel[Y]
     if along < -back - 0.5 or along > ahead + 0.5:
         return False

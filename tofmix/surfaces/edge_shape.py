@@ -1,7 +1,7 @@
 """Edges in a pixel: lines, arcs and bars, and the area that a surface covers behind them. Compiled.
 
 Places are in a pixel's own plane: (x, y), down and to the right of its centre, in pixels of it, where the rays of
-others meet it. A straight edge in space is a straight line there, whatever the camera's projection.
+others meet it. A straight edge in space is a straight line there, for any projection of the camera.
 """
 
 import math
@@ -25,8 +25,8 @@ COLUMNS = 13
 # Columns of a fit.
 KIND, ANGLE, OFFSET, THIRD, BACK, AHEAD, VAR_ANGLE, COV_ANGLE, VAR_OFFSET, VAR_THIRD, AGREES = range(11)
 FIT_COLUMNS = 11
-"""What a fit is: its kind; angle of n from the rows' axis, rad; c, pixels; curvature or second offset; run behind and
-ahead, pixels; variances; 1 if the fit agrees with its run."""
+"""Columns of a fit: its kind; angle of n from the rows' axis, rad; c, pixels; curvature or second offset; run behind
+and ahead, pixels; variances; 1 if the fit agrees with its run."""
 
 
 @borrowing
@@ -92,7 +92,8 @@ def _mean_square(
 ) -> float:  # fmt: skip
     """Mean square distance, along an edge's tangent in a pixel, from the place where it touches: of the part inside.
 
-    Half of it times the curvature is how far the arc lies from the tangent on average, and so what it covers less.
+    Half of it times the curvature is the mean distance of the arc from the tangent, and so the area that the arc covers
+    less.
     """
     chord(a, b, c, place)
     if place[0] == 0.0:

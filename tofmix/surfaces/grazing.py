@@ -1,7 +1,7 @@
-"""Edges go on into pixels beside them that show one surface alone, or do not tell. Compiled.
+"""Edges continue into neighbouring pixels of one surface, or without known shares. Compiled.
 
-A surface with a small share is not found in its pixel, and a pixel whose mixing is undecided tells no shares at all.
-Both are told by the edges beside them.
+A surface with a small share is not found in its pixel, and an undecided pixel has no known shares. The neighbouring
+edges determine both.
 """
 
 from typing import NamedTuple
@@ -21,7 +21,7 @@ from tofmix.surfaces.shares import Shares
 
 
 class Painted(NamedTuple):
-    """What is painted: entries of each pixel, near to far, and what each covers."""
+    """The surfaces to paint: entries of each pixel, near to far, and the area of each."""
 
     entries: NDArray[np.int32]
     label: NDArray[np.int32]
@@ -34,23 +34,23 @@ def continue_edges(
     shares: Shares, cuts: Cuts, fits: FloatArray, lines: FloatArray, regions: FloatArray, planes: FloatArray,
     directions: FloatArray, rays: FloatArray, silent: BoolArray, settings: EdgeSettings,
 ) -> Painted:  # fmt: skip
-    """Continue edges into pixels beside them that tell one surface alone, or none.
+    """Continue edges into neighbouring pixels of one surface, or without known shares.
 
     Parameters
     ----------
     shares, cuts, fits, lines, regions
-        What was found so far.
+        The results so far.
     planes, directions, rays
         As for `fit_edges`.
     silent : (row, col) bool
-        Pixels that see something and do not tell what.
+        Pixels with samples but without known shares.
     settings : EdgeSettings
         Thresholds.
 
     Returns
     -------
     Painted
-        With an entry and a cut more where an edge goes on.
+        With a further entry and cut where an edge continues.
     """
     found, more = _continue(
         shares.count, shares.label, shares.inverse, shares.samples, shares.floor, cuts.near, cuts.far, cuts.row,

@@ -1,7 +1,7 @@
 """Growing of planar surfaces from node to node. Compiled.
 
-A surface begins at a node whose neighbours are flat, with a plane that faces the camera and whose slopes are hardly
-known. Every neighbour that lies on the plane within the errors of both joins it and makes the plane better known.
+A surface begins at a node with flat neighbours, with a plane that faces the camera and has almost unknown slopes. Every
+neighbour that lies on the plane within the errors of both joins it and makes the plane better known.
 """
 
 import numpy as np
@@ -241,8 +241,8 @@ def reassign(
     """Give each node the surface of its neighbourhood that fits it best; return how many changed.
 
     A surface's cost is the squared misfit, `apart_cost` for each of the eight neighbouring pixels without that
-    surface, and a part of what a surface costs at all: a few false layers beside a large surface are given back to it.
-    `label` is changed in place.
+    surface, and a part of the cost of a surface: a few false layers next to a large surface return to it. `label` is
+    changed in place.
     """
     rows, cols, depth = index.shape
     changed = 0

@@ -70,8 +70,8 @@ def _joined(
 ) -> NDArray[np.int32]:  # fmt: skip
     """New number of each surface: pieces of one plane, such as a wall behind slats, get that of the largest.
 
-    Two pieces are joined if their planes agree within their errors, and if this is more than chance: the density of the
-    difference at 0 beside that of any other plane, one that faces any way at any range.
+    Two pieces are joined if their planes agree within their errors, and if this is unlikely by chance: the density of
+    the difference at 0, compared with that for a plane of any direction and range.
     """
     new = np.arange(len(planes), dtype=np.int32)
     big = int((sizes >= settings.least_piece).sum())  # by size, the largest first
@@ -87,7 +87,7 @@ def _odds(
     plane: FloatArray, covariance: FloatArray, size: float, planes: FloatArray, covariances: FloatArray,
     settings: LinkSettings,
 ) -> FloatArray:  # fmt: skip
-    """Odds (whole,) that a piece is of each of the planes and not of one of its own."""
+    """Odds (whole,) that a piece belongs to each of the planes and not to a separate one."""
     both = covariances + covariance
     miss = planes - plane
     squared = (miss * np.linalg.solve(both, miss[..., np.newaxis])[..., 0]).sum(axis=-1)

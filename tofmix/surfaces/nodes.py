@@ -34,7 +34,7 @@ class Nodes:
     inverse : (node,) float64
         1 / r, 1/mm.
     variance : (node,) float64
-        Of `inverse`; what neighbours on a plane differ by beyond their standard errors included.
+        Of `inverse`; includes the scatter of neighbours on a plane beyond their standard errors.
     shift : (node,) float64
         Standard deviation of where in the pixel a layer is seen, pixels, along rows and columns: 0 if it fills the
         pixel.

@@ -23,7 +23,7 @@ def paint_row(
     row, factor : int
         The image row; parts along each side of a pixel.
     regions, first_cut, next_cut
-        What each surface covers, as for `choose_regions`; a pixel's cuts are near to far.
+        Area of each surface, as for `choose_regions`; a pixel's cuts are near to far.
     count, labels, inverses
         Of `Shares`.
     planes : (surface, 3) float64
@@ -68,10 +68,10 @@ def paint_row(
 def share_out(
     factor: int, silent: NDArray[np.bool_], range_fine: NDArray[np.float32], surface_fine: NDArray[np.int32]
 ) -> None:  # fmt: skip
-    """Share out pixels that see something and do not tell what among the pixels beside them that do.
+    """Divide unknown pixels with samples among the surfaces of their known neighbours.
 
-    Each part gets what the nearest part across the pixel's border shows, if that pixel tells. A pixel's surfaces are
-    those beside it; where between them it changes is not known.
+    Each part gets the surface of the nearest part across the pixel's border, if that pixel is known. A pixel's surfaces
+    are those of its neighbours; the edge between them is not known.
 
     Parameters
     ----------

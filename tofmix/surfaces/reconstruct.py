@@ -109,7 +109,7 @@ def _fit(cuts: Cuts, *arrays: Any) -> FloatArray:  # noqa: ANN401  those of `fit
 
 
 def _silent(layers: Layers, shares: Shares) -> BoolArray:
-    """Pixels (row, col) that have layers and do not tell shares, as their mixing is undecided."""
+    """Pixels (row, col) with layers but without shares, because their mixing is undecided."""
     return np.asarray((shares.count == 0) & (layers.n_modes > 0))
 
 

@@ -1,4 +1,4 @@
-"""What a surface covers in a pixel: one side of an edge, or a corner of two edges. Compiled.
+"""Area of a surface in a pixel: one side of an edge, or a corner of two edges. Compiled.
 
 Where no edge agrees with the shares around a pixel, or its run is short, the edges of neighbours are continued into it:
 each alone, and each two of them as a corner, convex or concave. The one that fits the shares of the pixel and its eight
@@ -134,7 +134,7 @@ def choose_regions(
     samples: FloatArray, floor: FloatArray, planes: FloatArray, directions: FloatArray, rays: FloatArray,
     settings: EdgeSettings,
 ) -> FloatArray:  # fmt: skip
-    """Choose what each surface covers in its pixel.
+    """Choose the area of each surface in its pixel.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ def _tell(
     up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: FloatArray, directions: FloatArray,
     told: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill what the nine pixels around a cut tell of its surface; partly hidden ones tell nothing."""
+    """Fill the shares of a cut's surface in the nine pixels around it; partly hidden ones are unknown."""
     for place in range(9):
         r, c = row + place // 3 - 1, col + place % 3 - 1
         told[place, 0] = -1.0
@@ -279,7 +279,7 @@ def _best(
 
 @borrowing
 def _end_bar(region: FloatArray, told: FloatArray, work: FloatArray, settings: EdgeSettings) -> None:
-    """End a bar across its pixel where its share there is too small for one that goes on."""
+    """End a bar across its pixel if its share there is too small for a bar that continues."""
     facing = region[FIRST + DOWN] * region[SECOND + DOWN] + region[FIRST + RIGHT] * region[SECOND + RIGHT]
     if facing > -settings.bar_cosine:
         return

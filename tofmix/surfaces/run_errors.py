@@ -1,10 +1,10 @@
-"""Errors of edges whose shares are unmixed: what the errors of shares along a run have in common.
+"""Errors of edges of unmixed shares: the common part of the errors along a run.
 
-Shares that are counts are independent of each other. Those of phasor sums are not: a pixel's share rests on the
-phasors of the two surfaces beside it, and the pixels next to it rest on nearly the same ones. Fits take shares for
-independent, so their variances are too small. A fit cannot see what its whole run has in common; it follows from the
-windows in which unmixing measures a surface. What runs scatter beyond their errors is seen. It is of the edge, which
-is not as straight or as round as the fit, and so in common too.
+Shares that are counts are independent of each other. Those of phasor sums are not: a pixel's share depends on the
+phasors of its two neighbouring surfaces, and the next pixels depend on nearly the same ones. Fits take shares for
+independent, so their variances are too small. A fit cannot show an error that its whole run has in common; it follows
+from the windows in which unmixing measures a surface. The scatter of runs beyond their errors is measured. It is of the
+edge, which is not as straight or as round as the fit, and so in common too.
 """
 
 import numpy as np

@@ -112,10 +112,10 @@ class EdgeSettings(NamedTuple):
     graze_area : float
         Area of a pixel below which an edge that grazes it changes nothing: less than half a part of 16 x 16.
     graze_sigmas : float
-        A pixel of one surface may see another up to this many standard errors of its share.
+        A pixel of one surface may see another one up to this many standard errors of its share.
     shared_variance : float
-        Part of an unmixed share's variance that comes from the phasors of the surfaces beside its pixel. A surface is
-        fitted in half a window of 9 x 9 pixels, its light with a weight that falls with a standard deviation of 2
+        Part of an unmixed share's variance from the phasors of the neighbouring surfaces. A surface is fitted in half
+        a window of 9 x 9 pixels, its light with a weight that falls with a standard deviation of 2
         pixels. That is some 12 to 25 pixels, and the fit is continued from their middle to the pixel: its variance is
         0.1 to 0.3 of a pixel's own, for each of both surfaces.
     alike_distance : float

@@ -1,4 +1,4 @@
-"""Shares of the surfaces in each pixel, near to far: what is known of the areas that they cover."""
+"""Shares of the surfaces in each pixel, near to far: the known areas that they cover."""
 
 from dataclasses import dataclass
 
@@ -16,12 +16,12 @@ from tofmix.surfaces.settings import ShareSettings
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shares:
-    """What each pixel sees, near to far; open space is the last entry.
+    """The surfaces of each pixel, near to far; open space is the last entry.
 
     Parameters
     ----------
     count : (row, col) int32
-        Entries of each pixel; 0: nothing is known.
+        Entries of each pixel; 0: unknown.
     label : (row, col, entry) int32
         Surface of each entry; `NO_SURFACE`: open space.
     inverse : (row, col, entry) float64
@@ -91,7 +91,7 @@ def make_shares(layers: Layers, nodes: Nodes, linked: Linked, settings: ShareSet
 def _errors(
     layers: Layers, share: FloatArray, count: NDArray[np.int32], total_samples: FloatArray, unseen: float
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """Samples that the shares of each pixel are worth, and what may go unnoticed."""
+    """Effective samples of the shares of each pixel, and the share that may be missed."""
     error = layers.weight_stderr.astype(np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
         effective = share * (1.0 - share) / error**2

@@ -1,16 +1,16 @@
-"""What a pixel's mean phasor is of: one surface, two, three. Bayes' rule over four kinds of hypotheses.
+"""Hypotheses for the mean phasor of a pixel: one, two or three surfaces. Bayes' rule over four kinds of hypotheses.
 
-- NEW: a surface of its own. Its phasor is uniform in the disc of the image's amplitudes.
-- CONTINUED: a surface beside the pixel, or a large one elsewhere in the image, fills it. The phasor is Gaussian about
+- NEW: a surface that no neighbour shows. Its phasor is uniform in the disc of the image's amplitudes.
+- CONTINUED: a neighbouring surface, or a large one elsewhere in the image, fills the pixel. The phasor is Gaussian
+  about
   the surface's own. The surface may also have another reflectance here: the phase is Gaussian, the amplitude uniform.
 - PAIR: two surfaces share the pixel. The phasor lies on the chord between theirs: Gaussian across, uniform along it.
   One of them may be a large surface that is seen elsewhere alone, as a wall in a gap narrower than a pixel.
 - TRIPLE: three of them. It lies in their triangle.
 
-Open space is an end like a surface: of phasor 0, as in a sum, or of what the camera returns where nothing is, as in
-samples of one surface each. The noise of a single
-surface is that of its neighbours; what scatters more in a pixel of samples of one surface each, is along the chord, and
-belongs to the pair.
+Open space is an end like a surface: of phasor 0, as in a sum, or of the camera's return from open space, as under
+equation (1). The noise of a single surface equals that of its neighbours. Under equation (1), further scatter is along
+the chord, and belongs to the pair.
 """
 
 import math
@@ -33,7 +33,7 @@ from tofmix.unmixing.surface_fit import MOST_SURFACES, Members, NeighbourSurface
 
 
 class Kind(IntEnum):
-    """What a pixel is of."""
+    """Kind of a hypothesis."""
 
     UNKNOWN = 0
     NEW = 1
@@ -64,7 +64,7 @@ _TINY = 1.0e-30
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OpenSpace:
-    """What a pixel without a surface returns.
+    """The return of a pixel without a surface.
 
     Parameters
     ----------
@@ -164,13 +164,13 @@ class _Best:
             kept[changed] = everything[name][better] if name in everything else self._blank[name]
 
     def unexplained(self) -> IntArray:
-        """Pixels (m,) of which no surfaces that are seen beside them are likely."""
+        """Pixels (m,) that no neighbouring surfaces explain."""
         total = special.logsumexp(np.stack(self._logs), axis=0)
         vague = (self._kept["kind"] == Kind.NEW) | ~self._kept["is_known"]
         return np.flatnonzero(vague | (np.exp(self._log - total) < self._likely))
 
     def findings(self) -> Findings:
-        """What was kept, with its probability among all."""
+        """The kept hypothesis, with its probability among all."""
         total = special.logsumexp(np.stack(self._logs), axis=0)
         return Findings(probability=np.exp(self._log - total), **self._kept)
 
@@ -194,9 +194,9 @@ def judge(
     planes : tuple of DistantPlane
         Large surfaces; none: they are left out.
     spaces : tuple of OpenSpace
-        What open space may return.
+        Possible returns of open space.
     settings, neighbourhood
-        Thresholds of hypotheses, and of the surfaces beside a pixel.
+        Thresholds of hypotheses, and of the neighbouring surfaces of a pixel.
 
     Returns
     -------
@@ -248,7 +248,7 @@ def _put_continued(
     best: _Best, image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, here: list[Predictions],
     largest: float,
 ) -> None:  # fmt: skip
-    """A trusted surface beside the pixel fills it, with the light that it has there or with any."""
+    """A trusted neighbouring surface fills the pixel, with its light or with any light."""
     phasor = image.phasor[pixels]
     trusted = neighbours.found & neighbours.is_trusted
     count = trusted.sum(axis=1)
@@ -296,7 +296,7 @@ def _put_distant(
 
 
 class _Ends:
-    """Surfaces beside pixels, and open space, as ends of chords and corners of triangles."""
+    """Neighbouring surfaces and open space, as ends of chords and corners of triangles."""
 
     def __init__(
         self, image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, here: list[Predictions],
@@ -336,7 +336,7 @@ class _Ends:
         return self._open[number - _OPEN] if number >= _OPEN else self.here[number]
 
     def seen(self, number: int, row: FloatArray, col: FloatArray) -> Predictions:
-        """The end's phasor from a place beside the pixel's middle."""
+        """The end's phasor from a place off the middle of the pixel."""
         if number >= _OPEN:
             return self._open[number - _OPEN]
         return predict(self.neighbours, number, row, col, image=self.image, seeds=self.seeds)
@@ -351,7 +351,7 @@ class _Ends:
         return variance_along(polar_covariance(phasor, tangential, radial), along)
 
     def apart(self, one: int, other: int) -> BoolArray:
-        """Whether two ends are so far from each other that they can be told apart."""
+        """Whether two ends are far enough apart to be separated."""
         if other >= _OPEN:
             return np.ones(len(self.pixels), bool)
         return _are_apart(self.at(one), self.at(other), self.settings)
@@ -412,7 +412,7 @@ def _chord(ends: _Ends, one: int, other: int, plane: DistantPlane | None = None)
 
 
 def _elsewhere(ends: _Ends, plane: DistantPlane, row: FloatArray, col: FloatArray) -> Predictions:
-    """What a large surface would return from places (n,) that lie `row` and `col` beside the pixels."""
+    """The return of a large surface from places (n,), `row` and `col` off the pixels."""
     image, pixels = ends.image, ends.pixels
     ways = (
         image.directions[pixels] + (row * image.pitch_down[pixels])[:, np.newaxis] * image.down[pixels]
@@ -427,9 +427,9 @@ def _elsewhere(ends: _Ends, plane: DistantPlane, row: FloatArray, col: FloatArra
 
 
 def _put_distant_pairs(best: _Best, ends: _Ends, planes: tuple[DistantPlane, ...]) -> None:
-    """A surface beside the pixel shares it with a large one that is seen elsewhere, and not beside it.
+    """A neighbouring surface shares the pixel with a large one that is seen elsewhere only.
 
-    Where surfaces beside a pixel explain it, this is not tried: it is much less likely.
+    If neighbouring surfaces explain a pixel, this is not tried: it is much less likely.
     """
     doubtful = best.unexplained()
     if not planes or not doubtful.size:
@@ -457,7 +457,7 @@ def _put_distant_pairs(best: _Best, ends: _Ends, planes: tuple[DistantPlane, ...
 
 
 def _are_apart(one: Predictions, other: Predictions, settings: HypothesisSettings) -> BoolArray:
-    """Whether two ends are so far from each other that they can be told apart."""
+    """Whether two ends are far enough apart to be separated."""
     gap, error = np.abs(one.range_mm - other.range_mm), np.sqrt(one.range_variance + other.range_variance)
     least = np.minimum(one.range_mm, other.range_mm)
     return np.asarray((gap > settings.apart_sigmas * error) & (gap > settings.apart * least))

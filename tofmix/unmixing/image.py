@@ -32,7 +32,7 @@ class Beams(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What pixels measured, (pixel,) each, as in `PhasorImage`."""
+    """Measurements of pixels, (pixel,) each, as in `PhasorImage`."""
 
     range_mm: FloatArray
     range_variance: FloatArray
@@ -46,7 +46,7 @@ class Measured(NamedTuple):
 
 @dataclass(slots=True, kw_only=True, eq=False)
 class PhasorImage:
-    """What the pixels of one window measured. Arrays are (pixel,), row by row, unless said otherwise.
+    """The measurements of one window. Arrays are (pixel,), row by row, unless said otherwise.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class PhasorImage:
     covariance : (pixel, 3)
         Variances of the real and the imaginary part of one sample, and their covariance.
     samples : float
-        Samples that the mean is of.
+        Samples in the mean.
     unit : float
         Amplitude that counts as 1 here: the median of the image, so that numbers are of order 1.
     directions : (pixel, 3)
@@ -140,7 +140,7 @@ class PhasorImage:
 
     @property
     def measured(self) -> Measured:
-        """What the pixels measured, for kernels."""
+        """The measurements, for kernels."""
         return Measured(
             self.range_mm, self.range_variance, self.log_light, self.light_variance, self.noise_radial,
             self.noise_tangential, self.scatter_radial, self.scatter_tangential,
@@ -245,7 +245,7 @@ def _tangents(ways: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, Flo
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Window:
-    """Places of a square window around a pixel, the pixel itself left out unless it is asked for; all (place,)."""
+    """Places of a square window around a pixel, without the pixel by default; all (place,)."""
 
     row: IntArray
     col: IntArray

@@ -1,7 +1,7 @@
-"""What each pixel of an image is of, in rounds: from pixels that surely see one surface, towards the edges.
+"""The surfaces of each pixel of an image, in rounds: from pixels that certainly see one surface, towards the edges.
 
 1. Pixels that are not certain are judged by the certain ones around them.
-2. What no surface nearby explains may be a large surface that is seen elsewhere, or a thin one: pixels that agree with
+2. Pixels that no nearby surface explains may see a large surface from elsewhere, or a thin one: pixels that agree with
    their neighbours. Those join, and all is judged again.
 3. Once more where pixels joined or left surfaces, as the ends of chords are better known there.
 
@@ -33,7 +33,7 @@ _BLOCK = 1 << 13
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Labels:
-    """What each pixel is of. Arrays are (pixel,) or (pixel, ENDS), as in `Findings`.
+    """The hypothesis of each pixel. Arrays are (pixel,) or (pixel, ENDS), as in `Findings`.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Lab
 
 
 def _open_space(image: PhasorImage, settings: LabelSettings) -> tuple[OpenSpace, ...]:
-    """Where open space may be seen, and what it may return: nothing, or what pixels of open space return."""
+    """Pixels that may see open space, and its possible returns: nothing, or the return of pixels of open space."""
     side = 2 * settings.open_reach + 1
     nearby = ndimage.binary_dilation(image.open_space.reshape(image.shape), np.ones((side, side), bool)).ravel()
     if not nearby.any():
@@ -150,7 +150,7 @@ def _next_members(
 
 
 def _near_changes(before: Members, after: Members, shape: tuple[int, int], reach: int) -> BoolArray:
-    """Pixels (pixel,) that see another neighbourhood than before: the others are of what they were of."""
+    """Pixels (pixel,) whose neighbourhood has changed: the others keep their hypothesis."""
     changed = np.zeros(len(before.middle), bool)
     for old, new in zip(before, after, strict=True):
         differs = old != new

@@ -76,7 +76,7 @@ def _median(value: FloatArray, error: FloatArray) -> tuple[float, float]:
 
 
 def _of_pixels(image: PhasorImage, labels: Labels, settings: LawSettings) -> tuple[FloatArray, FloatArray]:
-    """Q of each pixel and its standard error (pixel,), infinite where the pixel tells nothing."""
+    """Q of each pixel and its standard error (pixel,), infinite without information."""
     pair, parallel, noise, jump = _along_chords(image, labels, settings)
     value = 1.0 - (1.0 - 1.0 / np.maximum(image.samples, 1.0)) * (parallel - noise) / jump
     error = _error_of(image, parallel, noise, jump, settings.least_error)
@@ -119,8 +119,8 @@ def _along_edges(
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Pixels of `edges` with enough of a group around them, the median of q over these, and its standard error.
 
-    A median, because some pixels have wrong surfaces: a narrow surface beside a chord makes a pixel that sees it alone
-    look like a sum.
+    A median, because some pixels have wrong surfaces: a pixel that sees only a narrow surface near a chord looks like a
+    sum.
     """
     side = 2 * settings.reach + 1
     square = np.ones((side, side), np.int64)

@@ -1,4 +1,4 @@
-"""From the samples of a pixel to its mean phasor: what unmixing needs of the samples.
+"""From the samples of a pixel to its mean phasor, the input of unmixing.
 
 A sample's phasor is z = A exp(i r / K), with the amplitude A and K = d_u / 2 pi. Use `mean_phasors` where the samples
 are in memory; the results travel with the layers of a block until the image is whole.
@@ -15,7 +15,7 @@ from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.sensor import Sensor
 
 FIELDS = ("real", "imaginary", "variance_real", "variance_imaginary", "covariance", "samples", "turn")
-"""What is kept of each pixel, in the order of the last axis."""
+"""Values of each pixel, in the order of the last axis."""
 
 FIELD_COUNT = len(FIELDS)
 

@@ -23,7 +23,7 @@ def fit_plane(
     Parameters
     ----------
     x, y, values : (place,) float64
-        Places and what was measured there.
+        Places and measured values.
     weights : (place,) float64
         One over the variances; 0 leaves a place out.
     slope_weight : float

@@ -1,4 +1,4 @@
-"""From labels to layers: what unmixing writes over the layers of mixed pixels."""
+"""From labels to layers: unmixed layers replace those of mixed pixels."""
 
 from dataclasses import dataclass
 
@@ -25,9 +25,9 @@ class Rewritten:
     layers : Layers
         Of the leading shape (row, col), with `mixing`.
     phasor_share : float
-        q, share of the samples at edges that are phasor sums; NaN if no pixel tells it.
+        q, share of the samples at edges that are phasor sums; NaN if no pixel determines it.
     informative_pixels : int
-        Pixels that it is measured in.
+        Pixels that determine it.
     """
 
     layers: Layers
@@ -50,7 +50,7 @@ def rewrite(
     sensor : Sensor
         Its noise curve gives sigma.
     insist : bool
-        Whether all samples at edges are taken for phasor sums, whatever the law.
+        Whether all samples at edges are taken as phasor sums, for any measured q.
     circle_mm : float, optional
         Length of the circle that ranges are on, mm.
     settings : UnmixSettings
@@ -134,6 +134,6 @@ def _write(
 
 
 def _doubt(flat: Layers, pixels: BoolArray) -> None:
-    """Mark pixels in which the surfaces cannot be told."""
+    """Mark undecided pixels."""
     flat.probability[pixels] = np.minimum(flat.probability[pixels], MOST_UNDECIDED)
     flat.mixing[pixels] = int(Mixing.UNDECIDED)  # type: ignore[index]  # it was just made

@@ -1,7 +1,7 @@
 """Pixels that surely see one surface: those in 3 x 3 windows in which range and light are those of a plane.
 
-The scatter about such planes is measured too: what it has beyond noise is fixed pattern, in range, and texture, in
-light. Both belong to the errors of everything that follows.
+The scatter about such planes is measured too: beyond noise it is fixed pattern, in range, and texture, in light. Both
+belong to the errors of everything that follows.
 """
 
 from dataclasses import dataclass
@@ -30,16 +30,15 @@ _BLOCK = 1 << 14
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seeds:
-    """What 3 x 3 windows tell.
+    """Results of 3 x 3 windows.
 
     Parameters
     ----------
     plane : (pixel, 3) float64
         m of the plane 1 / r = m . d of the best window that holds the pixel, 1 / mm; 0 where there is none.
     middle : (pixel,) int64
-        The middle of that window.
-    has_plane : (pixel,) bool
-        Whether there is one, in a block of at least 4 x 4 pixels.
+        The middle of that window. has_plane : (pixel,) bool Whether there is a plane, in a block of at least 4 x 4
+        pixels.
     certain : (pixel,) bool
         Whether light, too, is that of one surface: such a pixel sees nothing else.
     pattern_variance : float
@@ -93,11 +92,11 @@ def _unlike(
     image: PhasorImage, pixels: IntArray, planes: FloatArray, surely: BoolArray, pattern: float,
     settings: SeedSettings,
 ) -> IntArray:  # fmt: skip
-    """Pixels at the border of a surface that are not surely of it, by the planes of the windows beside them.
+    """Pixels at the border of a surface that may not belong to it, by the planes of neighbouring windows.
 
-    A slope takes up a column of mixed pixels at a window's side. The windows beside that, two pixels away from it, do
-    not know the column. A pixel is unlike where, along an axis, it has the range of neither side, or lies between
-    two sides that differ.
+    A slope takes up a column of mixed pixels at a window's side. The neighbouring windows, two pixels away, do not
+    include the column. A pixel is unlike where, along an axis, it has the range of neither side, or lies between two
+    sides that differ.
     """
     row, col = np.divmod(pixels, image.shape[1])
     near = 1.0 / image.range_mm[pixels]
@@ -191,7 +190,7 @@ def plane_vector(image: PhasorImage, pixels: IntArray, coefficients: FloatArray)
 
 
 def _excess(scatter: FloatArray, noise: FloatArray, settings: SeedSettings) -> float:
-    """Variance to be added to the noise of windows so that the quieter ones scatter as chi-squared says."""
+    """Variance to be added to the noise of windows so that the scatter of the quieter ones follows chi-squared."""
     if len(scatter) < settings.least_windows:
         return 0.0
     return min(_excess_at(scatter, noise, part) for part in settings.quantiles)

@@ -18,7 +18,7 @@ class ImageSettings:
     prior_samples : float
         Samples that the neighbours' noise counts for in a pixel's own: with few frames its own variances are uncertain.
     most_noise : float
-        Most times the neighbours' noise that a single surface is granted: what scatters more may be two surfaces.
+        Largest factor on the neighbours' noise of a single surface: more scatter may be two surfaces.
     """
 
     least_samples: int = 3
@@ -39,7 +39,8 @@ class SeedSettings:
     least_windows : int
         Windows from which on a scatter beyond noise is measured.
     unlike_sigmas : float
-        Standard errors from the planes beside it, beyond which a pixel at a border is judged again.
+        Standard errors from the neighbouring planes, beyond which a pixel at a border is tested again: more than noise
+        gives.
     between_sigmas, different_sigmas : float
         Standard errors that a pixel is off both sides, and that these differ by, where it may be a mixture of both.
     """
@@ -121,16 +122,17 @@ class HypothesisSettings:
     Parameters
     ----------
     distant_prior : float
-        Prior of a large surface that is seen elsewhere, and of pairs with one: small, so that a pair that meets its
-        range by chance stays a pair.
+        Prior of a large surface elsewhere, and of pairs with one: small, so that a pair at the same range by chance
+        stays a pair.
     likely : float
-        Probability from which on surfaces beside a pixel explain it, and large ones elsewhere are not tried.
+        Probability from which on neighbouring surfaces explain a pixel, and large ones elsewhere are not tried.
     near_chord : float
         Distance from a chord, as a part of its length and beyond 6 standard errors, within which a pair is tried.
     apart_sigmas, apart : float
         Standard errors, and part of the range, between the surfaces of a pair.
     same_sigmas : float
-        A pair whose share of a thin surface is 1 within so many standard errors is that surface.
+        A pair whose share of a thin surface is 1 within so many standard errors is that surface, without new
+        information.
     rounds : int
         Rounds of share and place: a surface is seen where its part of the pixel is, and that is as large as the share.
     """
@@ -155,7 +157,7 @@ class LabelSettings:
     open_reach : int
         Pixels from open space within which a pixel may see some of it.
     least_open : int
-        Fewest pixels of open space for an estimate of its return; with fewer, none is assumed.
+        Fewest pixels of open space for an estimate of its return; with fewer, it returns nothing.
     agree_sigmas : float
         Standard errors up to which neighbouring pixels agree.
     slope, light_slope : float
@@ -185,21 +187,21 @@ class LawSettings:
     chance_sigmas : float
         Standard errors above 0 from which on such a share is no chance.
     least_probability : float
-        Posterior of pairs that count.
+        Smallest posterior of pairs that measure q.
     least_share : float
         Least share of a pair's lesser surface: w (1 - w) is known well there.
     most_error : float
-        Largest standard error of q of a pixel that counts.
+        Largest standard error of q of a pixel that measures q.
     least_error : float
         Least standard error of a pixel's q: shares and chords are known no better.
     reach, least_along : int
-        Reach of the window, pixels, in which an edge's own law is measured, and pixels in it that must count.
+        Reach of the window, pixels, in which the q of an edge is measured, and the fewest pixels in it.
     different_sigmas : float
         Standard errors by which an edge differs from the others of the image before its own law is taken.
     least_differing : float
-        Part of the pixels that count, which those at edges of another law must exceed. One in 100 of the pairs that are
-        sure may have a wrong surface, as their posterior says; these lie together, at a corner, or beside a surface
-        that no pixel sees alone.
+        Part of the pixels that measure q, which the pixels at edges of another q must exceed. By their probability, one
+        in 100 of the certain pairs may have a wrong surface. These lie together, at a corner, or next to a surface that
+        no pixel sees alone.
     """
 
     least_phasor_share: float = 0.05
@@ -221,14 +223,14 @@ class UnfoldingSettings:
     Parameters
     ----------
     least_pixels : int
-        Pixels of a surface that is unfolded; fewer may be mixtures, whose range is none of a surface.
+        Fewest pixels of a surface that is unfolded; fewer may be mixtures.
     link_sigmas, link_pitches : float
         Standard errors, and steps of a pixel's width, between neighbours of one surface: 76 degrees of incidence.
     crossed : float
         Pairs of neighbours across the fold, as a part of the square root of a surface's pixels, from which on it
         crosses the fold: a fifth of one side.
     strides : tuple of int
-        Pixels from one to the other of two whose light is compared: a far one tells more of a wide surface.
+        Distances, in pixels, over which light is compared: a larger distance tests a wide surface better.
     better : float
         Ratio of the scatter of light with the turn to that without it, below which the turn is taken.
     """

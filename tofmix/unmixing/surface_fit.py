@@ -1,8 +1,8 @@
-"""The surfaces beside a pixel, from the one-surface pixels in a window around it. Compiled.
+"""The neighbouring surfaces of a pixel, from the one-surface pixels in a window around it. Compiled.
 
 Each one-surface pixel predicts 1 / r at the pixel in question by its own plane. Predictions that agree are of one
-surface; a plane is then fitted to all its pixels, and another one to their light. `tofmix.unmixing.neighbours` says
-what is done with them.
+surface; a plane is then fitted to all its pixels, and another one to their light. `tofmix.unmixing.neighbours` uses
+them.
 """
 
 import math
@@ -18,7 +18,7 @@ from tofmix.unmixing.plane_fit import fit_plane
 from tofmix.unmixing.settings import NeighbourSettings
 
 MOST_SURFACES = 4
-"""Surfaces that are looked at beside a pixel, the largest first."""
+"""Most neighbouring surfaces of a pixel, the largest first."""
 
 _TINY = 1.0e-30
 """Least divisor."""
@@ -39,9 +39,10 @@ class Members(NamedTuple):
     is_member : bool
         Whether the pixel is one.
     has_plane : bool
-        Whether it predicts by a plane of its own; else by its own range, as a surface that is seen head-on.
+        Whether it predicts by its plane; else by its range, as a surface that faces the beam.
     has_light : bool
-        Whether its amplitude is that of the surface: beside open space a part of it has the range, and less light.
+        Whether its amplitude is that of the surface: next to open space a pixel has the range of the surface, and less
+        light.
     is_known : bool
         Whether it surely sees one surface; else it only agrees with its neighbours.
     is_trusted : bool
@@ -65,7 +66,7 @@ class Members(NamedTuple):
 
 
 class NeighbourSurfaces(NamedTuple):
-    """Surfaces beside pixels (n,), at most `MOST_SURFACES` each. Arrays are (n, surface) unless said otherwise.
+    """Neighbouring surfaces of pixels (n,), up to `MOST_SURFACES` each. Arrays are (n, surface) unless said otherwise.
 
     Parameters
     ----------
@@ -108,7 +109,7 @@ def fill_surfaces(
     pixels: IntArray, rows: int, cols: int, beams: Beams, measured: Measured, members: Members,
     pattern_variance: float, texture_variance: float, out: NeighbourSurfaces, settings: NeighbourSettings,
 ) -> None:  # fmt: skip
-    """Fill the surfaces beside pixels (n,) of an image of `rows` x `cols`; `out` holds zeros before.
+    """Fill the neighbouring surfaces of pixels (n,) of an image of `rows` x `cols`; `out` holds zeros before.
 
     The variances are those of ranges (mm^2) and of ln A from pixel to pixel, beyond noise.
     """
@@ -244,7 +245,7 @@ def _fit_ranges(
     pixel: int, at: int, number: int, size: int, beams: Beams, members: Members, numbers: FloatArray,
     indices: IntArray, normal: FloatArray, out: NeighbourSurfaces, settings: NeighbourSettings,
 ) -> None:  # fmt: skip
-    """Fit a plane to the ranges of a surface: what they are beside the mean of its pixels' own planes."""
+    """Fit a plane to the ranges of a surface, relative to the mean of the planes of its pixels."""
     x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
         numbers[_OWN_WEIGHT, :size]  # fmt: skip
     variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
@@ -331,8 +332,7 @@ def _widen(
     """Widen a fit's covariance where its residuals scatter more than noise.
 
     All of it by the excess, at least 1. That of its value by what a surface is, beside its plane: of a crease, or of
-    one that is curved. It is what residuals scatter beyond noise and more than by chance, and more pixels do not lessen
-    it.
+    one that is curved. It is the scatter of residuals beyond noise and chance, and does not decrease with more pixels.
     """
     used, square, total, squares, level = 0, 0.0, 0.0, 0.0, 0.0
     for k in range(size):
@@ -357,7 +357,7 @@ def _widen(
 def _describe(
     at: int, number: int, size: int, measured: Measured, members: Members, indices: IntArray, out: NeighbourSurfaces
 ) -> None:  # fmt: skip
-    """Fill what most pixels of a surface are, and the means over them."""
+    """Fill the properties of most pixels of a surface, and the means over the pixels."""
     known, trusted, fresh, part = 0, 0, 0, 1.0 / size
     for k in range(size):
         place = indices[_OWN, k]

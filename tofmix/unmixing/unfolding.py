@@ -1,8 +1,8 @@
-"""Ranges that fold: which surfaces stand beyond the fold, one turn farther than their folded ranges say.
+"""Ranges that fold: which surfaces lie beyond the fold, one turn farther than their folded ranges.
 
 On a folded axis a surface beyond the fold is no plane: 1 / r is linear in the beam for the true range alone, and so is
-ln A + 3 ln r a constant. Use `unfolded` before planes are fitted. Only the first turn is told from the second; ranges
-in the farther half of a turn stay as they are.
+ln A + 3 ln r a constant. Use `unfolded` before planes are fitted. Only the first and second turn are distinguished;
+ranges in the farther half of a turn stay as they are.
 """
 
 import numpy as np

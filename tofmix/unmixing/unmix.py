@@ -37,9 +37,9 @@ def unmix(
     phasors : (row, col, 7) float32
         From `tofmix.unmixing.phasors.mean_phasors`, of the same window.
     sensor : Sensor
-        Its modulation frequency must be known; its optics and its noise curve are used where they are.
+        Its modulation frequency must be known; its optics and noise curve are used if known.
     insist : bool
-        Whether all samples at edges are taken for phasor sums, whatever their scatter says.
+        Whether all samples at edges are taken as phasor sums, for any scatter.
     circle_mm : float, optional
         Length of the circle that ranges are on, mm.
     settings : UnmixSettings
@@ -79,7 +79,7 @@ def _directions(sensor: Sensor, shape: tuple[int, int], unknown_pitch: float) ->
 
 
 def _sees_nothing(layers: Layers, open_share: float) -> BoolArray:
-    """Pixels (row, col) without any surface: c_0 explains their samples, or hardly any sample is valid."""
+    """Pixels (row, col) without any surface: c_0 explains their samples, or too few samples are valid."""
     empty = (layers.n_modes == 0) & (np.nan_to_num(layers.weight_no_return) > open_share)
     lost = layers.status == int(Status.TOO_FEW_SAMPLES)
     return np.asarray(empty | lost)

@@ -27,7 +27,7 @@ def write_reflective(path: Path, exponent: float, curve: dict[str, NDArray[np.fl
 
 
 @pytest.mark.slow
-def test_a_law_of_amplitude_is_told_and_stored(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_law_of_amplitude_is_printed_and_stored(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_reflective(tmp_path / "a.h5", 1.0)
     outcome = tofmix("estimate", path, "--noise", "auto")
     assert outcome.code == 0, outcome.err
@@ -51,7 +51,7 @@ def test_a_law_of_amplitude_is_told_and_stored(tofmix: Tofmix, tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_the_stored_law_is_read_again(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_stored_law_of_amplitude_is_read_again(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_reflective(tmp_path / "a.h5", 1.0)
     assert tofmix("estimate", path, "--noise", "auto").code == 0
     with h5py.File(tmp_path / "a.layers.h5") as root:
@@ -66,7 +66,7 @@ def test_the_stored_law_is_read_again(tofmix: Tofmix, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_amplitude_without_effect_is_told_and_changes_nothing(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_amplitude_without_effect_is_noted_and_changes_no_layer(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_reflective(tmp_path / "a.h5", 0.0)
     outcome = tofmix("estimate", path, "--noise", "auto")
     assert outcome.code == 0, outcome.err

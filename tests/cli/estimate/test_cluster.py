@@ -117,7 +117,7 @@ def first_blocks_of(running: "subprocess.Popen[str]", folder: Path) -> None:
 
 
 @pytest.mark.compiled("58,080 fits")
-def test_ctrl_c_takes_the_work_back_and_leaves_what_is_done(
+def test_ctrl_c_cancels_remaining_blocks_and_keeps_finished_ones(
     cluster: Cluster, recording: Path, expected: bytes, tmp_path: Path
 ) -> None:
     output = tmp_path / "a.layers.h5"
@@ -197,7 +197,7 @@ def test_path_missing_on_worker_exits_with_3(cluster: Cluster, recording: Path, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_scheduler_that_is_not_there_is_a_storage_error(recording: Path, tmp_path: Path) -> None:
+def test_missing_scheduler_is_a_storage_error(recording: Path, tmp_path: Path) -> None:
     done = run(recording, tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
     assert done.returncode == ExitCode.STORAGE
     assert done.stderr.startswith("tofmix: --scheduler tcp://127.0.0.1:1: cannot be reached")

@@ -50,7 +50,7 @@ def test_bytes_do_not_depend_on_workers_memory_or_time(tofmix: Tofmix, recording
     assert (tmp_path / "x").read_bytes() == (tmp_path / "y").read_bytes() == (tmp_path / "z").read_bytes()
 
 
-def test_windows_and_the_frames_left_out(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_frames_after_the_last_window_are_left_out_with_a_note(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     outcome = tofmix("estimate", recording, "--window", 15)
     assert "2 windows of 15 frames" in outcome.out
     assert "10 frames after the last whole window left out" in outcome.err
@@ -69,7 +69,7 @@ def test_windows_and_the_frames_left_out(tofmix: Tofmix, recording: Path, tmp_pa
         )),
     ],
 )  # fmt: skip
-def test_every_option_does_something(
+def test_every_option_of_estimate_changes_its_layers(
     tofmix: Tofmix, recording: Path, tmp_path: Path, option: str, value: object, changes: str
 ) -> None:
     # Counted by likelihood, surfaces so far apart are at their end after two steps.
@@ -84,7 +84,7 @@ def test_every_option_does_something(
 
 @pytest.mark.slow
 @pytest.mark.compiled("a frequency over 1600 pixels")
-def test_more_false_alarms_are_had_for_the_asking(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_higher_false_alarm_rate_gives_more_second_layers(tofmix: Tofmix, tmp_path: Path) -> None:
     rng = np.random.default_rng(8)
     path = write_recording(tmp_path / "a.h5", rng.normal(1200, 22, (40, 40, 40)).astype("u2"))
     counts = []
@@ -101,7 +101,7 @@ def test_more_false_alarms_are_had_for_the_asking(tofmix: Tofmix, tmp_path: Path
     assert tofmix("estimate", path, "--refine", "none", "--false-alarm", 0.01).code == ExitCode.USAGE
 
 
-def test_a_profile_stands_in_for_a_missing_curve(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_noise_profile_replaces_a_missing_curve(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_recording(tmp_path / "a.h5", boards(), noise=None)
     outcome = tofmix("estimate", path, "--noise", "sr3000")
     assert outcome.code == 0
@@ -135,9 +135,9 @@ def test_invalid_samples_are_skipped_and_counted(tofmix: Tofmix, tmp_path: Path)
         (["--max-layers", 33], ExitCode.USAGE, "33 is not in the range 1<=x<=32"),
         (["--gamma", "nan"], ExitCode.USAGE, "gamma"),
         (["-o", "/proc/none/a.h5"], ExitCode.STORAGE, "no such folder"),
-        (["--memory", "much"], ExitCode.USAGE, "'much' is no size; write 300MB or 1.5GB"),
-        (["--memory", "10MB"], ExitCode.USAGE, "'10MB' is too little; at least 250MB"),
-        (["--shard", "3/2"], ExitCode.USAGE, "'3/2' is no part I/N"),
+        (["--memory", "much"], ExitCode.USAGE, "'much' is not a size; write 300MB or 1.5GB"),
+        (["--memory", "10MB"], ExitCode.USAGE, "'10MB' is too small; give at least 250MB"),
+        (["--shard", "3/2"], ExitCode.USAGE, "'3/2' is not a part I/N"),
         (["--shard", "1/2", "--scheduler", "tcp://none:1"], ExitCode.USAGE, "--scheduler exclude each other"),
         (["--stride", 5], ExitCode.USAGE, "--stride needs --window"),
         (["-o", ""], ExitCode.USAGE, "the path is empty"),
@@ -153,7 +153,7 @@ def test_estimate_refuses_options_with_their_exit_code(
     assert [p.name for p in tmp_path.iterdir()] == ["a.h5"]
 
 
-def test_an_existing_output_is_kept(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_existing_output_is_kept_without_overwrite(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     (tmp_path / "a.layers.h5").write_text("old")
     assert tofmix("estimate", recording).code == ExitCode.USAGE
     assert (tmp_path / "a.layers.h5").read_text() == "old"
@@ -161,7 +161,7 @@ def test_an_existing_output_is_kept(tofmix: Tofmix, recording: Path, tmp_path: P
     assert tofmix("estimate", recording, "--overwrite").code == 0
 
 
-def test_damage_found_half_way_leaves_nothing(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_damage_found_during_reading_leaves_no_output(tofmix: Tofmix, tmp_path: Path) -> None:
     path = write_recording(tmp_path / "a.h5", boards(400), chunks=(100, 4, 6), fletcher32=True)
     with h5py.File(path) as root:
         offset = root["range"].id.get_chunk_info(3).byte_offset

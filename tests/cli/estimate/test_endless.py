@@ -30,10 +30,10 @@ def expected(tofmix: Tofmix, recording: Path, tmp_path: Path) -> bytes:
     return (tmp_path / "expected.h5").read_bytes()
 
 
-def test_extreme_samples_are_kept_and_said(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_extreme_samples_are_stored_and_noted(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     outcome = tofmix("estimate", recording, *WINDOWS)
     assert outcome.code == 0, outcome.err
-    assert "random values spread from the least sample to the largest, 90 to 21000 mm" in outcome.err
+    assert "random values spread from the smallest sample to the largest, 90 to 21000 mm" in outcome.err
     with h5py.File(tmp_path / "a.layers.h5") as root:
         attributes = root["sensor"].attrs
         assert (attributes["sample_min_mm"], attributes["sample_max_mm"]) == (90.0, 21_000.0)
@@ -72,7 +72,7 @@ def test_shards_merged_have_the_bytes_of_one_run(
 
 
 @pytest.mark.slow
-def test_finished_run_is_told_by_the_same_samples(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_resume_keeps_a_finished_output_of_the_same_samples(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     assert tofmix("estimate", recording, *WINDOWS).code == 0
     before = (tmp_path / "a.layers.h5").stat()
     again = tofmix("estimate", recording, *WINDOWS, "--resume")

@@ -27,7 +27,7 @@ def _codes(text: str) -> list[str]:
     return [finding["code"] for finding in json.loads(text)["warnings"]]
 
 
-def test_all_well_says_nothing(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_sound_recording_gives_no_finding(tofmix: Tofmix, tmp_path: Path) -> None:
     done = tofmix("estimate", _wall(tmp_path / "a.h5"), "--mixing", "events", "--json")
     assert done.code == 0
     assert "a.h5" not in done.err
@@ -36,7 +36,9 @@ def test_all_well_says_nothing(tofmix: Tofmix, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.2, 4.0])
-def test_samples_against_the_curve_are_said_and_the_remedy_works(tofmix: Tofmix, tmp_path: Path, factor: float) -> None:
+def test_contradiction_of_the_curve_is_reported_and_its_remedy_works(
+    tofmix: Tofmix, tmp_path: Path, factor: float
+) -> None:
     recording = _wall(tmp_path / "a.h5", factor=factor)
     done = tofmix("estimate", recording, "--noise", "file")
     assert done.code == 0
@@ -50,7 +52,7 @@ def test_samples_against_the_curve_are_said_and_the_remedy_works(tofmix: Tofmix,
     assert _codes(again.out) == []
 
 
-def test_drift_is_said_and_the_remedy_works(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_drift_is_reported_and_its_remedy_works(tofmix: Tofmix, tmp_path: Path) -> None:
     done = tofmix("estimate", _wall(tmp_path / "a.h5", drift=8.0))
     assert "ranges drift by 8" in done.err
     assert "two layers within 5 sigma" in done.err
@@ -61,7 +63,7 @@ def test_drift_is_said_and_the_remedy_works(tofmix: Tofmix, tmp_path: Path) -> N
 
 
 @pytest.mark.slow
-def test_findings_are_those_of_report_whoever_computes(
+def test_findings_equal_those_of_report_for_any_engine(
     tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -85,7 +87,7 @@ def test_findings_are_those_of_report_whoever_computes(
 
 
 @pytest.mark.slow
-def test_several_recordings_have_their_own(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_each_of_several_recordings_has_its_own_findings(tofmix: Tofmix, tmp_path: Path) -> None:
     well, drifts = _wall(tmp_path / "a.h5"), _wall(tmp_path / "b.h5", drift=8.0)
     done = tofmix("estimate", well, drifts, "--output-dir", tmp_path / "out", "--mixing", "events", "--json")
     first, second = (json.loads(line)["warnings"] for line in done.out.splitlines())
@@ -93,7 +95,7 @@ def test_several_recordings_have_their_own(tofmix: Tofmix, tmp_path: Path) -> No
     assert str(well) not in done.err
 
 
-def test_a_recording_marked_as_averaged_is_refused(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_recording_with_the_mark_averaged_is_refused_unless_it_is_0(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = _wall(tmp_path / "a.h5")
     for mark, code in ((1, ExitCode.BAD_INPUT), (0, ExitCode.DONE), (np.int64(1), ExitCode.BAD_INPUT)):
         with h5py.File(recording, "a") as root:
@@ -107,7 +109,7 @@ def test_a_recording_marked_as_averaged_is_refused(tofmix: Tofmix, tmp_path: Pat
     assert tofmix("estimate", recording, "--force").code == 0
 
 
-def test_averaged_recording_is_refused_with_exit_code_3(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_output_of_simulate_averaged_is_refused_with_exit_code_3(tofmix: Tofmix, tmp_path: Path) -> None:
     model = tmp_path / "m.toml"
     model.write_text(
         '[sensor]\nprofile = "sr3000"\nintegration_time_ms = 1.2\nrows = 4\ncols = 5\n[recording]\nframes = 12\n'

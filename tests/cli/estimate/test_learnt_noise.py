@@ -57,7 +57,7 @@ def test_bytes_do_not_depend_on_workers_memory_shards_or_resumption(
 
 
 @pytest.mark.slow
-def test_an_interrupted_run_is_gone_on_with_to_the_same_bytes(
+def test_resumed_run_has_the_same_bytes(
     tofmix: Tofmix, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import os
@@ -110,7 +110,7 @@ def test_layers_follow_from_the_sensor_that_their_file_carries(tofmix: Tofmix, r
 
 
 @pytest.mark.slow
-def test_own_widths_are_insisted_on_and_kept_in_the_file(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_noise_widths_own_is_stored_in_the_file(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     assert tofmix("estimate", recording, *WINDOW, "--noise-widths", "own", "--noise-shape", "gaussian").code == 0
     with h5py.File(tmp_path / "a.layers.h5") as root:
         assert root["noise_width"].shape == root["n_modes"].shape

@@ -16,7 +16,7 @@ def recordings(tmp_path: Path) -> list[Path]:
     return [write_recording(tmp_path / f"{name}.h5", boards(20, cols=3 + k)) for k, name in enumerate("abc")]
 
 
-def test_each_gets_its_file_and_its_line(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
+def test_each_recording_gets_its_file_and_its_line(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
     outcome = tofmix("estimate", *recordings, "--output-dir", tmp_path / "out", "--mixing", "events")
     assert outcome.code == 0, outcome.err
     assert outcome.err == ""
@@ -29,7 +29,7 @@ def test_each_gets_its_file_and_its_line(tofmix: Tofmix, recordings: list[Path],
 
 
 @pytest.mark.slow
-def test_one_that_fails_does_not_keep_the_others(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
+def test_failed_recording_does_not_stop_the_others(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
     recordings[1].write_text("not a recording")
     outcome = tofmix("estimate", *recordings, tmp_path / "none.h5", "--output-dir", tmp_path / "out", "--json")
     assert outcome.code == ExitCode.SOME_FAILED
@@ -50,7 +50,7 @@ def test_one_that_fails_does_not_keep_the_others(tofmix: Tofmix, recordings: lis
 
 
 @pytest.mark.slow
-def test_names_come_from_stdin(
+def test_names_of_recordings_are_read_from_stdin(
     tofmix: Tofmix, recordings: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(f"{recordings[0]}\n\n{recordings[2]}\n"))
@@ -70,8 +70,8 @@ def test_impossible_outputs_are_refused_before_the_first_recording_is_read(
     for arguments, reason in (
         ([*recordings], "several recordings need --output-dir"),
         ([*recordings, "-o", tmp_path / "x"], "-o takes a single recording"),
-        ([recordings[0], twin, "--output-dir", tmp_path / "out"], "would both become"),
-        ([recordings[0], recordings[0], "--output-dir", tmp_path / "out"], "would both become"),
+        ([recordings[0], twin, "--output-dir", tmp_path / "out"], "would both be written to"),
+        ([recordings[0], recordings[0], "--output-dir", tmp_path / "out"], "would both be written to"),
         ([*recordings, "--output-dir", tmp_path / "out"], "c.layers.h5 exists; pass --overwrite"),
     ):
         outcome = tofmix("estimate", *arguments)
@@ -83,6 +83,6 @@ def test_impossible_outputs_are_refused_before_the_first_recording_is_read(
 
 
 @pytest.mark.slow
-def test_one_recording_may_have_a_folder(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
+def test_output_dir_accepts_a_single_recording(tofmix: Tofmix, recordings: list[Path], tmp_path: Path) -> None:
     outcome = tofmix("estimate", recordings[0], "--output-dir", tmp_path / "out", "--json")
     assert json.loads(outcome.out)["output"] == str(tmp_path / "out" / "a.layers.h5")

@@ -83,7 +83,7 @@ def test_mixing_law_is_printed_and_stored(tofmix: Tofmix, sums: Path, tmp_path: 
     assert "phasor sums" in tofmix("info", out).out
 
 
-def test_recordings_without_amplitudes_say_one_line_and_have_no_mixing(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_recordings_without_amplitudes_have_one_note_and_no_mixing(tofmix: Tofmix, tmp_path: Path) -> None:
     plain = _write(tmp_path / "a.h5", small(1).recording, amplitude=False)
     done = tofmix("estimate", plain, "--noise", "file")
     assert [line for line in done.err.splitlines() if "mixing: not measured" in line]
@@ -97,9 +97,7 @@ def test_recordings_without_amplitudes_say_one_line_and_have_no_mixing(tofmix: T
     assert tofmix("estimate", plain, "--paper", "--mixing", "phasor", "--overwrite").code == ExitCode.USAGE
 
 
-def test_export_leaves_undecided_pixels_out_unless_they_are_asked_for(
-    tofmix: Tofmix, sums: Path, tmp_path: Path
-) -> None:
+def test_export_omits_undecided_pixels_without_the_option(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
     out = tmp_path / "a.h5"
     assert tofmix("estimate", sums, *WINDOWS, "-o", out).code == 0
     with h5py.File(out) as root:
@@ -129,7 +127,7 @@ def test_api_gives_the_values_that_the_command_writes(tofmix: Tofmix, sums: Path
 
 
 @pytest.mark.slow
-def test_inspect_says_and_draws_what_the_samples_are_of(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
+def test_inspect_prints_and_draws_the_kind_of_mixing(tofmix: Tofmix, sums: Path, tmp_path: Path) -> None:
     out, events = tmp_path / "a.h5", tmp_path / "events.h5"
     assert tofmix("estimate", sums, *WINDOWS, "-o", out).code == 0
     assert tofmix("estimate", sums, *WINDOWS, "-o", events, "--mixing", "events").code == 0

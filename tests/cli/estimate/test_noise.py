@@ -22,7 +22,7 @@ def samples() -> np.ndarray[tuple[int, ...], np.dtype[np.uint16]]:
 
 
 @pytest.mark.parametrize("option", [[], pytest.param(["--noise", "auto"], marks=pytest.mark.slow)])
-def test_recording_without_a_curve_is_estimated_with_the_measured_one_and_that_is_said(
+def test_missing_curve_is_measured_with_a_note(
     tofmix: Tofmix, tmp_path: Path, samples: np.ndarray, option: list[str]
 ) -> None:
     path = write_recording(tmp_path / "a.h5", samples, noise=None)
@@ -38,16 +38,14 @@ def test_recording_without_a_curve_is_estimated_with_the_measured_one_and_that_i
         np.testing.assert_allclose(root["range"][0, :, 0, 0], 1200, atol=15)
 
 
-def test_noise_file_insists_on_a_curve_in_the_file(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
+def test_noise_file_refuses_a_recording_without_a_curve(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     path = write_recording(tmp_path / "a.h5", samples, noise=None)
     refused = tofmix("estimate", path, "--noise", "file")
     assert refused.code == ExitCode.BAD_INPUT
     assert "no noise curve; measure it with --noise auto" in refused.err
 
 
-def test_recording_without_a_curve_that_does_not_tell_it_is_refused_with_the_remedy(
-    tofmix: Tofmix, tmp_path: Path, samples: np.ndarray
-) -> None:
+def test_unmeasurable_noise_is_refused_with_the_remedy(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     path = write_recording(tmp_path / "a.h5", samples[:2], noise=None)
     refused = tofmix("estimate", path)
     assert refused.code == ExitCode.BAD_INPUT
@@ -56,7 +54,7 @@ def test_recording_without_a_curve_that_does_not_tell_it_is_refused_with_the_rem
 
 
 @pytest.mark.slow
-def test_a_wrong_curve_is_told_in_one_line(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
+def test_wrong_curve_is_reported_in_one_line(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     wrong = write_recording(tmp_path / "wrong.h5", samples, noise=WRONG)
     outcome = tofmix("estimate", wrong, "--noise", "auto")
     assert outcome.code == 0
@@ -66,7 +64,7 @@ def test_a_wrong_curve_is_told_in_one_line(tofmix: Tofmix, tmp_path: Path, sampl
 
 
 @pytest.mark.slow
-def test_a_curve_that_samples_contradict_is_replaced_unless_the_file_is_insisted_on(
+def test_contradicted_curve_is_replaced_unless_noise_is_file(
     tofmix: Tofmix, tmp_path: Path, samples: np.ndarray
 ) -> None:
     wrong = write_recording(tmp_path / "wrong.h5", samples, noise=WRONG)
@@ -80,9 +78,7 @@ def test_a_curve_that_samples_contradict_is_replaced_unless_the_file_is_insisted
         np.testing.assert_array_equal(root["sensor/noise_sigma"][...], WRONG["noise_sigma"])
 
 
-def test_a_curve_that_samples_agree_with_is_kept_without_a_word(
-    tofmix: Tofmix, tmp_path: Path, samples: np.ndarray
-) -> None:
+def test_consistent_curve_is_kept_without_a_note(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     right = write_recording(tmp_path / "right.h5", samples, noise=TRUE)
     assert tofmix("estimate", right, "--mixing", "events").err == ""
     assert tofmix("estimate", right, "--noise", "file", "-o", tmp_path / "file.h5").code == 0
@@ -92,7 +88,7 @@ def test_a_curve_that_samples_agree_with_is_kept_without_a_word(
 
 
 @pytest.mark.parametrize(("choice", "stored"), [("file", 1e-4), ("0.01", 0.01), ("0", 0.0)])
-def test_the_outlier_share_is_chosen(
+def test_outliers_option_sets_the_outlier_share(
     tofmix: Tofmix,
     tmp_path: Path,
     samples: np.ndarray,
@@ -106,7 +102,7 @@ def test_the_outlier_share_is_chosen(
         assert json.loads(root.attrs["options"])["outliers"] == (stored if choice != "file" else "file")
 
 
-def test_the_outlier_share_is_counted(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
+def test_outliers_auto_counts_the_outlier_share(tofmix: Tofmix, tmp_path: Path, samples: np.ndarray) -> None:
     rng = np.random.default_rng(3)
     dirty = samples.copy()
     wild = rng.random(dirty.shape) < 0.02
@@ -158,7 +154,7 @@ def test_estimate_refuses_noise_options_with_their_exit_code(
         (("--noise-widths", "common"), ("--sigma", "free")),
     ],
 )
-def test_parts_of_a_noise_that_is_not_learnt_are_refused(
+def test_noise_shape_and_widths_without_learnt_noise_are_refused(
     tofmix: Tofmix, tmp_path: Path, samples: np.ndarray, option: tuple[str, str], without: tuple[str, str]
 ) -> None:
     recording = write_recording(tmp_path / "a.h5", samples)

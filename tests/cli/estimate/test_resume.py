@@ -40,7 +40,7 @@ def names(folder: Path) -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_full_disk_leaves_work_to_go_on_from(
+def test_full_disk_keeps_the_journal_and_resume_gives_the_same_bytes(
     tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real, left = os.pwrite, 3
@@ -80,7 +80,7 @@ def _killed_at(recording: Path, cells: int, number: signal.Signals) -> "subproce
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
-def test_a_killed_run_is_gone_on_with(
+def test_killed_run_resumes_to_the_same_bytes(
     tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes, number: signal.Signals
 ) -> None:
     done = _killed_at(recording, 2, number)
@@ -96,7 +96,7 @@ def test_a_killed_run_is_gone_on_with(
 
 
 @pytest.mark.slow
-def test_an_old_journal_is_reported_and_never_used_unasked(
+def test_old_journal_is_reported_and_unused_without_resume(
     tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes
 ) -> None:
     _killed_at(recording, 3, signal.SIGKILL)
@@ -112,7 +112,7 @@ def test_an_old_journal_is_reported_and_never_used_unasked(
 
 
 @pytest.mark.slow
-def test_another_recording_of_that_name_is_not_gone_on_with(tofmix: Tofmix, recording: Path) -> None:
+def test_journal_of_another_recording_is_not_resumed(tofmix: Tofmix, recording: Path) -> None:
     _killed_at(recording, 1, signal.SIGKILL)
     write_recording(recording, boards(200, ROWS, COLS)[::-1])
     outcome = tofmix("estimate", recording, *WINDOWS, "--resume")
@@ -121,7 +121,7 @@ def test_another_recording_of_that_name_is_not_gone_on_with(tofmix: Tofmix, reco
 
 
 @pytest.mark.slow
-def test_a_damaged_journal_is_not_gone_on_with(tofmix: Tofmix, recording: Path, expected: bytes) -> None:
+def test_damaged_journal_is_not_resumed(tofmix: Tofmix, recording: Path, expected: bytes) -> None:
     journal = journal_path(recording.with_name("a.layers.h5"))
     journal.write_bytes(b"something else altogether" * 100)
     assert tofmix("estimate", recording, *WINDOWS, "--resume").code == ExitCode.USAGE
@@ -129,9 +129,7 @@ def test_a_damaged_journal_is_not_gone_on_with(tofmix: Tofmix, recording: Path, 
     assert recording.with_name("a.layers.h5").read_bytes() == expected
 
 
-def test_resume_starts_what_was_not_begun_and_leaves_what_is_done(
-    tofmix: Tofmix, recording: Path, tmp_path: Path
-) -> None:
+def test_resume_starts_missing_outputs_and_keeps_finished_ones(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     assert tofmix("estimate", recording, *WINDOWS, "--resume").code == 0
     output = tmp_path / "a.layers.h5"
     written = output.stat().st_mtime_ns
@@ -144,7 +142,7 @@ def test_resume_starts_what_was_not_begun_and_leaves_what_is_done(
 
 
 @pytest.mark.slow
-def test_a_kill_between_the_naming_and_the_end_is_no_harm(
+def test_kill_after_the_renaming_leaves_a_valid_output(
     tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes
 ) -> None:
     _killed_at(recording, 4, signal.SIGKILL)
@@ -155,7 +153,7 @@ def test_a_kill_between_the_naming_and_the_end_is_no_harm(
 
 
 @pytest.mark.slow
-def test_a_run_that_is_still_going_is_not_disturbed(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_running_estimate_is_not_disturbed_by_a_second_one(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     with open_journal(journal_path(tmp_path / "a.layers.h5"), b"x"):
         for extra in ([], ["--resume"], ["--overwrite"]):
             outcome = tofmix("estimate", recording, *extra)
@@ -164,7 +162,9 @@ def test_a_run_that_is_still_going_is_not_disturbed(tofmix: Tofmix, recording: P
 
 
 @pytest.mark.slow
-def test_shards_make_the_same_bytes(tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes) -> None:
+def test_merged_shards_have_the_bytes_of_one_run(
+    tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes
+) -> None:
     parts = []
     for number in (3, 1, 2):
         outcome = tofmix("estimate", recording, *WINDOWS, "--shard", f"{number}/3")

@@ -86,7 +86,7 @@ def test_a_recording_without_frequency_is_refused(tofmix: Tofmix, tmp_path: Path
 
 
 @pytest.mark.parametrize("extra", [["--wrap", "--unambiguous-range", 7000], ["--unambiguous-range", "inf"]])
-def test_contradictions_are_usage_errors(tofmix: Tofmix, tmp_path: Path, extra: list[object]) -> None:
+def test_contradictory_range_options_are_usage_errors(tofmix: Tofmix, tmp_path: Path, extra: list[object]) -> None:
     assert tofmix("estimate", _folded(tmp_path / "a.h5"), *extra).code == ExitCode.USAGE
 
 
@@ -108,7 +108,7 @@ def test_a_range_max_at_the_fold_leaves_no_c0_and_says_so(tofmix: Tofmix, tmp_pa
 
 
 @pytest.mark.slow
-def test_the_report_holds_sigma_against_the_circle(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_report_compares_sigma_with_the_curve_on_the_circle(tofmix: Tofmix, tmp_path: Path) -> None:
     recording, layers = _folded(tmp_path / "a.h5"), tmp_path / "a.layers.h5"
     assert tofmix("estimate", recording, "--wrap").code == 0
     page = tmp_path / "a.html"
@@ -124,7 +124,7 @@ def test_the_report_holds_sigma_against_the_circle(tofmix: Tofmix, tmp_path: Pat
 
 @pytest.mark.slow
 @pytest.mark.compiled("25,344 pixels")
-def test_a_simulated_recording_of_the_built_in_camera(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_wrap_keeps_the_ranges_of_boards_away_from_the_fold(tofmix: Tofmix, tmp_path: Path) -> None:
     """At 1.2 ms its sigma at the fold is 430 mm: the boards are found as on a line."""
     recording = tmp_path / "a.h5"
     assert tofmix("simulate", "three-boards", "-o", recording, "--frames", 60).code == 0

@@ -25,7 +25,7 @@ PLAIN = Sensor(name="plain", range_max_mm=6000.0, noise=NoiseCurve(np.array([100
         ({"refine": Refine.NONE}, False), ({"paper": True}, False),
     ],
 )  # fmt: skip
-def test_the_papers_ways_know_a_gaussian_alone(options: dict[str, Any], counts: bool) -> None:
+def test_paper_options_use_a_gaussian_alone(options: dict[str, Any], counts: bool) -> None:
     assert counts_with_learnt(WIDE, EstimateOptions(**options)) is counts
     assert not counts_with_learnt(PLAIN, EstimateOptions(**options))
 

@@ -140,7 +140,7 @@ def test_without_refinement_the_peaks_are_the_surfaces(rng: np.random.Generator,
     assert np.all(layer_pixels(samples, sensor).n_modes[layers.n_peaks > 3] <= 3)
 
 
-def test_probability_tells_strong_layers_from_weak_ones(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_probability_is_higher_for_strong_layers(rng: np.random.Generator, sensor: Sensor) -> None:
     samples = draw(rng, sensor, ranges_mm=[1500, 1570], shares=[0.5, 0.5], n=100, pixels=sized(300, 40))
     layers = layer_pixels(samples, sensor, EstimateOptions(false_alarm=0.05))
     found = layers.probability[np.isfinite(layers.probability)]

@@ -65,7 +65,7 @@ def test_sigma_by_range_and_amplitude_is_measured(rng: np.random.Generator, expo
 
 @pytest.mark.slow
 @pytest.mark.parametrize("multi", [0.0, 0.4])
-def test_amplitude_that_says_nothing_changes_nothing(rng: np.random.Generator, multi: float) -> None:
+def test_amplitude_without_effect_changes_no_curve(rng: np.random.Generator, multi: float) -> None:
     recording, _, _ = reflective(rng, 0.0, multi=multi)
     measured = measure_noise(recording)
     assert measured.curve.law is None
@@ -160,7 +160,7 @@ def test_windows_read_their_own_amplitudes(rng: np.random.Generator) -> None:
     assert np.nanmedian(found.sigma[0]) > 5 * np.nanmedian(found.sigma[1])
 
 
-def test_shapes_that_do_not_go_together_are_refused() -> None:
+def test_mismatched_shapes_are_refused() -> None:
     with pytest.raises(ValueError, match="differs from range"):
         layer_pixels(np.ones((5, 4)), CAMERA, amplitude=np.ones((5, 3)))
     with pytest.raises(ValueError, match="differs from range"):

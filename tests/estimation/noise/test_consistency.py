@@ -76,7 +76,7 @@ def test_constant_samples_scatter_nothing() -> None:
     assert found.scatter_over_curve == 0.0
 
 
-def test_too_few_frames_or_pixels_tell_nothing(rng: np.random.Generator) -> None:
+def test_too_few_frames_or_pixels_give_no_result(rng: np.random.Generator) -> None:
     for source in (_recording(rng, frames=9), ArrayRecording(rng.normal(1500, 20, (50, 4, 5)), CAMERA)):
         found = _check(source)
         assert (found.pixels, found.scatter_over_curve, found.drift_sigmas) == (0, None, None)

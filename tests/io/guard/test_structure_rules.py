@@ -69,16 +69,16 @@ def _filtered(*filters: tuple[int, tuple[int, ...]]) -> Change:
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (_filtered((1, (1,)), (1, (1,))), "x: packed by gzip and then by another filter"),
-        (_filtered((1, (1,)), (32000, ())), "x: packed by gzip and then by another filter"),
-        (_dataset((9_000_000,), chunks=(9_000_000,), compression="lzf"), "x: one chunk, packed by lzf, is over 16.78"),
+        (_filtered((1, (1,)), (1, (1,))), "x: compressed by gzip and then by another filter"),
+        (_filtered((1, (1,)), (32000, ())), "x: compressed by gzip and then by another filter"),
+        (_dataset((9_000_000,), chunks=(9_000_000,), compression="lzf"), "x: one lzf chunk is over 16.78"),
         (_external, "sensor/x: a link to another file"),
         (_virtual, "group/x: its data lie in another file"),
         (_dataset((4,), external=[("/etc/passwd", 0, 8)]), "x: its data lie in another file"),
         (_unknown_filter, "x: filter 32001 is not one of gzip"),
         (_dataset((1,) * 9), "x: 9 dimensions; at most 8"),
         (_dataset((1 << 30, 1 << 30), chunks=(1, 4)), r"x: shape .* takes 2.306e\+06 TB; at most 17.59 TB"),
-        (_dataset((10_000_000, 4, 4), chunks=(1000, 4, 4)), r"announces 320 MB, the file holds .* bytes; refused"),
+        (_dataset((10_000_000, 4, 4), chunks=(1000, 4, 4)), r"declares 320 MB, the file holds .* bytes; refused"),
         (
             _dataset((10, 144, 176), chunks=(30_000, 144, 176), maxshape=(None, 144, 176)),
             "x: one chunk .* takes 1.521 GB; at most 268.4 MB",

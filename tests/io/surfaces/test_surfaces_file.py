@@ -92,7 +92,7 @@ def test_a_file_without_a_surface_can_be_written_read_and_verified(tmp_path: Pat
 
 
 @pytest.mark.parametrize("name", ["path", "three"])
-def test_the_contract_holds(name: str, request: pytest.FixtureRequest) -> None:
+def test_surfaces_file_passes_the_format_checker(name: str, request: pytest.FixtureRequest) -> None:
     if not CONTRACT.exists():
         pytest.skip("the contract's checker is not beside this checkout")
     subprocess.run([sys.executable, CONTRACT, request.getfixturevalue(name)], check=True)
@@ -136,7 +136,7 @@ def test_a_file_is_not_replaced_unasked_and_the_input_never(path: Path) -> None:
     assert path.read_bytes() == before
 
 
-def test_a_fault_between_windows_leaves_nothing(tmp_path: Path) -> None:
+def test_fault_between_windows_leaves_no_file(tmp_path: Path) -> None:
     def stop() -> None:
         with SurfacesWriter(
             tmp_path / "a.surfaces.h5", shape=(2, ROWS, COLS), max_layers=LAYERS, factor=FACTOR, provenance=provenance()
@@ -149,7 +149,7 @@ def test_a_fault_between_windows_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_window_that_was_not_written_leaves_nothing(tmp_path: Path) -> None:
+def test_missing_window_leaves_no_file(tmp_path: Path) -> None:
     with (
         pytest.raises(RuntimeError, match="0 windows written of 2"),
         SurfacesWriter(
@@ -200,7 +200,7 @@ def test_dataset_of_wrong_shape_or_type_is_refused_with_its_name(
 
 
 @pytest.mark.parametrize("factor", [0, 33, 2.5, "8", [4, 4]])
-def test_a_factor_that_cannot_be_is_refused(path: Path, factor: object) -> None:
+def test_impossible_factor_is_refused(path: Path, factor: object) -> None:
     with h5py.File(path, "r+") as root:
         root["range_fine"].attrs["factor"] = factor
     with pytest.raises(BadInputError, match="range_fine: attribute factor"), open_surfaces(path):
@@ -231,7 +231,7 @@ def test_a_point_of_an_edge_without_a_place_is_refused_when_read(path: Path, nam
 
 
 @pytest.mark.parametrize(("name", "value"), [("edge_window", 9), ("edge_window", 1), ("surface_window", 3)])
-def test_windows_that_cannot_be_are_refused_when_read(three: Path, name: str, value: int) -> None:
+def test_impossible_windows_are_refused_when_read(three: Path, name: str, value: int) -> None:
     with h5py.File(three, "r+") as root:
         root[name][0] = value
     with open_surfaces(three) as file, pytest.raises(BadInputError, match=f"{name}: expected windows 0 to 2"):
@@ -249,17 +249,17 @@ def test_a_changed_byte_in_the_options_is_noticed(path: Path) -> None:
     data = path.read_bytes()
     place = data.index(b'{"factor": 4}') + 11
     path.write_bytes(data[:place] + b"8" + data[place + 1 :])
-    with pytest.raises(BadInputError, match="is damaged: its checksum differs"), open_surfaces(path):
+    with pytest.raises(BadInputError, match="is damaged: their checksum differs"), open_surfaces(path):
         pass
 
 
-def test_a_surfaces_file_is_no_layers_file(path: Path) -> None:
+def test_surfaces_file_is_refused_as_layers_file(path: Path) -> None:
     expected = f"is a surfaces file, not a layers file: tofmix export {path} -o {path.with_suffix('.ply')}"
     with pytest.raises(BadInputError, match=expected), open_layers(path):
         pass
 
 
-def test_a_layers_file_is_no_surfaces_file(path: Path) -> None:
+def test_layers_file_is_refused_as_surfaces_file(path: Path) -> None:
     with h5py.File(path, "r+") as root:
         root.attrs["format"] = "tofmix-layers"
     with pytest.raises(BadInputError, match="is a layers file, not a surfaces file: tofmix surfaces"):  # noqa: SIM117
@@ -267,7 +267,7 @@ def test_a_layers_file_is_no_surfaces_file(path: Path) -> None:
             pass
 
 
-def test_verify_passes_what_the_writer_writes(path: Path, three: Path) -> None:
+def test_verify_finds_no_fault_in_written_files(path: Path, three: Path) -> None:
     for file in (path, three):
         found = verify(file)
         assert found.lines() == []

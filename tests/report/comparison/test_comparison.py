@@ -171,7 +171,7 @@ def test_the_page_stands_alone_and_is_the_same_each_time() -> None:
     assert f"The pictures show window {most} of 0 to 1" in page
 
 
-def test_a_page_without_any_layer() -> None:
+def test_page_without_any_layer_is_made() -> None:
     layers = Layers.empty((1, 3, 3), 2)
     a = Source(layers)
     found = compare(a, a)

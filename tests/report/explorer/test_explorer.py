@@ -125,7 +125,7 @@ def test_drift_of_pixels_is_said_where_there_are_samples(
     make_source: Callable[..., LayersSource],
     make_recording: Callable[..., SampleSource],
 ) -> None:
-    note = "Where a pixel's ranges drift within the window"
+    note = "If the ranges of a pixel drift within the window"
     for parts, recording, expected in (
         (ALL, make_recording(), True),
         (ALL, None, False),

@@ -84,7 +84,7 @@ def test_frames_of_long_windows_are_thinned_evenly(make_recording: Callable[...,
     )
 
 
-def test_no_room_at_all_still_ends() -> None:
+def test_packing_without_room_ends() -> None:
     samples = np.random.default_rng(6).normal(4000, 400, (20, 2, 2)).round()
     packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=20, noise=None, characters=1)
     assert packed is not None

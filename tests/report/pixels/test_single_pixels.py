@@ -64,7 +64,7 @@ def test_errors_have_the_shape_less_the_background() -> None:
     np.testing.assert_allclose(surface, np.diff(ALL.shape.cdf(edges)), atol=0.02)
 
 
-def test_only_pixels_of_one_layer_are_looked_at() -> None:
+def test_only_pixels_of_one_layer_are_used() -> None:
     case = made(Parts(), frames=30, image=(4, 5))
     layers = true_layers(case)
     layers.n_modes[0, :] = [0, 2, 2, 0, 1]

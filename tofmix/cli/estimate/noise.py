@@ -24,7 +24,7 @@ def outlier_choice(text: str) -> str | float:
     Raises
     ------
     UsageError
-        If it is none of them.
+        If it is neither of them.
     """
     if text in (FILE, AUTO):
         return text

@@ -28,7 +28,7 @@ def listed(recordings: Sequence[Path]) -> list[Path]:
         else:
             paths.append(path)
     if not paths:
-        raise UsageError("stdin has no name of a recording; write one a line")
+        raise UsageError("stdin names no recording; write one name a line")
     return paths
 
 
@@ -62,7 +62,7 @@ def paired_outputs(
     for recording in recordings:
         target = output_dir / f"{recording.stem}.{ending}"
         if target in owner:
-            raise UsageError(f"{owner[target]} and {recording} would both become {target}; rename one")
+            raise UsageError(f"{owner[target]} and {recording} would both be written to {target}; rename one")
         owner[target] = recording
         if not request.resume:
             check_output(target, overwrite=request.overwrite, inputs=tuple(recordings))

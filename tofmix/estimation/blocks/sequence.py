@@ -1,9 +1,8 @@
 """Layers of a whole recording: cells of windows and rows, worker threads, one reader.
 
-One thread reads slabs (`reading`) while others work on the cells of earlier ones, as
-the kernels hold no lock; a group of cells is read only when an earlier one has been
-taken, so that memory stays bounded. Cells come out in the order in which they were
-read, each as soon as it is done.
+One thread reads slabs (`reading`) while others work on the cells of earlier ones, as the kernels hold no lock; a group
+of cells is read only after an earlier one was taken, so memory stays bounded. Cells come out in the order in which they
+were read, each as soon as it is done.
 """
 
 import threading
@@ -33,7 +32,7 @@ from tofmix.windows import Windows
 T = TypeVar("T")
 
 DEFAULT_BUFFER_BYTES = 800_000_000
-"""Memory for samples where nobody says otherwise."""
+"""Default of the memory for samples, bytes."""
 
 
 def resolved_mixing(options: EstimateOptions, source: SampleSource) -> EstimateOptions:
@@ -74,9 +73,9 @@ def estimate_cells(
     options : EstimateOptions
         The estimator's.
     finish : callable
-        What becomes of a cell's layers, of the leading shape (window, row, col), as samples of one surface each give
-        them; called in the worker. With `phasors`, its second argument are the mean phasors (window, row, col, 7)
-        float32 of `tofmix.unmixing.phasors`, which `tofmix.unmixing.unmix` takes when a window is whole.
+        Called in the worker with the layers of a cell, of the leading shape (window, row, col), under equation (1).
+        With `phasors`, its second argument are the mean phasors (window, row, col, 7) float32 of
+        `tofmix.unmixing.phasors`, which `tofmix.unmixing.unmix` takes when a window is whole.
     workers : int
         Threads, at least 1. It changes no value.
     buffer_bytes : int
@@ -158,7 +157,7 @@ class _Item(NamedTuple, Generic[T]):
 
 
 class _Run(Generic[T]):
-    """The reader, the workers, and the queue of what they do."""
+    """The reader, the workers, and the queue of their tasks."""
 
     def __init__(self, groups: Iterator[Group], plan: ReadPlan, work: _Work[T], workers: int) -> None:
         self._groups, self._work = groups, work
@@ -169,7 +168,7 @@ class _Run(Generic[T]):
         self._reader = threading.Thread(target=self._read, name="tofmix-reader", daemon=True)
 
     def _read(self) -> None:
-        """Read group by group; an error goes the way of the results."""
+        """Read group by group; an error is passed on like a result."""
         try:
             while self._free_slots.acquire() and not self._stop.is_set():
                 group = next(self._groups, None)
@@ -183,7 +182,7 @@ class _Run(Generic[T]):
             self._queue.put(error)
 
     def results(self) -> Generator[tuple[Cell, T], None, None]:
-        """Yield what the workers made, in order."""
+        """Yield the results of the workers, in order."""
         self._reader.start()
         try:
             while (item := self._queue.get()) is not None:
@@ -210,9 +209,8 @@ class EstimatedWindows:
     layers : Layers
         Of the leading shape (window, row, col).
     phasor_share : (window,) float32 or None
-        Share of the samples at edges that are phasor sums, NaN where no pixel tells it; None: not measured.
-    phasor_pixels : (window,) uint32 or None
-        Pixels that tell it.
+        Share of the samples at edges that are phasor sums, NaN if no pixel determines it; None: not measured.
+    phasor_pixels : (window,) uint32 or None Pixels that determine it.
     """
 
     layers: Layers

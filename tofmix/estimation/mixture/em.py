@@ -82,7 +82,7 @@ def mix(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -
 
 @borrowing
 def _sum_of_logs(data: Readings, scratch: Scratch) -> float:
-    """Log likelihood, nat, of what `mix` left."""
+    """Log likelihood, nat, from the densities that `mix` stored."""
     count, total, term = data.times, scratch[TOTAL], scratch[SPARE, : len(data.times)]
     for j in range(len(count)):
         term[j] = count[j] * log_of(total[j])

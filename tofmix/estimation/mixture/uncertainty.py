@@ -1,9 +1,8 @@
 """Standard errors of ranges and shares, from the observed information of the mixture.
 
-The information of all means, sigmas (unless they are tied) and shares together,
-with p(c_r) and mu_0 held at their values. Overlapping surfaces share their
-samples, so their errors are larger than sigma / sqrt(samples), by as much as the
-data say.
+The information of all means, sigmas (unless they are tied) and shares together, with p(c_r) and mu_0 held at their
+values. Overlapping surfaces share their samples, so their errors are larger than sigma / sqrt(samples); the information
+matrix gives the factor.
 """
 
 import math
@@ -89,8 +88,8 @@ def _information(
 ) -> FloatArray:
     """Observed information: minus the Hessian of the log likelihood, and of the sigmas' prior where there is one.
 
-    Parameters in order: k means, k log sigmas unless they are tied, and all shares but the last, which is what the
-    others leave. Where c_0 has samples, its share is the last one; else that of the last surface.
+    Parameters in order: k means, k log sigmas unless they are tied, and all shares but the last, which is the
+    remainder. Where c_0 has samples, its share is the last one; else that of the last surface.
     """
     shares = k + 1 if with_no_return else k
     free, m = mode != MODE_TIED, len(data.value)

@@ -1,9 +1,8 @@
 """How noise depends on amplitude: a power law, or one bent at one or two amplitudes, if the recording shows it.
 
-Use `choose_law` on single-surface series in bins of range. Range and amplitude act
-by a product: log sigma is a value for each bin, plus a function g of amplitude that
-is the same for all. So only pixels at about one range that differ in amplitude
-tell g. Laws are compared by the likelihood of series of pixels that no fit has seen.
+Use `choose_law` on single-surface series in bins of range. Range and amplitude act by a product: log sigma is a value
+for each bin, plus a function g of amplitude that is the same for all. So only pixels at about one range that differ in
+amplitude determine g. Laws are compared by the likelihood of series of pixels that no fit has seen.
 """
 
 from dataclasses import dataclass
@@ -108,7 +107,7 @@ def _knots(log_amplitude: FloatArray, pieces: int, ends: tuple[float, float]) ->
 
 
 def _basis(log_amplitude: FloatArray, knots: FloatArray | None) -> FloatArray:
-    """How far each amplitude goes through each piece, (series, piece)."""
+    """Length of each piece below each amplitude, (series, piece)."""
     if knots is None:
         return np.zeros((len(log_amplitude), 0))
     return np.asarray(np.clip(log_amplitude[:, None], knots[:-1], knots[1:]) - knots[:-1])

@@ -1,7 +1,7 @@
-"""Whether a recording goes with its noise curve, and how far its ranges drift: looked at before an estimate.
+"""Check of a recording against its noise curve, and the drift of its ranges, before an estimate.
 
-Use `check_consistency`. It reads some pixels of the first window alone, so that it costs little beside an estimate.
-What it returns are statistics; `tofmix.report.summary.findings` says which are worth a word.
+Use `check_consistency`. It reads only some pixels of the first window, so it takes little time compared with an
+estimate. What it returns are statistics; `tofmix.report.summary.findings` decides which are reported.
 """
 
 import math
@@ -92,7 +92,7 @@ def check_consistency(
         About how many of them are judged, spread over all that are read: of 2048 pixels, a median's standard error is
         3 % of their spread.
     least_pixels : int
-        Fewer pixels that see one surface say nothing.
+        With fewer pixels of one surface there is no result.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def _thinned(series: Series, runs: int, most: int) -> Series:
 
 
 def _returns(source: SampleSource, curve: NoiseCurve, range_mm: FloatArray) -> BoolArray:
-    """Which ranges are of surfaces: what does not return lies at `range_max_mm`, with a spread of its own."""
+    """Which ranges belong to surfaces: samples without a return lie at `range_max_mm`, with another spread."""
     most = source.sensor.range_max_mm
     if most is None:
         return np.ones(range_mm.shape, dtype=np.bool_)
@@ -182,7 +182,7 @@ def _drift(
     """How far the medians of a quarter of the pixels move over a window, in sigmas.
 
     It is the upper quartile of the absolute change from the first third of a window to the last. The changes have a
-    standard error, which sigma gives; the square of its own quartile is taken out.
+    standard error, which sigma gives; the square of its quartile is subtracted.
     """
     runs = series.samples.shape[1]
     pixels = len(series.pixel) if window_frames <= runs else len(series.pixel) // 2

@@ -1,8 +1,7 @@
 """From the spreads of single-surface series to a curve sigma(r): bins of range, measured, smoothed and joined.
 
-Use it through `noise`. Series come sorted by range. Each bin's sigma is that of its
-single series (`scale`); the bins are then smoothed as far as their scatter
-allows, so that many narrow bins cost nothing where the curve is smooth.
+Use it through `noise`. Series come sorted by range. Each bin's sigma is that of its single series (`scale`); the bins
+are then smoothed according to their scatter, so many narrow bins lose no precision where the curve is smooth.
 """
 
 import math
@@ -92,17 +91,17 @@ def measure_bins(
 
 
 def smooth(x: FloatArray, y: FloatArray, error: FloatArray, least: int) -> FloatArray:
-    """Smooth values with known errors by cubic splines, as far as their own scatter asks for it.
+    """Smooth values with known errors by cubic splines, according to their scatter.
 
     A spline is the mean of a process whose second derivative is white noise. Its variance is integrated out by the
-    restricted likelihood of the values, so that kinks keep values as they are and straight curves pool them.
+    restricted likelihood of the values, so kinks remain, and straight curves pool the values.
 
     Parameters
     ----------
     x, y, error : (n,) float64
         Ascending places, values there, and their standard errors, above 0.
     least : int
-        Fewest values that tell how smooth they are.
+        Fewest values that determine their smoothness.
 
     Returns
     -------

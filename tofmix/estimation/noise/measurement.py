@@ -6,12 +6,12 @@ knows a curve beforehand.
 
 1. `series` gives each pixel's variance and shape, run of frames by run.
 2. Series shaped as one Gaussian are sorted by range into bins (`curve`).
-3. Where amplitudes were recorded, and held-out pixels ask for it, sigma is a function of range and amplitude
-   (`amplitude`); what amplitude does is taken out of the series then.
+3. If amplitudes were recorded and predict held-out pixels better, sigma is a function of range and amplitude
+   (`amplitude`); the series are then divided by the factor of amplitude.
 4. A bin's sigma is that of the lowest group of its series: two surfaces closer than some 3 sigma look like one
    with a larger sigma, never a smaller one (`scale`).
-5. The curve through the bins is taken out and the bins are measured again, so that a steep curve within a bin
-   does no harm. They are smoothed as far as their scatter asks for it.
+5. The curve through the bins is divided out and the bins are measured again, so a steep curve within a bin causes no
+   error. They are smoothed according to their scatter.
 """
 
 import math
@@ -60,7 +60,7 @@ class MeasuredNoise:
     curve : NoiseCurve
         sigma(r), mm; with a law of amplitude where the recording shows one.
     pixels : (n,) int64
-        Pixels that tell each point of the curve; 0 where it is carried on from its neighbours.
+        Pixels that determine each point of the curve; 0 for points that follow from neighbours.
     outlier_probability : float
         p(c_r) of equation (1), in (0, 1).
     outlier_samples : int
@@ -158,8 +158,8 @@ def _what_is_missing(
         seen = counted(filled, "pixel")
         return f"noise: {seen} with {LEAST_SAMPLES} valid samples or more; at least {least} are needed"
     return (
-        f"noise: one surface in {counted(chosen.size, 'pixel')}, and nowhere {least} of them within"
-        f" {100 * settings.wide:.0f} % of one range, as measuring it needs"
+        f"noise: {counted(chosen.size, 'pixel')} of one surface; measuring needs {least} of them within"
+        f" {100 * settings.wide:.0f} % of one range"
     )
 
 

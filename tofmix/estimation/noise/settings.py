@@ -10,7 +10,7 @@ class CurveSettings:
     Parameters
     ----------
     least_in_bin : int
-        Fewest series that tell a sigma.
+        Fewest series that determine a sigma.
     bin_target : int
         Series of a bin, where there are enough.
     most_bins : int
@@ -24,7 +24,7 @@ class CurveSettings:
     fill : float
         Ratio of neighbouring points of the curve where nothing was seen, above 1.
     least_smoothed : int
-        Fewest bins that tell how smooth the curve is.
+        Fewest bins that determine the smoothness of the curve.
     """
 
     least_in_bin: int = 20

@@ -25,7 +25,7 @@ BANDWIDTH = 0.5
 """h(r) in units of sigma(r): half the resolution (paper, section IV c)."""
 
 REACH = 5.0
-"""A kernel counts up to this many h: what is left out is below 4e-6 of its height."""
+"""A kernel extends to this many h: beyond, it is below 4e-6 of its height."""
 
 
 @borrowing

@@ -37,7 +37,7 @@ class FinePoints:
     Raises
     ------
     BadInputError
-        If the file does not say where its pixels look.
+        If the file lacks the directions of its pixels.
     """
 
     def __init__(self, file: SurfacesFile, windows: Sequence[int]) -> None:

@@ -20,7 +20,7 @@ from tofmix.surfaces.found import NO_SURFACE
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outline:
-    """Polygons of one surface in the image; holes are what other surfaces hide.
+    """Polygons of one surface in the image; holes are the parts that other surfaces hide.
 
     Parameters
     ----------

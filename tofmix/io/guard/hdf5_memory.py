@@ -35,7 +35,7 @@ def reserve_memory() -> None:
     Raises
     ------
     MemoryError
-        If there is none to be had.
+        If there is none.
     """
     _keep_caches()
     bytearray(_PREFLIGHT_BYTES)
@@ -49,7 +49,7 @@ def reserve_memory() -> None:
 
 @cache
 def _keep_caches() -> None:
-    """Raise the limits of the library's free lists; without any, `reserve_memory` does the rest alone."""
+    """Raise the limits of the library's free lists; without such lists only the rest of `reserve_memory` helps."""
     library = ctypes.PyDLL(h5py.h5.__file__)
     set_limits = getattr(library, "H5set_free_list_limits", None)
     if set_limits is not None:

@@ -1,9 +1,9 @@
-"""A program of its own that looks at the structure of HDF5 files: the library can hang or crash on a damaged one.
+"""A separate program that checks the structure of HDF5 files, because the library can hang or crash on a damaged one.
 
 It reads requests as lines of JSON, ``{"path": ...}`` or ``{"image": base64}`` with ``"limit_s"``, and answers each with
-a line: ``{"identity": [...]}``, what the file was that it looked at, ``{"refused": reason}``, or
-``{"no_memory": true}`` where no file at all could be opened. Should the library not come back within the limit, the
-kernel ends this process, for no Python code can run then. `tofmix.io.guard.guard` starts it; nothing imports it.
+a line: ``{"identity": [...]}``, the identity of the checked file, ``{"refused": reason}``, or ``{"no_memory": true}``
+where no file at all could be opened. Should the library not come back within the limit, the kernel ends this process,
+for no Python code can run then. `tofmix.io.guard.guard` starts it; nothing imports it.
 """
 
 import base64

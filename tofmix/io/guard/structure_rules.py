@@ -1,9 +1,8 @@
 """Rules on the structure of an HDF5 file, applied before a byte of data is read.
 
-A file's header may declare anything: data that lie in other files, petabytes, a chunk of many gigabytes.
-`check_structure` goes over every object and refuses what would leave the file or take memory without bound. It belongs
-in a process that may hang or crash, for the library itself does so on some damaged files: `guard` sees to
-that.
+A file's header may claim anything: data that lie in other files, petabytes, a chunk of many gigabytes.
+`check_structure` checks every object, and refuses those that refer to other files or need memory without bound. It
+belongs in a process that may hang or crash, for the library itself does so on some damaged files: `guard` sees to that.
 """
 
 import math
@@ -15,7 +14,7 @@ import h5py
 import numpy as np
 
 FILTERS = {1: "gzip", 2: "shuffle", 3: "fletcher32", 4: "szip", 5: "nbit", 6: "scaleoffset", 32000: "lzf"}
-"""Filters that may be asked for, by their numbers: those of the library, none that is loaded from a path."""
+"""Accepted filters by their numbers: those of the library, none that is loaded from a path."""
 
 _OWN_COUNT = ("nbit", "scaleoffset")
 """Filters that believe their own parameters as to how many values they give."""
@@ -95,7 +94,7 @@ def check_structure(root: h5py.File, file_bytes: int, limits: Limits = LIMITS) -
     RefusedError
         If it breaks one.
     OSError, RuntimeError, KeyError, ValueError, MemoryError
-        What the library makes of a damaged file.
+        From the library, for a damaged file.
     """
     _check_attributes(root, "the file", limits)
     for name, item in _objects(root, limits.objects):
@@ -162,7 +161,7 @@ def check_dataset(item: h5py.h5d.DatasetID, name: str, file_bytes: int, limits: 
         )
     if declared > limits.always_fits_bytes and declared > limits.expansion * file_bytes:
         raise RefusedError(
-            f"{name}: shape {shape} announces {_size(declared)}, the file holds {_size(file_bytes)}; refused"
+            f"{name}: shape {shape} declares {_size(declared)}, the file holds {_size(file_bytes)}; refused"
         )
     if layout == h5py.h5d.CHUNKED:
         _check_filters(plist, value, name, limits.lzf_chunk_bytes)
@@ -178,12 +177,12 @@ def _check_filters(plist: h5py.h5p.PropDCID, value_bytes: int, name: str, most_l
         if code not in FILTERS:
             raise RefusedError(f"{name}: filter {code} is not one of {', '.join(FILTERS.values())}; refused")
         if FILTERS[code] in _OWN_COUNT and parameters[2:3] != (values,):
-            raise RefusedError(f"{name}: {FILTERS[code]} is set for another number of values than a chunk has; refused")
+            raise RefusedError(f"{name}: {FILTERS[code]} does not match the number of values in a chunk; refused")
     names = [FILTERS[code] for code in codes]
     if "gzip" in names and not set(names[names.index("gzip") + 1 :]) <= {"shuffle", "fletcher32"}:
-        raise RefusedError(f"{name}: packed by gzip and then by another filter; refused")
+        raise RefusedError(f"{name}: compressed by gzip and then by another filter; refused")
     if names.count("lzf") > 1 or ("lzf" in names and values * value_bytes > most_lzf_bytes):
-        raise RefusedError(f"{name}: one chunk, packed by lzf, is over {_size(most_lzf_bytes)}; refused")
+        raise RefusedError(f"{name}: one lzf chunk is over {_size(most_lzf_bytes)}; refused")
 
 
 def _check_chunks(

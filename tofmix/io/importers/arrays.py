@@ -34,7 +34,7 @@ _PREFERRED = "range"
 
 @contextmanager
 def open_npy(path: Path, request: Request) -> Iterator[FrameSource]:
-    """Open an .npy, (frame, row, col) or (row, col), or of the axes that are asked for.
+    """Open an .npy, (frame, row, col) or (row, col), or of the requested axes.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
     Raises
     ------
     BadInputError
-        If there is none, or it cannot be told; the text lists the candidates.
+        If none fits, or several fit; the text lists the candidates.
     """
     dimensions = len((axes or FRAMES_FIRST).split(","))
     images = [name for name, shape in shapes.items() if len(shape) == dimensions]
@@ -173,7 +173,7 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
     if _PREFERRED in images:
         return _PREFERRED
     if len(images) != 1:
-        raise BadInputError(f"{path}: cannot tell which array holds the depths; choose with --dataset from: {listed}")
+        raise BadInputError(f"{path}: several arrays may hold the depths; choose one with --dataset: {listed}")
     return images[0]
 
 
@@ -201,7 +201,7 @@ def sizes_of(stack: NDArray[Any]) -> tuple[tuple[int, int, int], int]:
 
 
 def check_not_empty(shape: tuple[int, ...], what: object) -> None:
-    """Refuse what has no sample, or is no sequence of images."""
+    """Refuse an array without samples, or that is not a sequence of images."""
     if len(shape) != STACK_DIMENSIONS or 0 in shape:
         raise BadInputError(f"{what}: expected (frame, row, col), got shape {shape}")
 

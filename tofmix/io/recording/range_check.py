@@ -1,8 +1,8 @@
-"""Whether the ranges of a recording are what they seem: mm, and zeros that are ranges.
+"""Checks on the ranges of a recording: that they are in mm, and that zeros are ranges.
 
-A float dataset says neither by itself. Without the attribute `units`, values of a few units are metres more likely than
-mm; without `_FillValue`, exact zeros are ranges by the contract, and lost samples more likely. Both are looked at in a
-few blocks, so that a long recording is not read twice: the same blocks whenever the same file is opened.
+A float dataset does not show this. Without the attribute `units`, values of a few units are metres more likely than mm;
+without `_FillValue`, exact zeros are ranges by the contract, and lost samples more likely. Both are checked in a few
+blocks, so that a long recording is not read twice; a file always has the same blocks.
 """
 
 from collections.abc import Iterator
@@ -43,7 +43,7 @@ class FloatRecording(Protocol):
 
     @property
     def fill(self) -> float | None:
-        """Value of invalid samples, beside NaN."""
+        """Value of invalid samples in addition to NaN."""
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples, mm, NaN where invalid."""
@@ -120,7 +120,7 @@ def is_too_small(median_mm: float, sensor: Sensor, *, least_mm: float = 50.0, le
 
 
 def unit_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | None:
-    """Doubts about mm, with the remedies; None without a doubt."""
+    """Reason to doubt that ranges are in mm, with the remedies; None without a doubt."""
     if found is None or found.median is None or recording.units is not None:
         return None
     if not is_too_small(found.median, recording.sensor):
@@ -134,23 +134,23 @@ def unit_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | Non
 
 
 def zeros_doubt(recording: FloatRecording, found: RangeCheck | None, *, most_share: float = 0.01) -> str | None:
-    """How many samples are exactly 0 and count as ranges, and how to say otherwise; None up to a share of them."""
+    """Number of samples that are exactly 0 and count as ranges, with the remedy; None up to a share of them."""
     if found is None or recording.fill is not None or found.zeros <= most_share * found.samples:
         return None
     return (
-        f"{found.zeros:,} of {found.samples:,} samples looked at are exactly 0 and taken as ranges of 0 mm; where 0"
+        f"{found.zeros:,} of {found.samples:,} checked samples are exactly 0 and count as ranges of 0 mm; if 0"
         f" means no sample: {import_command(recording.path, '--invalid', '0')}, or set the dataset's attribute"
         " _FillValue to 0"
     )
 
 
 def check_range(recording: FloatRecording) -> tuple[str, ...]:
-    """Refuse ranges that are not in mm, as it seems.
+    """Refuse ranges that are probably not in mm.
 
     Returns
     -------
     tuple of str
-        What the user should know too, each a line that names the file.
+        Notes for the user, each a line that names the file.
 
     Raises
     ------

@@ -1,8 +1,7 @@
-"""A recording laid out anew on disk, for windows so long that a band of rows must be read alone.
+"""A recording rearranged on disk, for windows so long that each band of rows must be read separately.
 
-Recordings stored frame by frame would have to be unpacked once for each band. Here
-they are unpacked once, into a file in which each row's samples lie together. The file
-has no name, so that nothing is left of it whatever happens.
+Recordings stored frame by frame would have to be unpacked once for each band. Here they are unpacked once, into a file
+in which each row's samples lie together. The file has no name, so it never remains.
 """
 
 import os
@@ -90,11 +89,11 @@ def on_scratch(
     source : SampleSource
         The recording.
     folder : Path
-        Where there is room for 4 bytes a sample.
+        Folder with room for 4 bytes a sample.
     frames, rows : slice
         The part that will be read.
     phasors : bool
-        Whether amplitudes will be read too, whatever the noise curve asks for.
+        Whether amplitudes will be read too, even if the noise curve does not need them.
 
     Raises
     ------
@@ -125,7 +124,7 @@ def _laid_out(
     parts: tuple[slice, slice],
     amplitude: ScratchRecording | None,
 ) -> ScratchRecording:
-    """Lay out what `read` gives, in a file that goes with the stack."""
+    """Write the blocks of `read` to a file that is closed with the stack."""
     frames, rows = parts
     file = stack.enter_context(tempfile.TemporaryFile(dir=folder, prefix=".tofmix-"))  # noqa: SIM115  the stack's
     scratch = ScratchRecording(file.fileno(), source.shape, source.sensor, amplitude)

@@ -146,7 +146,7 @@ class SurfacesFile:
             self._check_numbers(f"edge_{key}", arrays[key])
         for key in ("row", "col"):
             if not np.isfinite(arrays[key]).all():
-                raise BadInputError(f"{self.path}: edge_{key}: a point without a place; tofmix verify tells more")
+                raise BadInputError(f"{self.path}: edge_{key}: a point without a place; run tofmix verify")
         return Edges(**arrays)
 
     def read_image(self, name: str, window: int) -> NDArray[Any]:
@@ -180,7 +180,7 @@ class SurfacesFile:
         if numbers.size and not (int(numbers.min()) >= NO_SURFACE and int(numbers.max()) < self.surfaces):
             raise BadInputError(
                 f"{self.path}: {name}: surfaces {numbers.min()} to {numbers.max()},"
-                f" but the file has {counted(self.surfaces, 'surface')}; is it damaged? tofmix verify tells more"
+                f" but the file has {counted(self.surfaces, 'surface')}; is it damaged? Run tofmix verify"
             )
 
 

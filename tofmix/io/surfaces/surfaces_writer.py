@@ -17,7 +17,7 @@ from tofmix.surfaces.found import NO_SURFACE, Edges, Planes, SurfacesProvenance,
 from tofmix.wording import counted
 
 _CHUNK_BYTES = 1 << 20
-"""A stored chunk takes about this much, so that a reader who wants a few rows unpacks little."""
+"""Approximate bytes of a stored chunk: a reader of a few rows unpacks little."""
 
 
 class SurfacesWriter:
@@ -37,7 +37,7 @@ class SurfacesWriter:
     factor : int
         Parts along each side of a pixel.
     provenance : SurfacesProvenance
-        What the surfaces are made from and with.
+        Source and options of the surfaces.
     overwrite, inputs
         As for `AtomicFile`.
 
@@ -127,7 +127,7 @@ class SurfacesWriter:
         self._file.check()
 
     def _write_rest(self) -> None:
-        """Write what is known when all windows are: planes and edges."""
+        """Write planes and edges after all windows."""
         if len(self._found) != self._dims["window"]:
             raise RuntimeError(f"{counted(len(self._found), 'window')} written of {self._dims['window']}")
         self._dims["surface_index"] = self._surfaces

@@ -36,7 +36,7 @@ def verify_surfaces(root: h5py.File, file: SurfacesFile, findings: Findings) -> 
     file : SurfacesFile
         The surfaces in it.
     findings : Findings
-        What is found goes there.
+        Receives the findings.
     """
     for spec in FIELDS:
         if spec.name in file.names:
@@ -112,7 +112,7 @@ def _is_known(numbers: NDArray[Any], file: SurfacesFile) -> BoolArray:
 
 
 def _check_images(file: SurfacesFile, small: dict[str, NDArray[Any]], findings: Findings) -> None:
-    """Check the images of each window; then that each surface has as many layers as it says."""
+    """Check the images of each window, then the number of layers of each surface."""
     counts = np.zeros(file.surfaces, dtype=np.int64)
     fine = ("window", "row_fine", "col_fine")
     for window in range(file.shape[0]):

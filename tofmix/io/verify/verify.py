@@ -1,7 +1,7 @@
 """Whether files are whole and keep their contract: every chunk read, every rule applied, block by block.
 
 `verify` takes a recording, a layers file, a surfaces file, a model, a sensor file or a reconciliation's folder. It
-never raises for what is wrong with them: it says so.
+reports faults and never raises for them.
 """
 
 import itertools
@@ -42,13 +42,12 @@ def verify(path: Path) -> Findings:
 
     Parameters
     ----------
-    path : Path
-        What to check.
+    path : Path The file or folder.
 
     Returns
     -------
     Findings
-        What is wrong with it, a missing or unreadable file included.
+        Its faults; also for a missing or unreadable file.
     """
     findings = Findings("unknown")
     try:

@@ -22,7 +22,7 @@ from tofmix.wording import counted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelDifference:
-    """One pixel that differs. Ranges are in mm; `gap_errors` is None where the surfaces differ in number."""
+    """One pixel that differs. Ranges are in mm; `gap_errors` is None if the numbers of surfaces differ."""
 
     window: int
     row: int

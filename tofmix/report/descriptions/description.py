@@ -34,7 +34,7 @@ class Description:
     name : str
         The file as it was named.
     sections : dict of str to dict
-        Names of values within each section carry their units; None stands for what is not known.
+        Names of values within each section carry their units; None means unknown.
     warnings : tuple of Finding
         What to be wary of.
     """

@@ -30,7 +30,7 @@ class ForeignSource(Protocol):
 
     @property
     def unit_mm(self) -> float | None:
-        """mm of one unit; None if the source does not say."""  # noqa: D403  a unit's symbol
+        """mm of one unit; None if unknown."""  # noqa: D403  a unit's symbol
 
     @property
     def depth_axis(self) -> str:

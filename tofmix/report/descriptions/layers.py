@@ -1,4 +1,4 @@
-"""Description of a layers file. What an estimate found is told by `tofmix.report.summary.summary`."""
+"""Description of a layers file. `tofmix.report.summary.summary` describes the results of an estimate."""
 
 from typing import Any, Protocol
 

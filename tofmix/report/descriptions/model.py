@@ -10,7 +10,7 @@ from tofmix.simulation.model import Model
 
 
 def describe_model(model: Model, *, name: str, sample_bytes: int = 6) -> Description:
-    """Describe a model: its camera, what it will record, and its surfaces and effects.
+    """Describe a model: its camera, recording settings, surfaces and effects.
 
     `sample_bytes` are about those of a simulated sample in its file.
     """

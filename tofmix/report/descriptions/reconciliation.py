@@ -7,7 +7,7 @@ from tofmix.report.descriptions.description import Description, Section, Value
 
 
 def describe_gap(gap: dict[str, Any], *, name: str, most_shown: int = 20) -> Description:
-    """Describe what `tofmix reconcile` found, from its `gap.json`.
+    """Describe the result of `tofmix reconcile`, from its `gap.json`.
 
     Of effects and of places `most_shown` each are listed.
     """

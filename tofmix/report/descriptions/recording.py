@@ -42,7 +42,7 @@ class RecordingHeader(Protocol):
 
     @property
     def fill(self) -> float | None:
-        """Value of invalid samples beside NaN."""
+        """Value of invalid samples in addition to NaN."""
 
     @property
     def has_amplitude(self) -> bool:
@@ -64,8 +64,7 @@ def describe_recording(
 ) -> Description:
     """Describe a recording from its header and its frames' times.
 
-    `doubts` are what its samples make doubtful, text by code, None where they do not
-    (`tofmix.io.recording.range_check`).
+    `doubts` about its samples are texts by code, or None (`tofmix.io.recording.range_check`).
     """
     _, rows, cols = file.shape
     time_s = file.read_time()

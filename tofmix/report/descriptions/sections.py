@@ -31,7 +31,7 @@ def sensor_section(sensor: Sensor) -> Section:
 
 
 def _noise_parts(noise: NoiseCurve) -> Section:
-    """Parts of a noise curve beyond sigma; empty if the error is Gaussian and all pixels are alike."""
+    """Parts of a noise curve beyond sigma; empty if the error is Gaussian and equal in all pixels."""
     parts: Section = {}
     if noise.shape is not None:
         parts["noise_shape_z"] = noise.shape.z.tolist()

@@ -1,7 +1,6 @@
 """Data of the page's explorer: every pixel of some windows, packed, and the settings of its script.
 
-The script reads what `explorer_json` writes. For one pixel in the terminal use
-`tofmix.report.pixels.pixels`.
+The script reads the output of `explorer_json`. For one pixel in the terminal use `tofmix.report.pixels.pixels`.
 """
 
 import json
@@ -68,7 +67,7 @@ def make_explorer(
     layers_file : LayersSource
         The file.
     recording : SampleSource, optional
-        What the layers were made from; without it there are no samples.
+        Source of the layers; without it there are no samples.
     window : int
         The window shown first.
     layers, averaged : Layers, AveragedImage
@@ -234,8 +233,8 @@ def _drift_note(provenance: Provenance, *, shown: bool) -> str:
     if not shown or not drifts(provenance):
         return ""
     return (
-        "Where a pixel's ranges drift within the window its samples lie wider than its component; tofmix inspect draws"
-        " the drift."
+        "If the ranges of a pixel drift within the window, its samples spread more than its component; tofmix"
+        " inspect draws the drift."
     )
 
 

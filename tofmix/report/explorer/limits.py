@@ -20,7 +20,7 @@ class PageLimits:
     least_frames : int
         Samples a pixel below which none are shown: they show nothing.
     characters : int
-        Characters of the data, so that a page of one full image stays below 3 MB with its pictures.
+        Most characters of the data: a page of one full image with pictures stays below 3 MB.
     sample_characters : int
         Characters that samples may take however much the layers take.
     """

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 
 NOT_KNOWN = int(np.iinfo(np.int32).min)
-"""Stands for NaN and infinity."""
+"""Code for NaN and infinity."""
 
 _MOST = int(np.iinfo(np.int32).max)
 _BYTES = np.dtype(np.int32).itemsize

@@ -14,7 +14,7 @@ from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
 SHOWN_LAYERS = len(LAYER_LINES)
-"""Layers that are drawn each for itself; more cannot be told apart."""
+"""Most layers that are drawn separately; more are not distinguishable."""
 
 _HISTOGRAM_INCH = (5.0, 3.3)  # width and height
 _GAP_BINS = 60  # bins of the axis of differences
@@ -97,7 +97,7 @@ def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme, lea
     """
     finite = gap_errors[np.isfinite(gap_errors)]
     most = max(least_errors, 1.3 * tolerance)
-    figure, axes = _curve_axes("range in B less range in A (combined standard errors)", "layers")
+    figure, axes = _curve_axes("range in B minus range in A (combined standard errors)", "layers")
     edges = np.linspace(-most, most, _GAP_BINS + 1)
     counts = np.histogram(finite, edges)[0]
     axes.stairs(counts, edges, baseline=None, color=theme.layers[0], linewidth=1.8, label="layers")

@@ -1,7 +1,6 @@
 """Pictures over the image plane of where two results differ, and the colour scale of ranges.
 
-Each is a figure of its own, with axes and legend. Images of ranges and counts are
-in `tofmix.report.figures.rasters`.
+Each is a separate figure, with axes and legend. Images of ranges and counts are in `tofmix.report.figures.rasters`.
 """
 
 import numpy as np
@@ -65,9 +64,9 @@ def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme, least_gap_mm: f
     Parameters
     ----------
     gap_mm : (row, col) float
-        Differences, mm; NaN where there is none: hatched.
+        Differences, mm; NaN: hatched.
     no_data : str
-        What a hatched pixel is, for the legend.
+        Meaning of a hatched pixel, for the legend.
     theme : Theme
         Colours.
     least_gap_mm : float
@@ -93,7 +92,7 @@ def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme, least_gap_mm: f
 def _image_axes(shape: tuple[int, ...]) -> tuple[Figure, Axes]:
     """Make a figure whose axes keep square pixels, unless the image is a mere stripe: that is stretched to be seen.
 
-    The axes stand at one place whatever is drawn beside or below them, so that images side by side line up.
+    The axes have one position for any labels around them, so images side by side are aligned.
     """
     rows, cols = shape
     width = WIDTH_INCH - _LEFT_INCH - _RIGHT_INCH

@@ -1,4 +1,4 @@
-"""Pictures of learnt noise: the curve with the pixels around it, the shape beside the Gaussian, the pixels' widths."""
+"""Pictures of learnt noise: the curve with single pixels, the shape with the Gaussian, and the widths of the pixels."""
 
 import math
 
@@ -56,7 +56,7 @@ def curve_figure(curve: NoiseCurve, singles: SinglePixels, *, theme: Theme, most
 
 
 def shape_figure(shape: NoiseShape, singles: SinglePixels, *, theme: Theme, bins: int = 60) -> Figure:
-    """Draw the learnt density of the error beside the Gaussian's, on a logarithmic axis, and what samples show.
+    """Draw the learnt density of the error, the Gaussian and the samples, on a logarithmic axis.
 
     `bins` are those of the errors of the samples.
     """

@@ -1,4 +1,4 @@
-"""Draws a pixel in the complex plane; what is drawn comes from `tofmix.report.pixels.phasor_plane`."""
+"""Draws a pixel in the complex plane, from the data of `tofmix.report.pixels.phasor_plane`."""
 
 import math
 
@@ -20,7 +20,7 @@ _ERRORS = 3.0
 """Half axes of the mean's ellipse, in standard errors."""
 
 _SIDE_MARGIN, _MARGIN = 0.4, 0.1
-"""Free room beside, and above and below all that is drawn, part of its extent: for the labels of the ends."""
+"""Margins on each side of the drawing, as parts of its extent: for the labels of the ends."""
 
 _PLANE_POINTS = 250.0
 """Height of the plane in points of 1/72 inch, about: for the distance between labels."""
@@ -48,9 +48,7 @@ def draw_plane(
     ----------
     figure : Figure or SubFigure
         Empty.
-    plane : PhasorPlane
-        What is drawn.
-    theme : Theme
+    plane : PhasorPlane The data. theme : Theme
         Colours; a surface has the colour of its layer.
     zoom_errors : float
         Half the width of the enlarged part around the mean, in standard errors.
@@ -194,7 +192,7 @@ def _frame(axes: Axes) -> float:
 
 
 def _label_ends(axes: Axes, plane: PhasorPlane, theme: Theme) -> None:
-    """Write ranges and shares beside the ends, left or right, away from the other ends, and apart from each other."""
+    """Write ranges and shares next to the ends, left or right, away from other ends and labels."""
     known = _known(plane)
     if not known:
         return

@@ -1,6 +1,6 @@
 """A pixel of a lock-in camera in the complex plane: its samples, its neighbours, and the surfaces it was unmixed to.
 
-Use `read_around` for the samples and `phasor_plane` for what is shown of them. Drawing is left to
+Use `read_around` for the samples and `phasor_plane` for the data of the figure. Drawing is left to
 `tofmix.report.pixels.phasor_figure`.
 """
 
@@ -69,7 +69,7 @@ class PhasorPlane:
     row, col : int
         The pixel.
     mixing : Mixing
-        What its samples are of.
+        Its kind of mixing.
     n_layers : int
         Layers that it has.
     samples : (sample,) complex128
@@ -153,7 +153,7 @@ def phasor_plane(
     col: int,
     unambiguous_range_mm: float | None = None,
 ) -> PhasorPlane:
-    """Gather what the complex plane shows of a pixel.
+    """Collect the data of a pixel in the complex plane.
 
     Parameters
     ----------

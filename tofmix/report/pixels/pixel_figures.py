@@ -88,13 +88,13 @@ def neighbours_figure(
     theme : Theme
         Colours.
     unambiguous_range_mm : float, optional
-        Where ranges are on a circle: its length, mm. What lies across the fold is then drawn in one piece, past it.
+        Where ranges are on a circle: its length, mm. Surfaces across the fold are then drawn in one piece, beyond it.
     plane : PhasorPlane, optional
         One of the pixels in the complex plane, drawn below.
     most_columns : int
         Panels side by side.
     most_sigmas : float
-        Width of a view in units of the narrowest sigma, beyond which each pixel has a view of its own.
+        Width of a view in units of the smallest sigma, beyond which each pixel has a separate view.
     """
     cut = _cut(views, unambiguous_range_mm)
     named = [[_told(view, k) for k in range(len(view.range_mm))] for view in views]
@@ -226,7 +226,7 @@ def _own_noise(view: PixelView, mixture: PixelMixture) -> str:
 
 
 def _explain(figure: Figure | SubFigure, theme: Theme, *, learnt: bool) -> None:
-    """Say below the panels what is the same in each."""
+    """Write the common legend below the panels."""
     means = Line2D([], [], color=theme.ink, linestyle="--", linewidth=1.0, label="fitted means, with standard errors")
     if learnt:
         handles = [
@@ -244,12 +244,12 @@ def _explain(figure: Figure | SubFigure, theme: Theme, *, learnt: bool) -> None:
 
 
 def _within(modes_m: FloatArray, low: float, high: float) -> FloatArray:
-    """Modes inside the view: a triangle is not cut at the axes' edge, and would stand beside them."""
+    """Modes inside the view: triangles are not clipped at the axes, and would lie outside."""
     return modes_m[(modes_m >= low) & (modes_m <= high)]
 
 
 def _headroom(layers: int) -> float:
-    """Height of the axes over the highest curve, so that the legend stands above it."""
+    """Height of the axes over the highest curve, with room for the legend."""
     return 1.35 + 0.16 * layers
 
 

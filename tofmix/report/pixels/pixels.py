@@ -1,7 +1,7 @@
 """One pixel and its neighbours: their layers, their samples, and the density as samples come in.
 
-Use `view_pixels` for what the paper's Fig. 8 shows of neighbouring pixels, and
-`grow_density` for its Fig. 7. Drawing is left to `tofmix.report.pixels.pixel_figures`.
+Use `view_pixels` for neighbouring pixels as in the paper's Fig. 8, and `grow_density` for its Fig. 7. Drawing is left
+to `tofmix.report.pixels.pixel_figures`.
 """
 
 from dataclasses import dataclass, replace
@@ -42,9 +42,9 @@ class PixelView:
     modes_mm : (mode,) float64 or None
         Peaks of the density of these samples; None without samples or without a noise curve.
     mixture : PixelMixture or None
-        The fitted mixture under learnt noise; None where the pixel was fitted with Gaussians of the curve.
+        The fitted mixture under learnt noise; None if the pixel was fitted with Gaussians of the curve.
     mixing : str or None
-        Name of what its samples are of (`tofmix.flags.Mixing`); None in files that do not say it.
+        Name of its kind of mixing (`tofmix.flags.Mixing`); None in files without it.
     """
 
     row: int
@@ -85,7 +85,7 @@ class PixelView:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the same as dicts and lists, for JSON; None for what is not known.
+        """Return the same as dicts and lists, for JSON; None for unknown values.
 
         ``learnt_noise`` is there with learnt noise alone: the pixel's own width, its background, and how far each of
         its layers drifts within the window. ``mixing`` is there where the file has it.
@@ -155,7 +155,7 @@ class GrowingDensity:
 
 
 def neighbour_columns(col: int, *, cols: int, neighbours: int) -> list[int]:
-    """Columns of a pixel and of `neighbours` beside it, ascending.
+    """Columns of a pixel and of its nearest `neighbours`, ascending.
 
     Nearest first, the right side before the left; at the edge of the image all from the other side.
     """

@@ -81,7 +81,7 @@ def single_pixels(
     provenance : Provenance
         Of the layers; its sensor has a noise curve.
     recording : SampleSource, optional
-        What the layers were made from.
+        Source of the layers.
     start, stop : int
         Frames of the window.
     most_pixels : int
@@ -91,7 +91,7 @@ def single_pixels(
     most_frames : int
         Frames of a window; longer windows are thinned out evenly.
     least_samples : int
-        Samples of a pixel that tell the width of their central 68 %: of 12, two at least are outside on either side.
+        Fewest samples of a pixel for the width of their central 68 %: of 12, at least two lie outside on either side.
     reach_sigmas : float
         Samples more than this many sigma from the surface are background. What it adds nearer by is taken off.
 
@@ -170,7 +170,7 @@ def _samples(recording: SampleSource, pixels: IntArray, frames: slice, step: int
 def _without_drift(
     away: FloatArray, sigma_mm: FloatArray, weight: FloatArray, density: FloatArray, law: Law
 ) -> tuple[FloatArray, FloatArray]:
-    """Errors (pixel, frame) less the drift of each pixel, and the degrees of freedom that it takes."""
+    """Errors (pixel, frame) minus the drift of each pixel, and the degrees of freedom of the drift."""
     drift, freedom = drifts_of(
         away, range_mm=np.zeros((len(away), 1)), sigma_mm=sigma_mm[:, np.newaxis], weight=weight[:, np.newaxis],
         rest=np.repeat(density[:, np.newaxis], away.shape[1], axis=1), law=law,
@@ -179,7 +179,7 @@ def _without_drift(
 
 
 def _half_width(away: FloatArray, reach: float, density: float, weight: float, least_samples: int) -> float:
-    """Half the width of the central 68 % of the errors within `reach`, less the background among them; NaN of few.
+    """Half the width of the central 68 % of the errors within `reach`, without background; NaN for few errors.
 
     Quantiles are those of rank (k - 1/3) / (n + 1/3), whose median is right for any distribution (Hyndman and Fan,
     Am. Stat. 50(4), 1996, type 8).

@@ -1,7 +1,7 @@
 """Warnings on a layers file, in one sentence each.
 
-A finding says what was seen and which command to try. The thresholds are for drawing
-attention, not tests (`Thresholds`): nothing is refused here. `estimate`, `merge` and `report` print the same ones.
+A finding has a text and the commands to try. The thresholds (`Thresholds`) are for drawing attention, not tests:
+nothing is refused here. `estimate`, `merge` and `report` print the same ones.
 """
 
 import shlex
@@ -15,7 +15,7 @@ from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One warning: `code` is stable and for scripts, `text` for people, `commands` are what may mend it."""
+    """One warning: `code` is stable and for scripts, `text` for people, `commands` are possible remedies."""
 
     code: str
     text: str
@@ -67,7 +67,7 @@ class Remedy:
         return self.shorter() if self.noise == "auto" else self.command("--noise", "auto")
 
     def shorter(self, window: int | None = None) -> str:
-        """The command with a shorter window; a third, if not said otherwise, has a ninth of a drift's variance."""
+        """The command with a shorter window; by default a third, which has a ninth of a drift's variance."""
         return self.command("--window", str(max(1, self.window_frames // 3 if window is None else window)))
 
 
@@ -78,7 +78,7 @@ def sample_findings(
     remedy: Remedy,
     thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> list[Finding]:
-    """List what the samples say against the noise curve, and of drift within a window.
+    """List contradictions between samples and noise curve, and drift within a window.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def sample_findings(
         window = int(0.5 * drift / drift_sigmas * remedy.window_frames)
         text = (
             f"In a quarter of the pixels ranges drift by {drift_sigmas:.1f} sigma or more within the"
-            f" {remedy.window_frames} frames of a window, which can make two layers of one surface."
+            f" {remedy.window_frames} frames of a window, which can split one surface into two layers."
         )
         found.append(Finding(code="drift", text=text, commands=(remedy.shorter(window),)))
     return found
@@ -134,7 +134,7 @@ def count_findings(
     close: int = 0,
     thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> list[Finding]:
-    """List what the counts of pixels say.
+    """List findings from the counts of pixels.
 
     Parameters
     ----------
@@ -173,8 +173,8 @@ def count_findings(
     if close / max(1, pixels) > thresholds.close_share:
         text = (
             f"{100 * close / pixels:.1f} % of the pixels have two layers within {thresholds.close_sigmas:g} sigma of"
-            " each other, as few scenes have. Drift within a window causes such pairs, and so does noise above the"
-            " curve."
+            " each other, which is rare in real scenes. Drift within a window causes such pairs, and so does"
+            " noise above the curve."
         )
         commands = tuple(dict.fromkeys((remedy.shorter(), remedy.measure())))
         if remedy.paper:  # its peaks are split by chance alone
@@ -187,7 +187,7 @@ def count_findings(
 
 
 def target_findings(targets: int) -> list[Finding]:
-    """Say what a share is of, where pixels return several targets a frame; `targets` is 0 where they do not."""
+    """Explain shares if pixels return several targets a frame; `targets` is 0 if they do not."""
     if not targets:
         return []
     text = f"Each pixel has up to {targets} targets a frame. A share is the share of its detections, not of the beam."
@@ -197,7 +197,7 @@ def target_findings(targets: int) -> list[Finding]:
 def sigma_findings(
     *, count: int, median: float | None, has_curve: bool, remedy: Remedy, thresholds: Thresholds = DEFAULT_THRESHOLDS
 ) -> list[Finding]:
-    """List what sigma says of the sensor's noise curve.
+    """List contradictions between fitted sigma and the sensor's noise curve.
 
     Parameters
     ----------

@@ -92,7 +92,7 @@ class ValueCounts:
             self._keys, self._counts = _united(self._keys >> np.uint32(1), self._counts)
 
     def _values(self) -> FloatArray:
-        """Middle of what each key stands for, float64."""
+        """Middle of the values of each key, float64."""
         low = self._keys << np.uint32(self._shift)
         high = np.minimum(low | np.uint32((1 << self._shift) - 1), _LARGEST_FINITE_KEY)
         middle: FloatArray = (_decoded(low).astype(np.float64) + _decoded(high).astype(np.float64)) / 2

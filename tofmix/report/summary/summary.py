@@ -30,7 +30,7 @@ from tofmix.sensor import NoiseCurve
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerSummary:
-    """One layer over all pixels and windows. None stands where there is no such value.
+    """One layer over all pixels and windows. None means no such value.
 
     Medians are over the layer's `count` components; `sigma_over_curve_median` is sigma divided by the sensor's
     sigma(r) at the component's range.
@@ -54,9 +54,8 @@ class MixingNumbers:
     line : str
         The law in words.
     phasor_share : float or None
-        Share of the samples at edges that are phasor sums; None if no pixel tells it.
-    telling_pixels : int
-        Pixels that tell it.
+        Share of the samples at edges that are phasor sums; None if no pixel determines it. telling_pixels : int Pixels
+        that determine it.
     pixels : dict
         Pixels by the names of `tofmix.flags.Mixing`.
     """
@@ -100,9 +99,9 @@ class Summary:
     noise : NoiseNumbers or None
         The noise, where it has learnt parts, or parts of a file, beyond sigma by range and amplitude.
     mixing : MixingNumbers or None
-        The law of mixing, where it was measured.
+        The measured mixing.
     warnings : tuple of Finding
-        What to be wary of.
+        Warnings.
     """
 
     source: str
@@ -217,7 +216,7 @@ def find(
     layers_file : LayersSource
         The file; read window by window.
     remedy : Remedy, optional
-        What the remedies' commands are about; by default the recording under the name that the file gives.
+        Names in the commands; by default the name of the recording in the file.
     thresholds : Thresholds
         From where on a finding is made.
     """
@@ -242,7 +241,7 @@ def remedy_for(provenance: Provenance, windows: int, recording: str | None = Non
 
 
 class _FindingTally:
-    """Running counts over windows of what findings are about."""
+    """Running counts over windows for the findings."""
 
     def __init__(self, layers_file: LayersSource, thresholds: Thresholds) -> None:
         self._curve = noise_of(layers_file.provenance)
@@ -262,7 +261,7 @@ class _FindingTally:
         self.dominant_ratio.add(self.ratio(window)[window.weight > self._thresholds.dominant_weight])
 
     def ratio(self, window: Layers) -> FloatArray:
-        """Sigma over the curve's, of each layer; NaN where there is none."""
+        """Sigma over the curve's, of each layer; NaN without a curve."""
         range_mm = window.range.astype(np.float64)
         ratio = np.full(range_mm.shape, np.nan)
         if self._curve is not None:
@@ -299,7 +298,7 @@ class _FindingTally:
 
 
 class _Tally(_FindingTally):
-    """Running counts over windows of all that a summary tells."""
+    """Running counts over windows for the summary."""
 
     def __init__(self, layers_file: LayersSource, thresholds: Thresholds) -> None:
         super().__init__(layers_file, thresholds)

@@ -13,16 +13,16 @@ class Thresholds:
     sigma_tolerance : float
         Relative difference of the median sigma and the noise curve.
     scatter_factor : float
-        Factor by which samples scatter more or less than the curve, at least 1. Two surfaces that samples cannot tell
-        apart, 3 sigma from each other, scatter sqrt(1 + 3^2 / 4) = 1.8 times as much.
+        Factor by which samples scatter more or less than the curve, at least 1. Two surfaces 3 sigma
+        apart that samples do not separate scatter sqrt(1 + 3^2 / 4) = 1.8 times as much.
     status_share, full_share, close_share : float
         Share of the pixels with one unwelcome status, with every layer in use, with close layers, 0 to 1.
     close_sigmas : float
         Distance of two layers of a pixel, in sigmas, below which they are close.
     least_components : int
-        Components from which on their sigma says something of the curve.
+        Fewest components for a statement about the curve.
     dominant_weight : float
-        Share from which on a component counts there, 0 to 1; weak ones tell of the fit.
+        Components above this share, 0 to 1, test the noise curve; weak ones depend on the fit.
     more_iterations : int
         Iterations to advise where fits do not converge: four times the default of ``--max-iter``.
     """

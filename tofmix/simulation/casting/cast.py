@@ -37,7 +37,7 @@ _T = TypeVar("_T", bound=np.generic)
 
 
 def cast_scene(model: Model, *, time_s: float = 0.0) -> Truth:
-    """Work out what each pixel of the model's camera sees.
+    """Compute the surfaces, shares and ranges in each pixel of the model's camera.
 
     A surface is seen from both sides, at ranges above 0 up to `range_max_mm`; the nearest hides the others, and of
     two in one plane the first in the model is seen. Shares are right to 0.001 for edges of any direction, those along
@@ -76,8 +76,8 @@ def cast_scene(model: Model, *, time_s: float = 0.0) -> Truth:
 class MovingCaster:
     """Casts a scene in which some surfaces move, time after time.
 
-    Only the pixels in which a moving surface may be seen are cast anew; the others are as they are without them. The
-    values are those of a still scene with the surfaces at their places, bit by bit, with room for `layers` surfaces.
+    Only pixels that may see a moving surface are cast again; the others do not change. The values are those of a still
+    scene with the surfaces at their places, bit by bit, with room for `layers` surfaces.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def _cast(model: Model, wanted: BoolArray | None = None) -> Seen:
 
 
 def _row_caster(sensor: SensorProfile, scene: SceneArrays) -> Callable[[int, BoolArray, FloatArray], None]:
-    """What casts one image row: its number, pixels (col,) wanted, and zeros (col, S, 3) that receive the sums.
+    """Function that casts one image row, from its number and the wanted pixels (col,), into zeros (col, S, 3).
 
     Cells of equal angles have kernels of their own, which take sines and cosines once a row and once a column.
     """
@@ -190,7 +190,7 @@ def _angles(sensor: SensorProfile, optics: Equiangular) -> tuple[FloatArray, Flo
 
 
 def sift(sums: FloatArray, first_pixel: int) -> Seen:
-    """What a row's pixels see, without shares below `MIN_SHARE`; the others fill the pixel."""
+    """The surfaces in a row's pixels, without shares below `MIN_SHARE`; the others fill the pixel."""
     share = sums[:, :, 0]
     nothing = 1.0 - share.sum(axis=1)
     share = np.where(share >= MIN_SHARE, share, 0.0)
@@ -209,7 +209,7 @@ def sift(sums: FloatArray, first_pixel: int) -> Seen:
 
 
 def truth_of(model: Model, seen: Seen) -> Truth:
-    """Sort what each pixel sees from near to far."""
+    """Sort the surfaces of each pixel from near to far."""
     sensor = model.sensor
     counts = np.bincount(seen.pixel, minlength=sensor.rows * sensor.cols)
     if counts.max() > MAX_LAYERS:

@@ -2,9 +2,9 @@
 
 They validate nothing; call `tofmix.simulation.casting.cast`.
 
-They work as those of `tofmix.simulation.casting.cast_kernel`: what one surface fills gets a
-few beams, what an edge crosses is cut finer. A pixel's cell is a patch through nine
-rays, and each beam counts by the solid angle around it.
+They work as those of `tofmix.simulation.casting.cast_kernel`: a cell that one surface fills gets a few beams, and a
+cell with an edge is divided. A pixel's cell is a patch through nine rays, and each beam counts by the solid angle
+around it.
 """
 
 import math

@@ -2,11 +2,10 @@
 
 They validate nothing; call `tofmix.simulation.casting.cast`.
 
-`tofmix.simulation.casting.cast_cells` has those of other projections, and takes from here what judges cells and beams.
+`tofmix.simulation.casting.cast_cells` has those of other projections, and uses the tests of cells and beams from here.
 
-A cell (a pixel, or one of the 32 x 32 parts of one that an edge crosses) is
-first judged as a whole: from its centre and its radius, does one surface, or
-nothing, fill it? Only what is left open is cut finer, down to single beams.
+A cell (a pixel, or one of the 32 x 32 parts of one that an edge crosses) is first judged as a whole: from its centre
+and its radius, does one surface, or nothing, fill it? Only undecided cells are divided, down to single beams.
 """
 
 import math
@@ -46,7 +45,7 @@ _TIE = 1.0e-9  # relative difference of ranges below which two surfaces are one 
 def judge(
     x: float, y: float, z: float, radius: float, scene: SceneArrays, candidates: IntArray, count: int, kept: IntArray
 ) -> tuple[int, int]:
-    """What fills the cell around direction (x, y, z): a surface, NOTHING or MIXED; and how many may be seen in it.
+    """Content of the cell around direction (x, y, z): a surface, NOTHING or MIXED; and its number of possible surfaces.
 
     Those that may be seen are written to `kept`, in the order of `candidates`.
     """

@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantisation(Effect):
-    """Every range, whatever its event, is rounded to a multiple of `step_mm`, then to whole mm.
+    """Every range, also without a return, is rounded to a multiple of `step_mm`, then to whole mm.
 
-    A phase word of b bits has steps of d_u / 2^b: 1.8 mm for 12 bits at 20 MHz, 7.3 mm for 10, 29 mm for 8. Steps
-    well below sigma add a variance of step^2 / 12 to that of the noise, and no bias. A step of 0 is none.
+    A phase word of b bits has steps of d_u / 2^b: 1.8 mm for 12 bits at 20 MHz, 7.3 mm for 10, 29 mm for 8. Steps well
+    below sigma add a variance of step^2 / 12, and no bias. A step of 0 rounds to whole mm only.
     """
 
     kind: ClassVar[str] = "quantisation"
     level: ClassVar[Level] = Level.READ_OUT
-    signature: ClassVar[str] = "discreteness: ranges in equal steps"
+    signature: ClassVar[str] = "discreteness: ranges are multiples of one step"
     typical: ClassVar[str] = "steps of d_u / 2^b: 1.8, 7.3, 29 mm for 12, 10, 8 bits at 20 MHz"
     basis: ClassVar[str] = "physics"
     target: ClassVar[Target] = Target.VALUES
@@ -32,9 +32,7 @@ class Quantisation(Effect):
     latent: ClassVar[Latent] = Latent.STEP
     exact_law: ClassVar[bool] = True
 
-    step_mm: float = number(
-        "Distance of the values; 0 for none.", unit="mm", low=0, high=10_000, zero=0, typical=(2, 60)
-    )
+    step_mm: float = number("Step between values; 0 for none.", unit="mm", low=0, high=10_000, zero=0, typical=(2, 60))
 
     def explain(self) -> str:
         """One sentence."""

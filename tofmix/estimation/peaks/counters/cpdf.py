@@ -1,7 +1,7 @@
 """The paper's first attempt (section IV a): maxima of a difference of the cumulative distribution.
 
-Kept for comparison; docs/explanation/counters.md shows why `Kde` is the default. Nothing in it
-knows the noise curve: what it tells apart is set by its bins.
+Kept for comparison; docs/explanation/counters.md shows why `Kde` is the default. It does not use the noise curve: its
+bins set the resolution.
 """
 
 import math

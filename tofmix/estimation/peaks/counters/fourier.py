@@ -54,7 +54,7 @@ def _off_grid(p: FloatArray, g: int) -> float:
 
 @jit
 def _unwrapped(r: float, period: float, samples: FloatArray) -> float:
-    """Of the two ranges that the series cannot tell apart, r and r + period, the one nearer to a sample."""
+    """Of the two ranges that are equal to the series, r and r + period, the one nearer to a sample."""
     nearest, further = math.inf, math.inf
     for sample in samples:
         nearest = min(nearest, abs(sample - r))
