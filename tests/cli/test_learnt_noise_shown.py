@@ -89,7 +89,7 @@ def test_inspect_prints_and_draws_the_mixture(
     arguments = ("inspect", layers, "--pixel", f"{row},{col}", "--recording", recording)
     said = tofmix(*arguments, "-o", figure)
     assert said.code == 0, said.err
-    own_noise = r"^  own noise: width \d\.\d\d, background \d+\.\d %, drift \(mm\): \d+\.\d$"
+    own_noise = r"^  noise of the pixel: width \d\.\d\d, background \d+\.\d %, drift \(mm\): \d+\.\d$"
     assert re.search(own_noise, said.out, re.MULTILINE)
     assert "<svg" in figure.read_text()
     pixel = next(p for p in json.loads(tofmix(*arguments, "--json").out)["pixels"] if p["col"] == col)
@@ -111,6 +111,6 @@ def test_report_omits_learnt_noise_of_a_gaussian_curve(tofmix: Tofmix, tmp_path:
     assert "\nnoise\n" not in tofmix("info", layers).out
     assert json.loads(tofmix("report", layers, "--json").out)["noise"] is None
     said = tofmix("inspect", layers, "--pixel", "1,1", "--recording", recording)
-    assert "own noise" not in said.out
+    assert "noise of the pixel" not in said.out
     pixels = json.loads(tofmix("inspect", layers, "--pixel", "1,1", "--json").out)["pixels"]
     assert all("learnt_noise" not in pixel for pixel in pixels)

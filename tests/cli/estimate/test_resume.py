@@ -192,7 +192,7 @@ def test_parts_that_do_not_make_one_run_are_refused(tofmix: Tofmix, recording: P
     (tmp_path / "cut").write_bytes(two.read_bytes()[:5000])
     for given, code, reason in (
         ([one], ExitCode.USAGE, "the run has 2 parts; missing: 2"),
-        ([one, two, one], ExitCode.USAGE, "part 1 again"),
+        ([one, two, one], ExitCode.USAGE, "part 1 twice"),
         ([one, other], ExitCode.USAGE, "of 3 parts, but"),
         ([one, foreign], ExitCode.USAGE, "it differs in --gamma (0.5, now 0.02)"),
         ([one, recording], ExitCode.BAD_INPUT, "not a journal"),
