@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from tofmix.jit import config as numba_config
+from tofmix.compiled.jit import config as numba_config
 from tofmix.sensor import NoiseCurve, Sensor
 
 PLAIN = bool(numba_config.DISABLE_JIT)
@@ -59,7 +59,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_sessionstart() -> None:
     """Let pytest's workers compile the kernels together; without workers, each test compiles what it needs."""
     if WORKER and not PLAIN:
-        import compiling
+        from support import compiling
 
         with suppress(Exception):  # a kernel that cannot be compiled fails its own tests
             compiling.begin(int(WORKER.removeprefix("gw")))
@@ -68,7 +68,7 @@ def pytest_sessionstart() -> None:
 def pytest_collection_finish() -> None:
     """Wait for the kernels that other workers compile, and then run tests."""
     if WORKER and not PLAIN:
-        import compiling
+        from support import compiling
 
         with suppress(Exception):  # likewise
             compiling.finish()
@@ -77,9 +77,7 @@ def pytest_collection_finish() -> None:
 @pytest.fixture(autouse=PLAIN, scope="session")
 def _twins() -> Iterator[None]:
     """As plain Python these would take hours: they go over samples with the kernels' twins, which other tests hold."""
-    import cast_twin
-    import noise_twins
-    import reconcile_twins
+    from support import cast_twin, noise_twins, reconcile_twins
 
     from tofmix.estimation.noise import series as noise_series
     from tofmix.reconciliation import likelihood

@@ -1,4 +1,4 @@
-"""Imports point one way: cli -> io, report -> estimation, simulation -> root modules. Modules have words."""
+"""Imports point one way: cli -> io, report -> estimation, simulation -> root modules -> optics, compiled."""
 
 import ast
 from collections.abc import Iterator
@@ -9,6 +9,9 @@ import tofmix
 
 PACKAGE = Path(tofmix.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
+
+COMMON = {"optics", "compiled"}
+"""Folders below the root modules, which all may import."""
 
 MAY_IMPORT = {
     "api": {"api", "io", "report", "reconciliation", "estimation", "simulation", "sensors", "unmixing"},
@@ -35,8 +38,13 @@ MAY_IMPORT = {
     "surfaces": {"surfaces"},
     "simulation": {"simulation", "sensors"},
     "sensors": {"sensors"},
+    "optics": {"optics", "compiled"},
+    "compiled": {"compiled"},
     "": set(),
 }
+BELOW_COMMON = {"arrays"}
+"""Root modules that the folders below them may import."""
+
 ONLY_IN = {
     "h5py": {"io"},
     "sqlite3": {"io"},
@@ -77,8 +85,15 @@ def _misplaced(module: Path) -> Iterator[str]:
         top, *rest = name.split(".")
         if folder not in ONLY_IN.get(top, {folder}):
             yield f"{module.relative_to(PACKAGE)}: {name} belongs to tofmix/{' or '.join(ONLY_IN[top])}"
-        if top == "tofmix" and rest and (PACKAGE / rest[0]).is_dir() and rest[0] not in MAY_IMPORT[folder]:
+        if top == "tofmix" and rest and not _may_import(folder, rest[0]):
             yield f"{module.relative_to(PACKAGE)}: tofmix/{folder} must not import {name}"
+
+
+def _may_import(folder: str, name: str) -> bool:
+    """Whether a module of a folder may import a folder, or a root module."""
+    if folder in COMMON:
+        return name in MAY_IMPORT[folder] | BELOW_COMMON
+    return name in MAY_IMPORT[folder] | COMMON or not (PACKAGE / name).is_dir()
 
 
 def test_imports_point_one_way() -> None:
@@ -89,8 +104,8 @@ def test_imports_point_one_way() -> None:
 
 ORDER = {
     "estimation": ("noise", "peaks", "mixture", "learnt", "blocks"),
-    "io": ("atomic", "guard", "recording", "layers", "importers", "exporters", "verify"),
-    "report": ("summary", "pixels", "figures", "explorer", "page", "comparison", "gap"),
+    "io": ("atomic", "guard", "recording", "layers", "surfaces", "importers", "exporters", "verify"),
+    "report": ("summary", "descriptions", "pixels", "figures", "explorer", "page", "comparison", "gap"),
     "simulation": ("casting", "effects"),
 }
 """Subfolders of a folder: each may import those before it. What two of them use stands in the folder above."""

@@ -57,7 +57,7 @@ def test_a_circle_too_short_for_the_noise_is_refused(sensor: Sensor) -> None:
 
 
 @pytest.mark.parametrize(("length", "told"), [(6401.0, True), (6399.0, False), (5900.0, False)])
-def test_no_return_is_told_where_two_sigma_of_it_stay_before_the_fold(
+def test_no_return_is_separate_if_two_sigma_of_it_lie_before_the_fold(
     length: float, told: bool, sensor: Sensor
 ) -> None:
     assert has_no_return(sensor, length) is told  # range_max 6000, sigma 200 there

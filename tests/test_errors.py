@@ -14,7 +14,7 @@ from tofmix.errors import (
 
 
 @pytest.mark.parametrize(("kind", "code"), [(UsageError, 2), (BadInputError, 3), (StorageError, 4)])
-def test_exit_codes(kind: type[TofmixError], code: int) -> None:
+def test_exit_codes_have_the_values_of_the_contract(kind: type[TofmixError], code: int) -> None:
     assert kind("x").exit_code == code
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made_up import made_up_layers
+from support.made_up import made_up_layers
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.settings import EstimateOptions, SigmaMode

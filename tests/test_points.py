@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_up import LayersInMemory, made_up_layers
+from support.made_up import LayersInMemory, made_up_layers
 
-from tofmix.equiangular import Equiangular
+from tofmix.optics.equiangular import Equiangular
 from tofmix.points import POINT_DTYPE, LayerPoints, PointFilter
 
 SHAPE, MAX_LAYERS = (2, 4, 5), 3
@@ -53,14 +53,14 @@ def test_filters_leave_out_points_and_change_none(chosen: PointFilter) -> None:
     assert points.count() == keep.sum()
 
 
-def test_windows_are_chosen() -> None:
+def test_points_of_chosen_windows_are_written() -> None:
     source = LayersInMemory(made_up_layers(SHAPE, MAX_LAYERS))
     (chosen,) = LayerPoints(source, **VIEW, windows=[1])
     assert chosen.tobytes() == list(LayerPoints(source, **VIEW))[1].tobytes()
     assert set(chosen["window"].tolist()) == {1}
 
 
-def test_unknown_probabilities_do_not_pass_where_one_is_asked_for() -> None:
+def test_unknown_probabilities_do_not_pass_a_limit() -> None:
     layers = made_up_layers(SHAPE, MAX_LAYERS)
     layers.probability[...] = np.nan
     assert LayerPoints(LayersInMemory(layers), **VIEW).count() == layers.n_modes.sum()

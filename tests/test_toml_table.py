@@ -8,7 +8,7 @@ from tofmix.toml_table import nearest, parse_toml
 TABLE = parse_toml("a = true\nb = ['x', 'y']\nc = 1\nd = 'long " + "x" * 90 + "'", source="f")
 
 
-def test_boolean_and_texts() -> None:
+def test_booleans_and_texts_are_read() -> None:
     assert TABLE.boolean("a") is True
     assert TABLE.texts("b") == ("x", "y")
 

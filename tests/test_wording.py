@@ -28,7 +28,7 @@ def test_zero_has_no_sign(value: float, form: str, text: str) -> None:
     assert number(value, form) == text
 
 
-def test_no_text_puts_a_plural_of_its_own() -> None:
+def test_only_counted_makes_plurals() -> None:
     """`counted` is the one place: a plural by hand is wrong for 1, or for 0."""
     by_hand = re.compile(r"['\"]s['\"] ?\*|['\"]s['\"] if ")
     found = [f"{p}:{n}" for p in PACKAGE.rglob("*.py") for n, line in enumerate(p.read_text().splitlines(), 1)

@@ -1,23 +1,26 @@
 """tofmix: the surfaces in a time-of-flight pixel.
 
-A pixel of a time-of-flight camera is a cone. tofmix treats the samples of each
-pixel of a recorded sequence as a Gaussian mixture and recovers all surfaces in
-it: how many, how far, what share of the beam, how sure.
+A pixel of a time-of-flight camera is a cone. tofmix treats the samples of each pixel of a recorded sequence as a
+Gaussian mixture and recovers all surfaces in it: their number, ranges, shares of the beam, and errors.
 
 The data's path through the package:
 
 recording -> `tofmix.estimation` (density -> modes -> mixture -> layers) -> layers file -> `tofmix.report`
-scene -> `tofmix.simulation` (scene -> cast -> events -> render) -> recording
+layers -> `tofmix.unmixing` (mixed pixels of phasor sums) -> layers
+layers -> `tofmix.surfaces` (planes, edges below a pixel), `tofmix.mapping` (occupancy)
+scene -> `tofmix.simulation` (scene -> sensor -> cast -> events -> effects -> render) -> recording
+recording and scene -> `tofmix.reconciliation` (the effects that the model lacks)
 
-`tofmix.io` reads and writes the files, `tofmix.cli` is the command line.
+What travels stands here: `recording`, `sensor`, `layers`, `points`. `tofmix.optics` is where pixels look,
+`tofmix.compiled` how kernels are compiled. `tofmix.io` reads and writes the files, `tofmix.pipeline` runs an estimate,
+`tofmix.cli` is the command line, `tofmix.api` the functions below.
 In Python:
 
 >>> import tofmix as tm
 >>> layers = tm.estimate(tm.open("recording.h5"))  # doctest: +SKIP
 
 `open`, `from_array`, `estimate`, `simulate`, `reconcile` and `plot` are loaded from `tofmix.api` when they are first
-used.
-Nothing heavy is imported here, so that ``tofmix --help`` answers at once.
+used. No large library is imported here, so ``tofmix --help`` answers at once.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Range as a circle: a phase says where a surface is, but for whole turns of d_u = c / (2 f).
+"""Range as a circle: a phase gives a range up to whole turns of d_u = c / (2 f).
 
 Use it where readings are folded at the unambiguous range d_u: a surface at the
 fold then reads near 0 at times and near d_u at others, and is one surface. All
@@ -26,7 +26,7 @@ TURNS = (-1, 0, 1, 2)
 
 
 def fold(range_mm: ArrayLike, unambiguous_range_mm: float) -> FloatArray:
-    """Fold ranges of any shape, mm, into [0, d_u); what is not finite becomes NaN."""
+    """Fold ranges of any shape, mm, into [0, d_u); values that are not finite become NaN."""
     values = np.asarray(range_mm, dtype=np.float64)
     values = np.where(np.isfinite(values), values, np.nan)
     folded: FloatArray = values - unambiguous_range_mm * np.floor(values / unambiguous_range_mm)
@@ -69,7 +69,7 @@ def open_at(range_mm: ArrayLike, cut_mm: float, unambiguous_range_mm: float) -> 
 
 
 def unseen_zone(sensor: Sensor, unambiguous_range_mm: float) -> float:
-    """End of the zone after the fold in which the camera sees nothing: readings there are of what lies a turn beyond.
+    """End of the unseen zone after the fold: readings in it belong to surfaces one turn farther.
 
     The larger of the noise curve's first range and `range_min_mm`, at most half of the circle, mm.
     """
@@ -125,7 +125,7 @@ def circular_noise(sensor: Sensor, unambiguous_range_mm: float, *, at_fold: bool
 
 
 def has_no_return(sensor: Sensor, unambiguous_range_mm: float) -> bool:
-    """Whether c_0 can be told on the circle: it lies at `range_max_mm`, and 2 sigma of it do not reach the fold."""
+    """Whether c_0 can be separated on the circle: `range_max_mm` + 2 sigma lies before the fold."""
     if sensor.range_max_mm is None or sensor.noise is None:
         return False
     reach = NO_RETURN_SIGMAS * float(sensor.noise.sigma(sensor.range_max_mm))

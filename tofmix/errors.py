@@ -39,15 +39,16 @@ EXIT_CODE_MEANINGS: dict[ExitCode, str] = {
 EXIT_CODE_REMEDIES: dict[ExitCode, str] = {
     ExitCode.DONE: "",
     ExitCode.BUG: "Report it with the command, the line on stderr, and `tofmix info FILE --json`.",
-    ExitCode.USAGE: "`tofmix COMMAND --help` lists the options. A name that can only be a built-in one is a value "
-    "(`sensors`, `--noise`); one that may be a file (`simulate`, `import --sensor`) is bad input where no file has it.",
+    ExitCode.USAGE: "`tofmix COMMAND --help` lists the options. An unknown name of a built-in sensor "
+    "(`sensors`, `--noise`) is a usage error; where a file is possible (`simulate`, `import --sensor`) it is bad"
+    " input.",
     ExitCode.BAD_INPUT: "The line on stderr names file, dataset, reason and remedy. No file was changed.",
     ExitCode.STORAGE: "Free the disk, or choose another folder. `tofmix estimate --resume` continues.",
     ExitCode.SOME_FAILED: "stderr has a line for each failed recording. Run the command again with `--resume`.",
     ExitCode.DIFFERENT: "The table on stdout counts the differences. `--allow` accepts a share of differing pixels.",
-    ExitCode.INTERRUPTED: "The process dies of SIGINT, so that a shell loop around it stops. `--resume` continues.",
-    ExitCode.CLOSED_PIPE: "Nothing is wrong: `tofmix report ... | head -1` ends so.",
-    ExitCode.TERMINATED: "The process dies of SIGTERM. Partial outputs are removed. `--resume` continues.",
+    ExitCode.INTERRUPTED: "The process ends by SIGINT, so that a shell loop around it stops. `--resume` continues.",
+    ExitCode.CLOSED_PIPE: "No error: `tofmix report ... | head -1` ends in this way.",
+    ExitCode.TERMINATED: "The process ends by SIGTERM. Partial outputs are removed. `--resume` continues.",
 }
 """The remedy, or a remark, for each exit code: docs/reference/exit-codes.md shows them."""
 

@@ -1,4 +1,4 @@
-"""The status of a pixel, and what its samples are of: one definition for code, files and documentation."""
+"""The status of a pixel, and its kind of mixing: one definition for code, files and documentation."""
 
 from enum import IntEnum
 
@@ -39,9 +39,10 @@ MOST_UNDECIDED = 0.5
 
 MIXING_MEANINGS: dict[Mixing, str] = {
     Mixing.ONE_SURFACE: "the pixel sees one surface, or none",
-    Mixing.EVENTS: "each sample is of one of several surfaces",
-    Mixing.PHASOR: "samples are phasor sums of several surfaces; the layers are unmixed with the neighbours' help",
-    Mixing.UNDECIDED: "samples may be phasor sums, of surfaces that cannot be told; the layers are as under events",
+    Mixing.EVENTS: "each sample shows one of several surfaces",
+    Mixing.PHASOR: "samples are phasor sums of several surfaces; the layers are unmixed with the help of neighbours",
+    Mixing.UNDECIDED: "samples may be phasor sums of surfaces that cannot be determined; the layers are those of"
+    " events",
 }
 
 

@@ -1,4 +1,4 @@
-"""The cells into which an estimate is cut: what is computed, journaled, stored and sent to a cluster as one.
+"""The cells of an estimate. A cell is computed, journaled, stored and sent to a cluster as one unit.
 
 A cell is a few windows of a band of rows, over all columns. The cells depend on the
 sizes of the recording and its stored chunks alone, never on workers or memory, as
@@ -39,7 +39,7 @@ class Grid:
 
     @property
     def bands(self) -> int:
-        """Cells that lie beside each other over the rows."""
+        """Cells next to each other over the rows."""
         return -(-self.image[0] // self.step[1])
 
     @property

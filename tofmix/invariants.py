@@ -18,7 +18,7 @@ SUM_TOLERANCE = 1e-4
 
 
 class Rule(NamedTuple):
-    """One rule on one dataset: what must hold, and where it does not, of the pixels' leading shape."""
+    """One rule on one dataset: its text, and the places that break it, of the pixels' leading shape."""
 
     name: str
     text: str

@@ -68,7 +68,7 @@ LAW_TEXTS = {
     "phasor_share": "share of the samples at edges that are phasor sums",
     "phasor_pixels": "pixels that tell it",
 }
-"""Datasets of each window beside `mixing`: which law holds."""
+"""Datasets of each window that describe `mixing`."""
 
 OPTIONAL_FIELDS = (NOISE_WIDTH, MIXING)
 """Datasets that some layers files have, after the others."""

@@ -1,7 +1,7 @@
 """Learnt noise of the pixels beyond the noise curve: background, drift, memory, and gains by chance.
 
-`tofmix.estimation.learnt` learns it; a sensor carries it, so that whatever has the sensor counts alike: threads,
-shards, clusters, resumed runs.
+`tofmix.estimation.learnt` learns it; a sensor carries it, so threads, shards, clusters and resumed runs all use the
+same noise.
 """
 
 from dataclasses import dataclass, fields
@@ -18,7 +18,7 @@ _SHAPES = {"drift_mm": 1, "gain_samples": 1, "gain_background": 1, "gain_more": 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LearntNoise:
-    """Noise of pixels beside a curve, and the gains in likelihood that it reaches by chance.
+    """Noise of pixels in addition to a curve, and the gains in likelihood that this noise alone reaches.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ class LearntNoise:
     Raises
     ------
     ValueError
-        If an array has another number of dimensions or another length than those it goes with, a number is not finite,
-        or one is out of its bounds.
+        If an array has a wrong number of dimensions or a wrong length, a number is not finite, or one is out of its
+        bounds.
     """
 
     background: tuple[float, float] | None

@@ -15,9 +15,8 @@ class MixingLaw:
     Parameters
     ----------
     phasor_share : float
-        q, the share of the samples at edges that are phasor sums; NaN if no pixel tells it.
-    pixels : int
-        Pixels that tell it.
+        q, the share of the samples at edges that are phasor sums; NaN if no pixel determines it. pixels : int Pixels
+        that determine it.
     """
 
     phasor_share: float
@@ -25,7 +24,7 @@ class MixingLaw:
 
     @classmethod
     def of_windows(cls, shares: NDArray[np.floating], pixels: NDArray[np.integer]) -> Self:
-        """Mean over windows (window,), weighted by the pixels that tell each."""
+        """Mean over windows (window,), weighted by the pixels that determine each."""
         told = int(pixels.sum())
         mean = float(np.nansum(np.asarray(shares, np.float64) * pixels) / told) if told else math.nan
         return cls(phasor_share=mean, pixels=told)
@@ -33,12 +32,12 @@ class MixingLaw:
     def words(self) -> str:
         """Say it: ``100 % of the samples at edges are phasor sums (2,016 pixels)``."""
         if not self.pixels or math.isnan(self.phasor_share):
-            return "no edge tells whether samples are phasor sums; layers are as for samples of one surface each"
+            return "no edge shows whether samples are phasor sums; each sample counts as one surface"
         percent = round(100.0 * min(max(self.phasor_share, 0.0), 1.0))
         return f"{percent} % of the samples at edges are phasor sums ({self.pixels:,} pixels)"
 
     def as_dict(self) -> dict[str, Any]:
-        """The same for JSON; None where no pixel tells it."""
+        """The same for JSON; None if no pixel determines it."""
         share = None if math.isnan(self.phasor_share) else self.phasor_share
         return {"phasor_share": share, "pixels": self.pixels}
 

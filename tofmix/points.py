@@ -1,8 +1,7 @@
 """Layers as points in space: one point a layer, in the sensor's frame.
 
-Use `LayerPoints` to pass the layers of a file on to programs that take point
-clouds. `POINT_FIELDS` is the one list of what a point carries; every format
-writes all of it.
+Use `LayerPoints` to pass the layers of a file on to programs that take point clouds. `POINT_FIELDS` is the one list of
+the fields of a point; every format writes all of them.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import LAYER_FIELDS, Layers
-from tofmix.projection import Projection, beam_directions_of
+from tofmix.optics.projection import Projection, beam_directions_of
 
 MM_A_METRE = 1000.0  # mm in a metre
 
@@ -92,8 +91,8 @@ class WindowSource(Protocol):
 class PointFilter:
     """Which layers become points: those with at least this weight and this probability.
 
-    None asks for nothing. A layer whose value is not known (NaN) does not pass where one is asked for. Layers of pixels
-    in which the surfaces cannot be told (`Mixing.UNDECIDED`) pass only if `undecided` are asked for.
+    None sets no limit. A layer with an unknown value (NaN) does not pass a limit on this value. Layers of undecided
+    pixels (`Mixing.UNDECIDED`) pass only with `undecided`.
     """
 
     min_weight: float | None = None
@@ -173,11 +172,11 @@ def window_points(layers: Layers, directions: FloatArray, *, window: int, chosen
     layers : Layers
         Of the leading shape (row, col).
     directions : (row, col, 3) float64
-        From `tofmix.projection.beam_directions_of`.
+        From `tofmix.optics.projection.beam_directions_of`.
     window : int
         Number of the window.
     chosen : PointFilter
-        Which layers. `return_number` and `number_of_returns` are the pixel's own, whatever is left out.
+        Which layers. `return_number` and `number_of_returns` count all layers of the pixel, also those left out.
 
     Returns
     -------

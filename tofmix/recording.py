@@ -24,6 +24,9 @@ MOST_FRAMES = 1 << 26  # of a recording: a month at 25 Hz
 MOST_TARGETS = 64
 """Targets that a pixel returns in one frame; lidars and zone sensors return up to four."""
 
+SAMPLE_BYTES = np.dtype(np.float32).itemsize
+"""A sample in memory."""
+
 DECODED_SAMPLES = 1 << 20
 """About how many samples a source may hold in their stored form while it reads, where stored chunks are smaller."""
 
@@ -69,7 +72,7 @@ def samples_a_frame(source: SampleSource) -> int:
 
 
 class TargetSeries:
-    """A recording with each target as a pixel of its own: (frame, row and target, col); nothing is copied.
+    """A recording with each target as a separate pixel: (frame, row and target, col); no array is copied.
 
     Use it where the samples of a pixel must follow each other in time, as for its noise.
 
@@ -137,7 +140,7 @@ class TargetSeries:
 
 
 def by_target(source: SampleSource) -> SampleSource:
-    """A recording with each target as a pixel of its own; the recording itself where it has no targets."""
+    """A recording with each target as a separate pixel; the recording itself if it has no targets."""
     return TargetSeries(source) if samples_a_frame(source) > 1 else source
 
 
@@ -159,7 +162,7 @@ def amplitude_source(source: SampleSource) -> AmplitudeSource | None:
 
 
 def wanted_amplitudes(source: SampleSource, *, phasors: bool = False) -> AmplitudeSource | None:
-    """The recording's amplitudes, where its noise curve asks for them, or phasors are wanted."""
+    """The recording's amplitudes, if the noise curve or the phasors need them."""
     noise = source.sensor.noise
     return amplitude_source(source) if phasors or (noise is not None and noise.law is not None) else None
 

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
 from tofmix.learnt_noise import LearntNoise
 from tofmix.noise_shape import NoiseShape
-from tofmix.projection import Projection
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import Projection
 from tofmix.wording import counted
 
 DEFAULT_OUTLIER_PROBABILITY = 1.0e-4  # p(c_r) where neither file nor option gives one
@@ -30,7 +30,7 @@ SENSOR_NUMBERS = (
     "fov_vertical_deg",
     "outlier_probability",
 )
-"""Numbers of a `Sensor` that every file has; NaN there stands for a number that is not known."""
+"""Numbers of a `Sensor` that every file has; NaN means an unknown number."""
 
 RARE_SENSOR_NUMBERS = ("no_return_mm", "sample_min_mm", "sample_max_mm")
 """Numbers of a `Sensor` that a file leaves out if they are not known."""
@@ -177,8 +177,8 @@ class NoiseCurve:
     def sigma(self, range_mm: FloatArray | float, amplitude: ArrayLike | None = None) -> FloatArray:
         """sigma(r) in mm at ranges of any shape, mm.
 
-        With `amplitude`, of a shape that goes with it, and a law: at that amplitude; at the reference amplitude where
-        it is not a number above 0.
+        With `amplitude`, of a compatible shape, and a law: at that amplitude; at the reference amplitude if it is not a
+        number above 0.
         """
         sigma = np.asarray(np.interp(range_mm, self.range_mm, self.sigma_mm), dtype=np.float64)
         if amplitude is None or self.law is None:
@@ -211,7 +211,7 @@ class NoiseCurve:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
-    """A camera as a recording describes it. None stands for what is not known.
+    """A camera as a recording describes it. None means unknown.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ class Sensor:
     range_min_mm, range_max_mm : float or None
         Working range. Without `range_max_mm` there is no c_0 in equation (1).
     fov_horizontal_deg, fov_vertical_deg : float or None
-        Full field of view, of equal angles between pixels. It says nothing where there is a `projection`.
+        Full field of view, of equal angles between pixels. Unused if there is a `projection`.
     projection : Projection or None
         Where the pixels look, if not by the field of view.
     outlier_probability : float
@@ -236,7 +236,8 @@ class Sensor:
     noise : NoiseCurve or None
         sigma(r) at `integration_time_ms`.
     learnt : LearntNoise or None
-        What the recording taught of its pixels beside the curve. With it, surfaces are counted under the learnt noise.
+        Noise of pixels that was learnt from the recording, in addition to the curve. With it, surfaces are counted
+        under the learnt noise.
 
     Raises
     ------
@@ -266,7 +267,7 @@ class Sensor:
                 raise ValueError(f"{key}: {value} is not a finite number above 0")
         frequency = self.modulation_frequency_hz
         if frequency is not None and not _LEAST_FREQUENCY_HZ <= frequency <= _MOST_FREQUENCY_HZ:
-            raise ValueError(f"modulation_frequency_hz: {frequency:g} is no camera's (1 Hz to 1 THz)")
+            raise ValueError(f"modulation_frequency_hz: {frequency:g} is not between 1 Hz and 1 THz")
         if self.range_min_mm is not None and not math.isfinite(self.range_min_mm):
             raise ValueError(f"range_min_mm: {self.range_min_mm} is not finite")
         if self.range_max_mm is not None and (self.range_min_mm or 0.0) >= self.range_max_mm:

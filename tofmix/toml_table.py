@@ -58,7 +58,7 @@ def _shown(value: object) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TomlTable:
-    """One table of a TOML file and where it stands.
+    """One table of a TOML file and its position.
 
     Parameters
     ----------

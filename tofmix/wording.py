@@ -24,7 +24,7 @@ def counted(count: int, noun: str, form: str = "") -> str:
 
 
 def number(value: float, form: str = "") -> str:
-    """Format a number; what is rounded to zero has no sign.
+    """Format a number; a number that rounds to zero has no sign.
 
     Parameters
     ----------

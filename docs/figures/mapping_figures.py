@@ -37,7 +37,7 @@ from tofmix.simulation.truth import Truth
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
-from corridors import ROBOT_RADIUS_MM, Corridor, find_way
+from support.corridors import ROBOT_RADIUS_MM, Corridor, find_way
 
 FOLDER = Path(__file__).parent
 MODEL, SEED, FRAMES, CELL_MM = "side_exit.toml", 1, 100, 50.0

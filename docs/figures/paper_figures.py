@@ -27,7 +27,7 @@ from tofmix.estimation.samples import sort_samples
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.io.model_file import load_model
 from tofmix.layers import Layers
-from tofmix.projection import beam_directions_of
+from tofmix.optics.projection import beam_directions_of
 from tofmix.report.pixels.pixel_figures import draw_density, draw_modes, style_axes
 from tofmix.report.theme import LIGHT, drawing, new_figure
 from tofmix.sensor import NoiseCurve, Sensor

@@ -25,7 +25,7 @@ from tofmix.arrays import BoolArray, FloatArray
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.flags import Mixing
 from tofmix.io.model_file import load_model
-from tofmix.projection import beam_directions_of
+from tofmix.optics.projection import beam_directions_of
 from tofmix.recording import ArrayRecording
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects.flying_pixels import FlyingPixels

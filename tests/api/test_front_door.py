@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 import tofmix as tm
 from tofmix.errors import BadInputError, DoubtWarning, UsageError
@@ -248,5 +248,5 @@ def test_open_warns_of_many_exact_zeros(tmp_path: Path) -> None:
     samples = boards(40, dtype="f4")
     samples[::4] = 0.0
     path = write_recording(tmp_path / "zeros.h5", samples, units="mm")
-    with pytest.warns(DoubtWarning, match=r"zeros\.h5: range: 240 of 960 samples looked at are exactly 0"):
+    with pytest.warns(DoubtWarning, match=r"zeros\.h5: range: 240 of 960 checked samples are exactly 0"):
         tm.open(path)

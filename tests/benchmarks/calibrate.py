@@ -12,6 +12,7 @@ import argparse
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.mixture.components import MEAN, SIGMA, WEIGHT
 from tofmix.estimation.mixture.counting import Rules, new_workspace, try_one_more
@@ -19,7 +20,6 @@ from tofmix.estimation.mixture.em import expectation_maximisation
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, SAMPLES
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
-from tofmix.jit import jit
 from tofmix.sensor import NoiseCurve, Sensor
 
 LEAST_GAIN = 0.5

@@ -19,7 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from reconcile_errors import EFFECTS_OF, LATENT, MEMORY, deviations, scene
+from support.reconcile_errors import EFFECTS_OF, LATENT, MEMORY, deviations, scene
 
 from tofmix.arrays import FloatArray
 

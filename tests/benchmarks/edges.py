@@ -5,7 +5,7 @@
 
 Scenes of 144 x 176 pixels, and the estimator's own layers with all defaults. Boards, random boards and pickets are
 raw-tap recordings (tests/blind, which knows nothing of the package); rolled rectangles, disks, bars and half-planes are
-drawn from plates cast finely (tests/plates.py), as is all truth. Prints Markdown tables. Asserts nothing.
+drawn from plates cast finely (tests/support/plates.py), as is all truth. Prints Markdown tables. Asserts nothing.
 
 - wrong: parts (8 x 8) of a mixed pixel with the wrong surface, mean over all mixed pixels: a second surface with a
   share of 0.05 and more, all of them 5 standard errors and 3 % of the range apart. Beside it simple methods on the same
@@ -29,10 +29,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-import plates
 from blind.geometry import View
-from edge_rivals import RIVALS, youngs_points
-from edges import (
+from support import plates
+from support.edge_rivals import RIVALS, youngs_points
+from support.edges import (
     Links,
     Places,
     Wrong,
@@ -49,7 +49,7 @@ from edges import (
     worst_pixels,
     wrong_parts,
 )
-from lock_in import FAMILIES
+from support.lock_in import FAMILIES
 
 from tofmix.layers import Layers
 from tofmix.surfaces.found import WindowSurfaces

@@ -3,7 +3,7 @@
     NUMBA_CACHE_DIR=DIR python tests/benchmarks/fit_layout.py
 
 DIR is empty: the time of the first call is that of compiling. "As a part" is a kernel that others call, with
-references to arrays not counted (`tofmix.jit.borrowing`); "by itself" is one of plain `jit`.
+references to arrays not counted (`tofmix.compiled.jit.borrowing`); "by itself" is one of plain `jit`.
 """
 
 import time
@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.vector import exp_minus, product_of, total_of
 from tofmix.estimation.mixture.components import MEAN, SIGMA, SUPPORT, WEIGHT, new_components
-from tofmix.jit import borrowing, jit
-from tofmix.vector import exp_minus, product_of, total_of
 
 SURFACES, SAMPLES, ROUNDS, REPEATS = 2, 64, 20_000, 7
 HEIGHT = 1.0 / np.sqrt(2.0 * np.pi)

@@ -1,4 +1,4 @@
-"""What `tofmix.jit_linking` gains: the first compile and the time of an estimate, with it and with plain numba.
+"""What `tofmix.compiled.linking` gains: the first compile and the time of an estimate, with it and with plain numba.
 
 Usage: python tests/benchmarks/jit_linking.py [--rounds 3]
 
@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 LINKED = "from tofmix.cli.start import run; run()"
-PLAIN = f"import tofmix.jit as j; j.LINKS_WITH = (999, 0), (999, 0); {LINKED}"
+PLAIN = f"import tofmix.compiled.jit as j; j.LINKS_WITH = (999, 0), (999, 0); {LINKED}"
 WAYS = {"linked into callers": LINKED, "plain numba": PLAIN}
 FRAMES = "100"
 

@@ -25,6 +25,8 @@ import numpy as np
 from scipy.ndimage import convolve1d
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.compiled.jit import jit
+from tofmix.compiled.vector import exp_minus
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.layering import layer_pixels
@@ -32,10 +34,8 @@ from tofmix.estimation.mixture.components import Components, Scratch, new_compon
 from tofmix.estimation.mixture.em import expect, maximise, start_at
 from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.settings import MODE_PRIOR
-from tofmix.jit import jit
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.vector import exp_minus
 
 ROWS, COLS, FRAMES = 144, 176, 100
 MULTI = 0.15

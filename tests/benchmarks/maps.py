@@ -4,8 +4,9 @@ Usage: python tests/benchmarks/maps.py [--seeds 100 101 ...] [--corridors] [--mi
 
 Prints Markdown tables; docs/results/mapping.md holds a copy. Asserts nothing.
 
-The corridors are those of tests/corridors.py, one open and one truly blocked for each seed, seen by the built-in
-camera sr3000. All maps have the defaults of `tofmix map` but for the camera's pitch and the robot's band of heights.
+The corridors are those of tests/support/corridors.py, one open and one truly blocked for each seed, seen by the
+built-in camera sr3000. All maps have the defaults of `tofmix map` but for the camera's pitch and the robot's band of
+heights.
 The defaults were chosen on the seeds 0 to 19; the seeds here are others.
 
 - layers: 100 frames of 1.2 ms, estimated.
@@ -46,7 +47,7 @@ from tofmix.simulation.truth import Truth
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from corridors import Corridor, draw_corridor, find_way
+from support.corridors import Corridor, draw_corridor, find_way
 
 SEED = 88
 FRAMES, ON_BOARD_FRAMES = 100, 12

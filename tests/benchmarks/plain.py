@@ -25,8 +25,8 @@ from benchmarks.plain_starts import merged_and_split, partitions, split
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.samples import readings_of
-from tofmix.jit import jit
 
 SHORT_ITER = 30
 """EM iterations after which starts are compared."""

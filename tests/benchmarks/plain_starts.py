@@ -8,7 +8,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 
 MOST_POINTS = 400
 """More samples than this are thinned for the search for partitions, evenly in rank."""

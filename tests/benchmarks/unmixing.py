@@ -23,7 +23,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from lock_in import FAMILIES, FULL, SMALL, Judged, Scene, judge, made
+from support.lock_in import FAMILIES, FULL, SMALL, Judged, Scene, judge, made
 
 from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows
 from tofmix.estimation.settings import EstimateOptions

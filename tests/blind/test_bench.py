@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from simulate_here import simulate_here
+from support.simulate_here import simulate_here
 
 from blind import bench
 from blind.cases import Case, build

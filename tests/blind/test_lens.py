@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from lens import beams as brute_force
+from support.lens import beams as brute_force
 
 from blind.cases import draw_device, draw_lens
 from blind.geometry import Lens, Surface, View, cast

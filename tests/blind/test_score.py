@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from simulate_here import simulate_here
+from support.simulate_here import simulate_here
 
 from blind import effects as fx
 from blind.bench import read_results

@@ -4,7 +4,7 @@ import signal
 from collections.abc import Iterator
 
 import pytest
-from commandline import Outcome, Tofmix
+from support.commandline import Outcome, Tofmix
 
 from tofmix.cli.main import run
 

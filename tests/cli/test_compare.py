@@ -5,8 +5,8 @@ from pathlib import Path
 
 import h5py
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 
@@ -29,14 +29,14 @@ def moved(layers: Path) -> Path:
     return path
 
 
-def test_a_file_equals_itself(tofmix: Tofmix, layers: Path) -> None:
+def test_compare_of_a_file_with_itself_finds_no_difference(tofmix: Tofmix, layers: Path) -> None:
     shown = tofmix("compare", layers, layers, "--tolerance", 0)
     assert shown.code == 0
     assert shown.out.endswith("\nequal\n")
     assert shown.err == ""
 
 
-def test_differences_have_their_exit_code_and_place(tofmix: Tofmix, layers: Path, moved: Path) -> None:
+def test_differences_exit_with_6_and_list_their_pixels(tofmix: Tofmix, layers: Path, moved: Path) -> None:
     shown = tofmix("compare", layers, moved, "--json")
     assert shown.code == int(ExitCode.DIFFERENT) == 6
     found = json.loads(shown.out)
@@ -49,7 +49,7 @@ def test_differences_have_their_exit_code_and_place(tofmix: Tofmix, layers: Path
     assert tofmix("compare", layers, moved).out.endswith("\ndifferent\n")
 
 
-def test_the_tolerance_and_the_share_that_may_differ(tofmix: Tofmix, layers: Path, moved: Path) -> None:
+def test_tolerance_and_allowed_share_decide_the_exit_code(tofmix: Tofmix, layers: Path, moved: Path) -> None:
     found = json.loads(tofmix("compare", layers, moved, "--tolerance", 5.1, "--json").out)
     assert (found["count_differs"], found["range_differs"]) == (1, 0)
     assert tofmix("compare", layers, moved, "--allow", 2 / 48).code == 0
@@ -57,7 +57,9 @@ def test_the_tolerance_and_the_share_that_may_differ(tofmix: Tofmix, layers: Pat
 
 
 @pytest.mark.slow
-def test_the_page_is_written_and_the_code_stays(tofmix: Tofmix, layers: Path, moved: Path, tmp_path: Path) -> None:
+def test_html_page_is_written_with_the_same_exit_code(
+    tofmix: Tofmix, layers: Path, moved: Path, tmp_path: Path
+) -> None:
     page = tmp_path / "c.html"
     shown = tofmix("compare", layers, moved, "--html", page, "--window", 1)
     assert shown.code == ExitCode.DIFFERENT
@@ -74,7 +76,7 @@ def test_compare_refuses_options_and_files_with_their_exit_code(tofmix: Tofmix, 
     for arguments, code, text in (
         ((layers, tmp_path / "one.layers.h5"), ExitCode.BAD_INPUT, "different sizes"),
         ((layers, tmp_path / "none.h5"), ExitCode.BAD_INPUT, "No such file"),
-        ((tmp_path / "a.h5", layers), ExitCode.BAD_INPUT, "no layers file"),
+        ((tmp_path / "a.h5", layers), ExitCode.BAD_INPUT, "not a layers file"),
         ((layers,), ExitCode.USAGE, "'B'"),
         ((layers, layers, "--tolerance", -1), ExitCode.USAGE, "--tolerance"),
         ((layers, layers, "--window", 0), ExitCode.USAGE, "--html"),

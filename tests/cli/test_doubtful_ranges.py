@@ -5,8 +5,8 @@ from pathlib import Path
 
 import h5py
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 
@@ -64,13 +64,13 @@ def test_info_warns_of_metres(tofmix: Tofmix, metres: Path) -> None:
 
 
 @pytest.mark.slow
-def test_zeros_that_count_as_ranges_are_said_once(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_zeros_that_count_as_ranges_are_noted_once(tofmix: Tofmix, tmp_path: Path) -> None:
     samples = boards(40).astype("f4")
     samples[:10] = 0
     path = write_recording(tmp_path / "a.h5", samples)
     done = tofmix("estimate", path)
     assert done.code == 0
-    assert done.err.count("240 of 960 samples looked at are exactly 0") == 1
+    assert done.err.count("240 of 960 checked samples are exactly 0") == 1
     assert "range_zeros" in tofmix("info", path, "--json").out
     with h5py.File(path, "a") as root:
         root["range"].attrs["_FillValue"] = 0.0

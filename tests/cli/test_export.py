@@ -5,11 +5,11 @@ import sys
 from pathlib import Path
 
 import h5py
-import naive_png
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support import naive_png
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 
@@ -28,7 +28,7 @@ def rows_of(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_points_follow_the_layers_file(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_exported_points_equal_the_layers(tofmix: Tofmix, tmp_path: Path) -> None:
     layers = estimated(tofmix, tmp_path, **FOV)
     shown = tofmix("export", layers, "-o", tmp_path / "a.csv")
     assert shown.code == 0, shown.err
@@ -75,7 +75,7 @@ def test_every_point_format_is_written(tofmix: Tofmix, tmp_path: Path, suffix: s
     assert tofmix("export", layers, "-o", out, "--overwrite").code == 0
 
 
-def test_a_field_of_view_is_needed_and_can_be_given(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_points_need_a_field_of_view_that_fov_can_give(tofmix: Tofmix, tmp_path: Path) -> None:
     layers = estimated(tofmix, tmp_path)
     out = tmp_path / "a.csv"
     refused = tofmix("export", layers, "-o", out)
@@ -90,7 +90,7 @@ def test_a_field_of_view_is_needed_and_can_be_given(tofmix: Tofmix, tmp_path: Pa
     assert azimuth == pytest.approx(-2.5 * 40 / 6, abs=1e-4)
 
 
-def test_an_image_of_one_layer(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_image_of_one_layer_has_its_scaled_ranges(tofmix: Tofmix, tmp_path: Path) -> None:
     layers = estimated(tofmix, tmp_path)
     out = tmp_path / "second.png"
     shown = tofmix("export", layers, "-o", out, "--window", 1, "--layer", 2, "--scale", 0.5)
@@ -121,7 +121,7 @@ def test_export_refuses_options_and_files_with_their_exit_code(
         ((layers, "-o", tmp_path / "d.obj", "--what", "planes"), ExitCode.USAGE, "d.obj --what planes"),
         ((layers, "-o", tmp_path / "none" / "a.ply"), ExitCode.STORAGE, "no such folder"),
         ((tmp_path / "none.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "No such file"),
-        ((tmp_path / "a.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "no layers file"),
+        ((tmp_path / "a.h5", "-o", tmp_path / "a.ply"), ExitCode.BAD_INPUT, "not a layers file"),
         ((layers, "-o", tmp_path / "a.ply", "--window", 2), ExitCode.USAGE, "windows 0 to 1"),
         ((layers, "-o", tmp_path / "a.ply", "--fov", "40"), ExitCode.USAGE, "is not HxV in degrees"),
         ((layers, "-o", tmp_path / "a.ply", "--fov", "40x-1"), ExitCode.USAGE, "is not HxV in degrees"),

@@ -4,15 +4,15 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import naive_png
 import numpy as np
 import pytest
 import tifffile
 import xarray
-from bags import AMPLITUDE, DEPTH, INFO, KINDS, new_bag
-from commandline import Tofmix
 from numpy.typing import NDArray
 from scipy.io import savemat
+from support import naive_png
+from support.bags import AMPLITUDE, DEPTH, INFO, KINDS, new_bag
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 from tofmix.io.importers import writing
@@ -93,7 +93,7 @@ def test_every_source_comes_back_exactly(tofmix: Tofmix, tmp_path: Path, sensor:
     assert tofmix("estimate", out).code == 0
 
 
-def test_metres_along_z_by_the_intrinsics_of_the_bag(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
+def test_bag_depths_in_metres_become_ranges_by_its_intrinsics(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     fx, fy, cx, cy = 5.2, 5.5, 2.5, 1.5
     metres = (samples() / np.float32(1000)).astype("f4")
     metres[metres == 0] = np.nan
@@ -116,7 +116,9 @@ def test_metres_along_z_by_the_intrinsics_of_the_bag(tofmix: Tofmix, tmp_path: P
 
 
 @pytest.mark.parametrize("intrinsics", [None, "5,6,2.5,1.5"])
-def test_depths_along_z_of_arrays(tofmix: Tofmix, tmp_path: Path, sensor: Path, intrinsics: str | None) -> None:
+def test_array_depths_along_z_become_ranges(
+    tofmix: Tofmix, tmp_path: Path, sensor: Path, intrinsics: str | None
+) -> None:
     source, _ = write_source(tmp_path, "npy")
     given = () if intrinsics is None else ("--intrinsics", intrinsics)
     done = tofmix("import", source, "-o", tmp_path / "r.h5", "--sensor", sensor, "--depth-axis", "z", *given)
@@ -132,7 +134,7 @@ def test_depths_along_z_of_arrays(tofmix: Tofmix, tmp_path: Path, sensor: Path, 
         np.testing.assert_allclose(root["range"][...], expected, rtol=1e-7)
 
 
-def test_scale_invalid_and_frame_rate(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
+def test_scale_invalid_and_frame_rate_options_are_applied(tofmix: Tofmix, tmp_path: Path, sensor: Path) -> None:
     np.save(tmp_path / "a.npy", samples())
     done = tofmix(
         "import", tmp_path / "a.npy", "-o", tmp_path / "r.h5", "--sensor", sensor, "--scale", 0.5, "--invalid", 65535,
@@ -225,7 +227,7 @@ def test_import_refuses_options_and_sources_with_their_exit_code(tofmix: Tofmix,
         ((source, *out, "--fov", "70x190"), ExitCode.USAGE, "up to 360x180"),
         ((source, *out, "--fov", "200x90", "--depth-axis", "z"), ExitCode.USAGE, "a pinhole sees less than 180"),
         ((source, *out, "--shape", "8"), ExitCode.USAGE, "ROWSxCOLS"),
-        ((source, *out, "--axes", "frame,row"), ExitCode.USAGE, "no order of frame, row and col"),
+        ((source, *out, "--axes", "frame,row"), ExitCode.USAGE, "is not an order of frame, row and col"),
         ((source, *out, "--depth-axis", "z"), ExitCode.BAD_INPUT, "give --intrinsics FX,FY,CX,CY or --fov HxV"),
         ((images, *out), ExitCode.BAD_INPUT, "or --depth-axis ray if they are along the beam"),
         ((source, *out, "--sensor", "sr9"), ExitCode.BAD_INPUT, "not a built-in sensor (sr3000"),
@@ -237,7 +239,7 @@ def test_import_refuses_options_and_sources_with_their_exit_code(tofmix: Tofmix,
         ((source, "-o", tmp_path / "none" / "r.h5", *chosen), ExitCode.STORAGE, "no such folder"),
         ((tmp_path / "none.npy", *out, *chosen), ExitCode.BAD_INPUT, "No such file"),
         ((tmp_path / "camera.toml", *out, *chosen), ExitCode.USAGE, "not a known source"),
-        ((source, *out, *chosen, "--topic", "a"), ExitCode.USAGE, "--dataset does not go with"),
+        ((source, *out, *chosen, "--topic", "a"), ExitCode.USAGE, "--dataset does not apply to"),
         ((source, *out, *chosen, "--intrinsics", "lens.yaml"), ExitCode.USAGE, "nor a calibration file"),
         ((source, *out, *chosen, "--depth-axis", "z", "--intrinsics", "5,5"), ExitCode.USAGE, "FX,FY,CX,CY"),
         (
@@ -250,7 +252,11 @@ def test_import_refuses_options_and_sources_with_their_exit_code(tofmix: Tofmix,
         ((source, *out, *chosen, "--amplitude", tmp_path / "none.npy"), ExitCode.BAD_INPUT, "none.npy"),
         ((source, *out, "--shape", "3x3"), ExitCode.USAGE, f"--shape 3x3: {source} has images of 4 x 6 already"),
         ((source, "-o", tmp_path / "e.npy"), ExitCode.USAGE, "must not end in .npy; choose .h5"),
-        ((images / "0.png", *out), ExitCode.USAGE, f"a folder of them: tofmix import {images} -o {images}.h5"),
+        (
+            (images / "0.png", *out),
+            ExitCode.USAGE,
+            f"a recording needs a folder of images: tofmix import {images} -o {images}.h5",
+        ),
         ((blank, *out), ExitCode.BAD_INPUT, "blank.npy: empty"),
         (
             (metres, *out, "--units", "mm"),

@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import naive_png
 import numpy as np
 import pytest
 import tifffile
-from commandline import Tofmix
 from numpy.typing import NDArray
+from support import naive_png
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 
@@ -30,7 +30,7 @@ def read(path: Path, name: str = "range") -> NDArray[Any]:
         return np.asarray(root[name][...])
 
 
-def test_an_array_needs_no_sensor_and_what_it_does_not_tell_stays_unknown(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_array_without_a_sensor_has_unknown_camera_data(tofmix: Tofmix, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", samples())
     out = tmp_path / "a.h5"
     done = tofmix("import", tmp_path / "a.npy", "-o", out)
@@ -64,14 +64,14 @@ def test_commands_name_the_missing_camera_data(tofmix: Tofmix, tmp_path: Path) -
     refused = tofmix("map", layers, "-o", tmp_path / "map.yaml")
     assert refused.code == ExitCode.BAD_INPUT
     assert refused.err == (
-        f"tofmix: {layers}: not known where its pixels look; import the recording with --fov HxV or --intrinsics, and"
-        " estimate anew\n"
+        f"tofmix: {layers}: the directions of its pixels are not known; import the recording with --fov HxV or"
+        " --intrinsics, and estimate again\n"
     )
     assert tofmix("surfaces", layers).err == refused.err
 
 
 @pytest.mark.slow
-def test_the_field_of_view_of_the_command_line_is_the_recordings(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_fov_option_is_stored_in_the_recording(tofmix: Tofmix, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", samples((60, 8, 8)))
     assert tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--fov", "70x55").code == 0
     with h5py.File(tmp_path / "a.h5") as root:
@@ -80,11 +80,11 @@ def test_the_field_of_view_of_the_command_line_is_the_recordings(tofmix: Tofmix,
     assert tofmix("estimate", tmp_path / "a.h5").code == 0
     done = tofmix("map", tmp_path / "a.layers.h5", "-o", tmp_path / "map.yaml")
     assert done.code == 0, done.err
-    assert "no range_max_mm: samples without a return free no space" in done.err
+    assert "no range_max_mm: samples without a return mark no space as free" in done.err
 
 
 @pytest.mark.parametrize(("units", "mm"), [("mm", 1.0), ("cm", 10.0), ("m", 1000.0)])
-def test_units_are_said_by_name(tofmix: Tofmix, tmp_path: Path, units: str, mm: float) -> None:
+def test_units_option_takes_names(tofmix: Tofmix, tmp_path: Path, units: str, mm: float) -> None:
     np.save(tmp_path / "a.npy", samples() / mm)
     assert tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--units", units).code == 0
     np.testing.assert_allclose(read(tmp_path / "a.h5"), samples(), rtol=1e-7)
@@ -101,7 +101,7 @@ def test_real_numbers_that_look_like_metres_are_refused_and_whole_ones_are_not(t
     assert tofmix("import", tmp_path / "counts.npy", "-o", tmp_path / "c.h5").code == 0
 
 
-def test_the_first_frames_may_be_empty_and_metres_are_noticed_later(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_metres_are_noticed_after_empty_first_frames(tofmix: Tofmix, tmp_path: Path) -> None:
     values = (samples((250, 4, 6)) / 1000).astype("f4")
     values[:120] = np.nan
     np.save(tmp_path / "m.npy", values)
@@ -120,7 +120,7 @@ def test_images_are_along_z_and_become_ranges_by_an_ideal_pinhole(tofmix: Tofmix
         tifffile.imwrite(source, flat, photometric="minisblack")
     done = tofmix("import", source, "-o", tmp_path / "a.h5", "--fov", "90x60")
     assert done.code == 0, done.err
-    assert "depths along z made ranges by an ideal pinhole of 90 x 60 degrees" in done.out
+    assert "depths along z converted to ranges by an ideal pinhole of 90 x 60 degrees" in done.out
     assert "--depth-axis ray if they are along the beam" in done.out
     row, col = np.mgrid[0:4, 0:6]
     x, y = (col - 2.5) / 3.0, (row - 1.5) / 2.0 * np.tan(np.radians(30))
@@ -138,7 +138,7 @@ def write_h5(path: Path, name: str, **attributes: object) -> None:
         root.create_dataset("calibration/dark", data=np.zeros((4, 6)))
 
 
-def test_the_only_dataset_of_frames_is_found_by_itself(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_only_dataset_of_frames_is_found_without_its_name(tofmix: Tofmix, tmp_path: Path) -> None:
     write_h5(tmp_path / "x.h5", "entry/data")
     done = tofmix("import", tmp_path / "x.h5", "-o", tmp_path / "r.h5")
     assert (done.code, done.err) == (0, "")
@@ -159,17 +159,17 @@ def test_units_and_fill_value_of_a_dataset_are_used_and_the_command_line_overrul
     write_h5(tmp_path / "y.h5", "d", units="counts")
     refused = tofmix("import", tmp_path / "y.h5", "-o", tmp_path / "y_.h5")
     assert refused.code == ExitCode.BAD_INPUT
-    assert "units 'counts' are no length" in refused.err
+    assert "units 'counts' are not a known unit of length" in refused.err
     assert tofmix("import", tmp_path / "y.h5", "-o", tmp_path / "y_.h5", "--scale", 2).code == 0
 
 
-def test_of_several_datasets_one_is_chosen_by_name(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_one_of_several_datasets_is_chosen_by_name(tofmix: Tofmix, tmp_path: Path) -> None:
     with h5py.File(tmp_path / "x.h5", "w") as root:
         root["a/depth"], root["a/light"] = samples().astype("f4"), samples(seed=9).astype("f4")
         root["a/time"] = np.arange(SHAPE[0]) / 25.0
     refused = tofmix("import", tmp_path / "x.h5", "-o", tmp_path / "r.h5")
     assert refused.code == ExitCode.BAD_INPUT
-    assert "choose with --dataset from: a/depth (60, 4, 6), a/light (60, 4, 6)" in refused.err
+    assert "choose one with --dataset: a/depth (60, 4, 6), a/light (60, 4, 6)" in refused.err
     done = tofmix(
         "import", tmp_path / "x.h5", "-o", tmp_path / "r.h5", "--dataset", "/a/depth", "--amplitude", "a/light"
     )
@@ -193,7 +193,7 @@ def test_a_recording_in_metres_keeps_its_camera(tofmix: Tofmix, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("axes", ["row,col,frame", "col,frame,row"])
-def test_hdf5_of_any_order_of_axes(tofmix: Tofmix, tmp_path: Path, axes: str) -> None:
+def test_hdf5_of_any_order_of_axes_is_imported(tofmix: Tofmix, tmp_path: Path, axes: str) -> None:
     order = [["frame", "row", "col"].index(name) for name in axes.split(",")]
     with h5py.File(tmp_path / "x.h5", "w") as root:
         root["d"] = np.transpose(samples().astype("f4"), order)
@@ -202,7 +202,7 @@ def test_hdf5_of_any_order_of_axes(tofmix: Tofmix, tmp_path: Path, axes: str) ->
 
 
 @pytest.mark.parametrize(("mark", "header"), [(",", None), (";", "z0"), ("\t", None), (" ", None), (",", "time")])
-def test_csv_of_a_frame_a_line(tofmix: Tofmix, tmp_path: Path, mark: str, header: str | None) -> None:
+def test_csv_with_a_frame_a_line_is_imported(tofmix: Tofmix, tmp_path: Path, mark: str, header: str | None) -> None:
     values = np.round(samples((20, 4, 6)), 2)
     lines = [mark.join(f"{value:g}" for value in frame.ravel()) for frame in values]
     if header is not None:
@@ -218,7 +218,7 @@ def test_csv_of_a_frame_a_line(tofmix: Tofmix, tmp_path: Path, mark: str, header
         assert ("time" in root) == (header == "time")
 
 
-def test_csv_of_a_sample_a_line_in_any_order(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_csv_with_a_sample_a_line_is_imported_in_any_order(tofmix: Tofmix, tmp_path: Path) -> None:
     values = np.round(samples((5, 4, 6)), 1)
     place = np.stack(np.unravel_index(np.arange(values.size), values.shape), axis=1)
     lines = [
@@ -240,7 +240,7 @@ def test_a_long_csv_may_name_its_unit_and_count_from_1(tofmix: Tofmix, tmp_path:
     (tmp_path / "a.csv").write_text("frame,row,col,range_m\n1,1,1,1.5\n1,1,2,1.6\n2,1,1,1.7\n2,1,2,-1\n")
     done = tofmix("import", tmp_path / "a.csv", "-o", tmp_path / "r.h5", "--invalid", -1)
     assert done.code == 0, done.err
-    assert "no row and no column 0: they are taken to count from 1" in done.err
+    assert "rows and columns are taken to start at 1, because none is 0" in done.err
     expected = np.array([[[1500.0, 1600.0]], [[1700.0, np.nan]]])
     np.testing.assert_allclose(read(tmp_path / "r.h5"), expected)
 
@@ -257,8 +257,8 @@ def test_a_long_csv_may_name_its_unit_and_count_from_1(tofmix: Tofmix, tmp_path:
         ("frame,row,range\n0,0,1000\n", (), "its header names no col"),
         ("frame,row,col,depth\n0,0,0,1000\n", (), "its header names no range"),
         ("frame,row,col,range\n", (), "no sample below its header"),
-        ("frame,row,col,range\n0,0.5,0,1000\n", (), "row: 0.5 is no whole number"),
-        ("frame,row,col,range\n0,0,-1,1000\n", (), "col: -1 is no whole number"),
+        ("frame,row,col,range\n0,0.5,0,1000\n", (), "row: 0.5 is not a whole number"),
+        ("frame,row,col,range\n0,0,-1,1000\n", (), "col: -1 is not a whole number"),
         ("frame,row,col,range\n0,0,0,1000\n0,0,0,2000\n", (), "need a column target"),
         ("frame,row,col,range\n0,0,0,1000\n0,0,90000,2000\n", (), "no more than 4096"),
         ("frame,row,col,range\n0,0,0,1000\n0,9,0,2000\n", ("--shape", "4x6"), "outside of --shape 4x6"),
@@ -290,7 +290,7 @@ def test_a_recording_of_an_unknown_camera_passes_verify(tofmix: Tofmix, tmp_path
     assert done.code == 0, done.out + done.err
 
 
-def test_json_says_what_was_made_and_what_is_not_known(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_json_lists_the_output_and_unknown_camera_data(tofmix: Tofmix, tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.full((5, 3, 4), 1234.0))
     done = tofmix("import", tmp_path / "a.npy", "-o", tmp_path / "a.h5", "--units", "mm", "--json")
     assert done.code == 0, done.err

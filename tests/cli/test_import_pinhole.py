@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import lens
 import numpy as np
 import pytest
-from bags import DEPTH, INFO, new_bag
-from commandline import Tofmix
 from numpy.typing import NDArray
+from support import lens
+from support.bags import DEPTH, INFO, new_bag
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 
@@ -27,7 +27,7 @@ NORMAL, OFFSET_MM = np.array([0.28, -0.1, 0.954775]) / np.linalg.norm([0.28, -0.
 
 
 def wall(normal: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Depth along z (row, col) of the wall normal . x = 2 m, in metres: by the lens of `tests/lens.py`."""
+    """Depth along z (row, col) of the wall normal . x = 2 m, in metres: by the lens of `tests/support/lens.py`."""
     row, col = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float64)
     beam, _ = lens.beams(row, col, **LENS, distortion=K1)
     metres: NDArray[np.float32] = (OFFSET_MM / 1000 / (beam @ normal) * beam[..., 2]).astype(np.float32)
@@ -45,7 +45,7 @@ def test_exported_points_of_a_wall_lie_on_its_plane(tofmix: Tofmix, tmp_path: Pa
     assert done.code == 0, done.err
     assert done.err == ""
     assert (
-        "depths along z made ranges by pinhole fx 125.677 fy 138.311 cx 87.5 cy 71.5 distortion -0.1 0 0 0 0"
+        "depths along z converted to ranges by pinhole fx 125.677 fy 138.311 cx 87.5 cy 71.5 distortion -0.1 0 0 0 0"
         in done.out
     )
     with h5py.File(tmp_path / "wall.h5") as file:
@@ -124,7 +124,7 @@ WHOLE = (5.0, 5.5, 2.4, 1.4)
 
 
 @pytest.mark.parametrize(("text", "expected"), [(ROS, WHOLE), (OPENCV, WHOLE), (ECHOED, (5.0, 5.5, 2.4, 1.4))])
-def test_a_calibration_file_says_where_the_pixels_look(
+def test_calibration_file_sets_the_pixel_directions(
     tofmix: Tofmix, tmp_path: Path, text: str, expected: tuple[float, ...]
 ) -> None:
     (tmp_path / "lens.yaml").write_text(text)
@@ -161,7 +161,10 @@ def test_a_calibration_file_says_where_the_pixels_look(
         (ROS.replace("image_width: 6", "image_width: 640"), "describes 4 x 640 pixels, the depths have 4 x 6"),
         (ROS.replace("image_width: 6", "image_width: six"), "'six' is not a whole number"),
         (ROS.replace("plumb_bob", "equidistant"), "distortion model equidistant is not a pinhole's"),
-        (ROS.replace("0.001, -0.001, 0.0]", "0, 0, 0, 0, 0, 0, 0.1]"), "thin prisms and tilted sensors are not read"),
+        (
+            ROS.replace("0.001, -0.001, 0.0]", "0, 0, 0, 0, 0, 0, 0.1]"),
+            "thin prisms and tilted sensors are not supported",
+        ),
         (ROS.replace("-0.02,", "-2,"), "distortion: it folds"),
         ("!!python/object/apply:os.system ['true']", "cannot be read"),
         ("[" * 10_000, "cannot be read"),
@@ -180,7 +183,7 @@ def test_invalid_calibration_is_refused_in_one_line(tofmix: Tofmix, tmp_path: Pa
     assert not (tmp_path / "r.h5").exists()
 
 
-def test_a_sensors_projection_is_of_its_own_image_size(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_sensor_projection_is_used_for_its_image_size_only(tofmix: Tofmix, tmp_path: Path) -> None:
     text = 'projection = "pinhole"\nfx = 5.0\nfy = 5.5\ncx = 2.4\ncy = 1.4\n'
     np.save(tmp_path / "depth.npy", np.full((3, 4, 6), 2000, dtype=np.uint16))
     for rows, known in ((4, True), (5, False)):
@@ -188,7 +191,7 @@ def test_a_sensors_projection_is_of_its_own_image_size(tofmix: Tofmix, tmp_path:
         out = tmp_path / f"{rows}.h5"
         done = tofmix("import", tmp_path / "depth.npy", "-o", out, "--sensor", tmp_path / "camera.toml")
         assert done.code == 0, done.err
-        assert ("projection is not taken" in done.err) != known
+        assert ("projection is not used" in done.err) != known
         assert ("not known: field of view" in done.out) != known
         with h5py.File(out) as file:
             assert ("projection" in file["sensor"].attrs) == known

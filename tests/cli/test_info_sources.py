@@ -4,11 +4,11 @@ import json
 from pathlib import Path
 
 import h5py
-import naive_png
 import numpy as np
 import pytest
-from bags import DEPTH, new_bag
-from commandline import Tofmix
+from support import naive_png
+from support.bags import DEPTH, new_bag
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 
@@ -59,7 +59,7 @@ def test_a_source_is_described_with_the_command_that_imports_it(tofmix: Tofmix, 
     assert "unit_mm" in tofmix("info", path).out
 
 
-def test_a_gap_folder_is_told_in_short(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_gap_folder_is_summarised(tofmix: Tofmix, tmp_path: Path) -> None:
     (tmp_path / "gap.json").write_text(json.dumps(GAP))
     done = tofmix("info", tmp_path)
     assert done.code == 0, done.err
@@ -71,7 +71,7 @@ def test_a_gap_folder_is_told_in_short(tofmix: Tofmix, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["", "[]", "{}", '{"verdict": 1}', "[" * 100_000, '{"verdict": "agree", "effects": []}']
 )
-def test_a_gap_folder_that_is_none_is_refused_in_one_line(tofmix: Tofmix, tmp_path: Path, text: str) -> None:
+def test_invalid_gap_folder_is_refused_in_one_line(tofmix: Tofmix, tmp_path: Path, text: str) -> None:
     (tmp_path / "gap.json").write_text(text)
     refused = tofmix("info", tmp_path)
     assert refused.code == ExitCode.BAD_INPUT

@@ -7,9 +7,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
 from PIL import Image
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 
@@ -20,7 +20,7 @@ def layers(tofmix: Tofmix, tmp_path: Path) -> Path:
     return tmp_path / "a.layers.h5"
 
 
-def test_numbers_are_those_of_the_files(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_inspect_prints_the_numbers_of_the_files(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     shown = tofmix(
         "inspect",
         layers,
@@ -100,8 +100,8 @@ def test_inspect_refuses_options_and_files_with_their_exit_code(
         ((layers, *pixel, "--over-frames"), ExitCode.USAGE, "--recording"),
         ((layers, *pixel, "-o", tmp_path / "a.pdf"), ExitCode.USAGE, ".png, .svg"),
         ((layers, *pixel, "-o", tmp_path / "old.png"), ExitCode.USAGE, "--overwrite"),
-        ((layers, *pixel, "--recording", other), ExitCode.BAD_INPUT, "does not go with"),
-        ((tmp_path / "a.h5", *pixel), ExitCode.BAD_INPUT, "no layers file"),
+        ((layers, *pixel, "--recording", other), ExitCode.BAD_INPUT, "does not match"),
+        ((tmp_path / "a.h5", *pixel), ExitCode.BAD_INPUT, "not a layers file"),
     ):
         outcome = tofmix("inspect", *arguments)
         assert outcome.code == code, (arguments, outcome.err)

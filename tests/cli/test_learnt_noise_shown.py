@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
-from learnt_noises import ALL, SIGMA_MM, Made, made, write_files
+from support.commandline import Tofmix
+from support.files import boards, write_recording
+from support.learnt_noises import ALL, SIGMA_MM, Made, made, write_files
 
 FRAMES, IMAGE = 80, (4, 6)
 LINE = re.compile(
@@ -28,7 +28,9 @@ def paths(case: Made, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, P
 
 
 @pytest.mark.slow
-def test_report_with_and_without_the_recording(tofmix: Tofmix, paths: tuple[Path, Path], tmp_path: Path) -> None:
+def test_report_shows_learnt_noise_with_and_without_the_recording(
+    tofmix: Tofmix, paths: tuple[Path, Path], tmp_path: Path
+) -> None:
     recording, layers = paths
     pages = []
     for name, options in (("with", ("--recording", recording)), ("without", ())):
@@ -58,7 +60,7 @@ def test_json_of_report_has_the_parts_and_with_the_recording_its_scatter(
     assert scatter["q50"] == pytest.approx(1.0, abs=0.15)
 
 
-def test_info_says_the_learnt_noise_in_a_line_and_part_by_part(tofmix: Tofmix, paths: tuple[Path, Path]) -> None:
+def test_info_prints_learnt_noise_in_a_line_and_by_part(tofmix: Tofmix, paths: tuple[Path, Path]) -> None:
     text = tofmix("info", paths[1]).out
     found = re.search(r"^noise\n((?:  .*\n?)+)", text, re.MULTILINE)
     assert found is not None

@@ -9,8 +9,8 @@ from typing import IO
 
 import click
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix import __version__
 from tofmix.cli.main import main
@@ -49,11 +49,11 @@ def test_help_of_each_command_has_examples(tofmix: Tofmix, command: str) -> None
     assert max(len(line) for line in shown.out.splitlines()) <= 100
 
 
-def test_version(tofmix: Tofmix) -> None:
+def test_version_option_prints_the_version(tofmix: Tofmix) -> None:
     assert tofmix("--version").out == f"tofmix, version {__version__}\n"
 
 
-def test_help_imports_nothing_heavy() -> None:
+def test_help_imports_no_large_library() -> None:
     program = (
         "import sys\n"
         "from tofmix.cli.main import run\n"
@@ -163,7 +163,7 @@ def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals) 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_exit_code_tells_where_stderr_cannot(tmp_path: Path) -> None:
+def test_full_stderr_keeps_the_exit_code(tmp_path: Path) -> None:
     program = "from tofmix.cli.main import run; run(['info', 'none.h5'])"
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([sys.executable, "-c", program], stderr=full, cwd=tmp_path, check=False)
@@ -171,7 +171,7 @@ def test_the_exit_code_tells_where_stderr_cannot(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("then", [None, ValueError("cannot be closed")])
-def test_want_of_memory_is_one_line_whatever_a_library_makes_of_it(
+def test_memory_error_of_any_library_is_one_line(
     tofmix: Tofmix, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, then: Exception | None
 ) -> None:
     def none(*_: object, **__: object) -> None:

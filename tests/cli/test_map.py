@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 
@@ -36,9 +36,7 @@ def occupied_x(text: Path) -> set[float]:
     return {round(about["origin"][0] + (column + 0.5) * about["resolution"], 3) for column in columns}
 
 
-def test_layers_stand_where_the_boards_are_and_averages_between_them(
-    tofmix: Tofmix, layers: Path, tmp_path: Path
-) -> None:
+def test_layers_lie_at_the_boards_and_averages_between_them(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     shown = tofmix("map", layers, "-o", tmp_path / "a.yaml", "--cell", 100)
     assert shown.code == 0, shown.err
     assert "cells of 100 mm; occupied" in shown.out
@@ -56,7 +54,7 @@ def test_a_thin_beam_has_one_surface(tofmix: Tofmix, layers: Path, tmp_path: Pat
     assert {1.15, 1.25} & occupied_x(tmp_path / "thin.yaml")
 
 
-def test_both_maps_as_json_and_the_same_bytes_again(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_both_maps_have_json_and_repeatable_bytes(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     for name, workers in (("a", 1), ("b", 3)):
         outputs = "-o", tmp_path / f"{name}.yaml", "--voxels", tmp_path / f"{name}.npz"
         shown = tofmix("map", layers, *outputs, "--json", "--cell", 100, "--workers", workers)
@@ -86,7 +84,7 @@ def test_the_pose_moves_and_turns_the_map(tofmix: Tofmix, layers: Path, tmp_path
     assert np.mean(turned.T[::-1] == still) > 0.98  # but for roundings on the cells' borders
 
 
-def test_another_recording_is_pointed_out(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_another_recording_is_noted(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     other = write_recording(tmp_path / "other.h5", boards(7), attributes=SEES)
     shown = tofmix("map", layers, "-o", tmp_path / "a.yaml", "--from", "averaged", "--recording", other, "--cell", 100)
     assert shown.code == 0
@@ -101,14 +99,14 @@ def test_map_refuses_options_and_files_with_their_exit_code(tofmix: Tofmix, laye
     out = ("-o", tmp_path / "a.yaml")
     for arguments, code, text in (
         ((layers,), ExitCode.USAGE, "nothing to write"),
-        ((layers, "-o", tmp_path / "a.pgm"), ExitCode.USAGE, "ends in .yaml"),
+        ((layers, "-o", tmp_path / "a.pgm"), ExitCode.USAGE, "must end in .yaml"),
         ((layers, "-o", tmp_path / "old.yaml"), ExitCode.USAGE, "old.pgm exists"),
         ((layers, "--voxels", tmp_path / "a.las"), ExitCode.USAGE, ".ply or .npz"),
         ((layers, *out, "--from", "averaged"), ExitCode.USAGE, "--recording"),
         ((layers, *out, "--recording", small), ExitCode.USAGE, "--from"),
-        ((layers, *out, "--from", "averaged", "--recording", small), ExitCode.BAD_INPUT, "do not go with"),
+        ((layers, *out, "--from", "averaged", "--recording", small), ExitCode.BAD_INPUT, "do not match"),
         ((layers, *out, "--from", "averaged", "--recording", tmp_path / "no.h5"), ExitCode.BAD_INPUT, "no.h5"),
-        ((tmp_path / "blind.layers.h5", *out), ExitCode.BAD_INPUT, "not known where its pixels look"),
+        ((tmp_path / "blind.layers.h5", *out), ExitCode.BAD_INPUT, "the directions of its pixels are not known"),
         ((tmp_path / "none.h5", *out), ExitCode.BAD_INPUT, "none.h5"),
         ((layers, *out, "--window", 2), ExitCode.USAGE, "windows 0 to 1"),
         ((layers, *out, "--height", "3"), ExitCode.USAGE, "A,B"),

@@ -5,8 +5,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 from tofmix.io.importers import IMPORTERS
@@ -58,7 +58,7 @@ def test_every_kind_of_source_is_known_to_the_errors_of_other_commands() -> None
     assert set(unknown) <= known_elsewhere
 
 
-def test_an_array_that_is_missing_is_said_to_be_missing(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_missing_array_is_reported_as_missing(tofmix: Tofmix, tmp_path: Path) -> None:
     done = tofmix("estimate", tmp_path / "x.npy")
     assert (done.code, "No such file" in done.err) == (ExitCode.BAD_INPUT, True)
 
@@ -69,7 +69,9 @@ def test_a_recording_is_for_estimate_and_layers_for_report(tofmix: Tofmix, tmp_p
     for command in (("report",), ("inspect", "--pixel", "1,1"), ("export", "-o", tmp_path / "a.csv")):
         done = tofmix(command[0], recording, *command[1:])
         assert done.code == ExitCode.BAD_INPUT
-        assert done.err == f"tofmix: {recording}: no layers file; if it is a recording: tofmix estimate {recording}\n"
+        assert (
+            done.err == f"tofmix: {recording}: not a layers file; if it is a recording: tofmix estimate {recording}\n"
+        )
     with h5py.File(recording, "a") as root:
         root.attrs["format"], root.attrs["format_version"] = "tofmix-recording", "1.0"
     done = tofmix("report", recording)
@@ -97,7 +99,7 @@ def test_hdf5_of_another_layout_names_import(tofmix: Tofmix, tmp_path: Path) -> 
         ("notes.txt", ": a folder, not a file"),
     ],
 )
-def test_a_folder_is_said_to_be_one(tofmix: Tofmix, tmp_path: Path, inside: str, said: str) -> None:
+def test_folder_is_reported_as_a_folder(tofmix: Tofmix, tmp_path: Path, inside: str, said: str) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
     (folder / inside).touch()
@@ -106,16 +108,16 @@ def test_a_folder_is_said_to_be_one(tofmix: Tofmix, tmp_path: Path, inside: str,
     assert done.err == f"tofmix: {folder}{said.format(folder)}\n"
 
 
-def test_a_recording_is_no_model(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_recording_given_as_model_is_refused_with_the_next_command(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = write_recording(tmp_path / "a.h5", boards())
     done = tofmix("simulate", recording, "-o", tmp_path / "b.h5")
     assert done.code == ExitCode.BAD_INPUT
     assert done.err == f"tofmix: {recording} is an HDF5 file, not a model: tofmix info {recording}\n"
 
 
-def test_an_only_array_of_four_axes_is_asked_for_its_axes(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_array_of_four_axes_needs_the_axes_option(tofmix: Tofmix, tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as root:
         root["zones"] = np.ones((9, 2, 3, 4), dtype="u2")
     done = tofmix("import", tmp_path / "a.h5", "-o", tmp_path / "b.h5")
     assert done.code == ExitCode.BAD_INPUT
-    assert "say which axis is which, such as --axes frame,target,row,col" in done.err
+    assert "name the axes, such as --axes frame,target,row,col" in done.err

@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from commandline import Tofmix
-from noise_parts import model_text, shape_keys, skewed
+from support.commandline import Tofmix
+from support.noise_parts import model_text, shape_keys, skewed
 
 from tofmix.errors import ExitCode
 from tofmix.io.layers.layers_file import open_layers
@@ -68,7 +68,7 @@ def test_one_background_of_all_pixels_is_written_as_a_map(tofmix: Tofmix, tmp_pa
 
 @pytest.mark.slow
 @pytest.mark.skipif(not CONTRACT.exists(), reason="the shared contract checker is not beside this checkout")
-def test_files_fit_the_contract(recording: Path, layers: Path) -> None:
+def test_files_with_noise_parts_pass_the_format_checker(recording: Path, layers: Path) -> None:
     for path in (recording, layers):
         checked = subprocess.run([sys.executable, CONTRACT, path], capture_output=True, text=True, check=False)
         assert checked.returncode == 0, checked.stdout + checked.stderr
@@ -94,7 +94,7 @@ def test_layers_file_keeps_the_noise_that_was_used_and_is_the_same_again(
     assert (tmp_path / "merged.layers.h5").read_bytes() == layers.read_bytes()
 
 
-def test_info_says_the_parts_and_verify_passes(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_info_prints_the_noise_parts_and_verify_passes(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     for path in (recording, tmp_path / "model.toml"):
         said = tofmix("info", path, "--json")
         assert said.code == 0, said.err
@@ -138,7 +138,7 @@ def test_import_takes_the_parts_from_a_camera_file(tofmix: Tofmix, recording: Pa
 @pytest.mark.parametrize(
     ("name", "values", "reason"),
     [
-        ("noise_shape_z", None, "noise_shape_density without its twin"),
+        ("noise_shape_z", None, "noise_shape_density alone"),
         ("noise_shape_z", np.linspace(9.0, -9.0, 121), "its z do not ascend"),
         ("noise_shape_z", np.linspace(-9.0, 9.0, 121), "expected median 0"),
         ("noise_shape_density", np.full(121, -1.0), "a density must be at least 0"),
@@ -178,7 +178,7 @@ def test_unfit_width_spread_is_refused_in_one_line(tofmix: Tofmix, recording: Pa
 
 
 @pytest.mark.slow
-def test_reconcile_hands_the_parts_on_with_their_map(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_reconcile_keeps_the_noise_parts_and_their_map(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     said = tofmix("reconcile", tmp_path / "model.toml", recording, "-o", tmp_path / "gap", "--effects", "range_offset")
     assert said.code == 0, said.err
     assert "every difference between the noise of pixels counts as width" in said.err
@@ -199,7 +199,7 @@ def test_reconcile_refuses_a_background_beside_a_memory(tofmix: Tofmix, recordin
     assert not (tmp_path / "gap").exists()
 
 
-def test_models_of_cameras_with_other_noise_do_not_go_together(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_models_of_cameras_with_different_noise_are_refused(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     (tmp_path / "other.toml").write_text(model_text(PARTS))
     said = tofmix(
         "reconcile", tmp_path / "model.toml", recording, "-o", tmp_path / "gap", "--also", tmp_path / "other.toml",

@@ -8,8 +8,8 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 
@@ -68,7 +68,7 @@ def layers(tofmix: Tofmix, recording: Path, folder: Path) -> Path:
     return folder / "a.layers.h5"
 
 
-def test_recording_and_layers_say_how_the_pixels_look(recording: Path, layers: Path) -> None:
+def test_recording_and_layers_store_the_pinhole(recording: Path, layers: Path) -> None:
     for path in (recording, layers):
         with h5py.File(path) as file:
             about = file["sensor"].attrs
@@ -78,7 +78,7 @@ def test_recording_and_layers_say_how_the_pixels_look(recording: Path, layers: P
             assert np.isnan(about["fov_horizontal_deg"])
 
 
-def test_explain_and_info_say_what_is_seen(tofmix: Tofmix, recording: Path, folder: Path) -> None:
+def test_explain_and_info_print_the_field_of_view(tofmix: Tofmix, recording: Path, folder: Path) -> None:
     shown = tofmix("simulate", folder / "model.toml", "--explain")
     assert "24 x 32 pixels over 73.2 x 56.5 degrees of a pinhole with distortion" in shown.out
     shown = tofmix("info", recording, "--json")
@@ -115,7 +115,7 @@ def test_map_report_and_inspect_take_a_pinhole(tofmix: Tofmix, recording: Path, 
 
 
 @pytest.mark.slow
-def test_the_right_model_agrees_and_one_of_equal_angles_is_said_to_look_elsewhere(
+def test_right_model_agrees_and_another_projection_is_noted(
     tofmix: Tofmix, recording: Path, folder: Path, tmp_path: Path
 ) -> None:
     made = tofmix("reconcile", folder / "model.toml", recording, "-o", tmp_path / "gap", "--seed", 3)

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.cli.main import main
 from tofmix.errors import ExitCode
@@ -55,7 +55,7 @@ def _shown(terminal: tuple[int, int], *arguments: object) -> str:
 
 
 @pytest.mark.slow
-def test_a_terminal_without_a_width_has_a_bar_that_goes(terminal: tuple[int, int], tmp_path: Path) -> None:
+def test_progress_bar_moves_on_a_terminal_without_a_width(terminal: tuple[int, int], tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(MODEL)
     shown = _shown(terminal, "simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5")
     assert "simulate:   0%" in shown
@@ -104,7 +104,7 @@ def test_hdf5_is_not_written_under_the_name_of_another_kind(tofmix: Tofmix, tmp_
     assert "b.png: the file will be HDF5, so its name must not end in .png; choose .h5" in refused.err
 
 
-def test_each_command_that_makes_something_says_it_in_json(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_each_writing_command_describes_its_output_in_json(tofmix: Tofmix, tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(MODEL)
     twice = tofmix("simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5", "--repeat", 2, "--json")
     first, second = (json.loads(line) for line in twice.out.splitlines())
@@ -120,12 +120,12 @@ def test_each_command_that_makes_something_says_it_in_json(tofmix: Tofmix, tmp_p
     assert map_of["map"]["path"] == str(tmp_path / "a.yaml")
 
 
-def test_json_of_what_is_not_written_is_refused(tofmix: Tofmix) -> None:
+def test_json_without_an_output_is_refused(tofmix: Tofmix) -> None:
     for option in ("--explain", "--print-model"):
         assert tofmix("simulate", "corridor", option, "--json").code == ExitCode.USAGE
 
 
-def test_the_help_tells_of_completion_and_the_environment(tofmix: Tofmix) -> None:
+def test_help_describes_completion_and_environment(tofmix: Tofmix) -> None:
     said = tofmix("--help").out
     assert "_TOFMIX_COMPLETE=bash_source" in said
     assert "TOFMIX_ESTIMATE_WORKERS=1" in said

@@ -12,8 +12,8 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
 from numpy.typing import ArrayLike, NDArray
+from support.commandline import Tofmix
 
 from tofmix.arrays import FloatArray
 from tofmix.io.model_file import load_model
@@ -77,7 +77,7 @@ def verdict(*files: Path, kinds: tuple[str, ...]) -> str:
 
 
 @pytest.mark.slow
-def test_no_more_effects_are_added_than_asked_for(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
+def test_max_effects_limits_the_added_effects(tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path) -> None:
     options = "--effects", "fixed_pattern", "--max-effects", "0", "--json"
     done = tofmix("reconcile", *files, "-o", tmp_path / "gap", *options)
     assert done.code == 0
@@ -221,7 +221,7 @@ def test_ranges_in_metres_are_refused(tofmix: Tofmix, files: tuple[Path, Path], 
 
 
 @pytest.mark.slow
-def test_pattern_without_a_map_is_told_and_nothing_else_of_a_pause(
+def test_pattern_without_a_map_is_noted_and_a_pause_is_not(
     tofmix: Tofmix, files: tuple[Path, Path], tmp_path: Path
 ) -> None:
     change(files[1], "time", pause)

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from commandline import Tofmix
+from support.commandline import Tofmix
 
 LAW = """\
 amplitude = [50.0, 200.0, 2000.0]
@@ -40,9 +40,7 @@ size_mm = [9000.0, 9000.0]
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("law", "agrees"), [(LAW, True), ("", False)])
-def test_the_law_of_amplitude_is_part_of_the_judgement(
-    tofmix: Tofmix, tmp_path: Path, law: str, *, agrees: bool
-) -> None:
+def test_law_of_amplitude_changes_the_verdict(tofmix: Tofmix, tmp_path: Path, law: str, *, agrees: bool) -> None:
     (tmp_path / "real.toml").write_text(MODEL.replace("LAW", LAW))
     (tmp_path / "model.toml").write_text(MODEL.replace("LAW", law))
     assert tofmix("simulate", tmp_path / "real.toml", "-o", tmp_path / "a.h5").code == 0

@@ -70,7 +70,7 @@ def test_bounds_choices_and_defaults_are_in_words() -> None:
     assert "| `--memory` | SIZE | 1GB |" in page
 
 
-def test_examples_and_exit_codes_are_there() -> None:
+def test_page_has_examples_and_exit_codes() -> None:
     page = reference.reference()
     for command in main.commands.values():
         assert command.epilog

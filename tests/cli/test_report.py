@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 
@@ -24,13 +24,13 @@ def test_the_table_counts_pixels(tofmix: Tofmix, layers: Path) -> None:
     assert shown.err == ""
 
 
-def test_json_is_for_scripts(tofmix: Tofmix, layers: Path) -> None:
+def test_report_json_counts_pixels(tofmix: Tofmix, layers: Path) -> None:
     summary = json.loads(tofmix("report", layers, "--json").out)
     assert summary["pixels"] == 2 * 24
     assert sum(summary["pixels_by_surfaces"]) == 48
 
 
-def test_the_page_is_written_beside_the_table(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_html_page_is_written_with_the_table(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     page = tmp_path / "a.html"
     shown = tofmix("report", layers, "--recording", tmp_path / "a.h5", "--html", page, "--window", 1)
     assert shown.code == 0, shown.err

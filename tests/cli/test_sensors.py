@@ -5,7 +5,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from commandline import Tofmix
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 from tofmix.sensors import PROFILES
@@ -32,7 +32,7 @@ def test_json_is_one_object_a_line(tofmix: Tofmix) -> None:
     assert json.loads(tofmix("sensors", "l515", "--json").out) == by_name["l515"]
 
 
-def test_an_unknown_camera_is_a_fault_of_usage(tofmix: Tofmix) -> None:
+def test_unknown_camera_is_a_usage_error(tofmix: Tofmix) -> None:
     done = tofmix("sensors", "nope")
     assert done.code == ExitCode.USAGE
     assert '"nope" is not a built-in sensor' in done.err
@@ -46,7 +46,7 @@ def test_one_camera_is_printed_with_its_sources(tofmix: Tofmix) -> None:
     assert tofmix("info", "tmf8828").out == done.out
 
 
-def test_the_printed_file_goes_with_import(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_printed_camera_file_is_accepted_by_import(tofmix: Tofmix, tmp_path: Path) -> None:
     text = tofmix("sensors", "vl53l5cx", "--toml").out
     (tmp_path / "mine.toml").write_text(text.replace('"VL53L5CX"', '"mine"'))
     np.save(tmp_path / "a.npy", np.full((3, 8, 8), 1000, "u2"))

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 FOV = {"fov_horizontal_deg": 40.0, "fov_vertical_deg": 30.0}
 AT_COMMIT = """
@@ -50,7 +50,9 @@ def folder(tofmix: Tofmix, tmp_path: Path) -> Path:
         pytest.param(signal.SIGTERM, ("map", "a.layers.h5", "-o", "out.yaml", "--cell", "500"), marks=pytest.mark.slow),
     ],
 )
-def test_a_signal_leaves_nothing(folder: Path, arguments: tuple[str, ...], number: signal.Signals) -> None:
+def test_signal_ends_each_command_without_leftovers(
+    folder: Path, arguments: tuple[str, ...], number: signal.Signals
+) -> None:
     before = sorted(folder.iterdir())
     program = [sys.executable, "-c", AT_COMMIT, str(int(number)), *arguments]
     start = time.monotonic()
@@ -62,7 +64,7 @@ def test_a_signal_leaves_nothing(folder: Path, arguments: tuple[str, ...], numbe
     assert time.monotonic() - start < 60  # and not when the block has ended
 
 
-def test_ctrl_c_before_anything_is_imported(tmp_path: Path) -> None:
+def test_ctrl_c_before_imports_gives_no_traceback(tmp_path: Path) -> None:
     program = (
         "import os, signal, sys\nfrom tofmix.cli.start import run\n"
         "class Stop:\n"

@@ -5,7 +5,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from commandline import Tofmix
+from support.commandline import Tofmix
 
 from tofmix.errors import ExitCode
 from tofmix.simulation.builtin import BUILTIN_MODELS
@@ -46,7 +46,7 @@ def test_print_model_prints_a_model(tofmix: Tofmix, name: str) -> None:
     assert parse_model(shown.out, source="printed").surfaces
 
 
-def test_a_recording_holds_what_was_asked_for(tofmix: Tofmix, model: Path, tmp_path: Path) -> None:
+def test_recording_has_the_requested_frames_and_seed(tofmix: Tofmix, model: Path, tmp_path: Path) -> None:
     outcome = tofmix("simulate", model, "-o", tmp_path / "a.h5", "--frames", 7, "--seed", 11)
     assert outcome.code == 0, outcome.err
     assert outcome.out == f"{tmp_path / 'a.h5'}: 7 frames of 6 x 8 pixels, seed 11\n"
@@ -94,7 +94,7 @@ velocity_mm_s = 100.0
 """
 
 
-def test_effects_are_recorded_with_what_was_drawn(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_effects_and_their_draws_are_stored(tofmix: Tofmix, tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(SMALL + EFFECTS)
     assert tofmix("simulate", tmp_path / "m.toml", "-o", tmp_path / "a.h5").code == 0
     with h5py.File(tmp_path / "a.h5") as root:
@@ -114,7 +114,7 @@ def test_effects_are_recorded_with_what_was_drawn(tofmix: Tofmix, tmp_path: Path
         np.testing.assert_allclose(np.nanmean(frames[19] / frames[0]), 1 + 0.1 * 19 / 25 / 2, rtol=1e-3)
 
 
-def test_explain_says_what_would_be_simulated(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_explain_describes_the_simulation(tofmix: Tofmix, tmp_path: Path) -> None:
     (tmp_path / "m.toml").write_text(SMALL + EFFECTS)
     shown = tofmix("simulate", tmp_path / "m.toml", "--explain", "--frames", 7, "--seed", 9)
     assert shown.code == 0

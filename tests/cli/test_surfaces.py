@@ -8,13 +8,13 @@ import sys
 from pathlib import Path
 
 import h5py
-import naive_png
 import numpy as np
 import plyfile
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
-from planes_found import board_and_wall, nothing_found, write_surfaces
+from support import naive_png
+from support.commandline import Tofmix
+from support.files import boards, write_recording
+from support.planes_found import board_and_wall, nothing_found, write_surfaces
 
 from tofmix.cli.main import main
 from tofmix.errors import ExitCode
@@ -45,7 +45,7 @@ def three(tmp_path: Path) -> Path:
     return write_surfaces(tmp_path / "three.surfaces.h5", board_and_wall(), nothing_found(), board_and_wall())
 
 
-def test_a_surfaces_file_is_written_beside_the_layers(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_surfaces_file_is_written_next_to_the_layers(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     shown = tofmix("surfaces", layers)
     out = tmp_path / "a.surfaces.h5"
     assert shown.code == 0, shown.err
@@ -86,7 +86,7 @@ def test_a_wall_has_no_edges(tofmix: Tofmix, tmp_path: Path) -> None:
     assert "0 edge lines of 0 points, range image 48 x 64" in shown.out
 
 
-def test_as_json_and_the_same_bytes_again(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_surfaces_has_json_and_repeatable_bytes(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
         shown = tofmix("surfaces", layers, "-o", tmp_path / name, "--factor", 3, "--json", "--quiet")
         assert shown.code == 0, shown.err
@@ -99,7 +99,7 @@ def test_as_json_and_the_same_bytes_again(tofmix: Tofmix, layers: Path, tmp_path
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
-def test_a_file_that_exists_is_replaced_only_if_asked(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_existing_surfaces_file_is_replaced_only_with_overwrite(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     out = tmp_path / "a.surfaces.h5"
     out.write_text("mine")
     refused = tofmix("surfaces", layers)
@@ -111,13 +111,18 @@ def test_a_file_that_exists_is_replaced_only_if_asked(tofmix: Tofmix, layers: Pa
     assert verify(out).ok
 
 
-def test_layers_that_do_not_say_where_pixels_look_are_refused(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_layers_without_pixel_directions_are_refused(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = write_recording(tmp_path / "blind.h5", boards(20))
     assert tofmix("estimate", recording).code == 0
     refused = tofmix("surfaces", tmp_path / "blind.layers.h5")
     assert refused.code == ExitCode.BAD_INPUT
     assert refused.err.count("\n") == 1
-    for text in ("blind.layers.h5: not known where its pixels look", "import", "--fov HxV", "estimate anew"):
+    for text in (
+        "blind.layers.h5: the directions of its pixels are not known",
+        "import",
+        "--fov HxV",
+        "estimate again",
+    ):
         assert text in refused.err
     assert not (tmp_path / "blind.surfaces.h5").exists()
 
@@ -162,7 +167,7 @@ def test_the_default_name_is_that_of_the_layers(tofmix: Tofmix, layers: Path, tm
 
 
 @pytest.mark.parametrize("command", ["report", "map", "surfaces", "inspect", "compare", "estimate"])
-def test_commands_that_take_other_files_name_one_that_takes_this(tofmix: Tofmix, path: Path, command: str) -> None:
+def test_wrong_commands_name_the_command_for_a_surfaces_file(tofmix: Tofmix, path: Path, command: str) -> None:
     more = {
         "map": ("-o", path.with_name("a.yaml")), "surfaces": ("-o", path.with_name("b.h5")), "compare": (path,),
         "inspect": ("--pixel", "1,1"), "estimate": ("-o", path.with_name("b.h5")),
@@ -174,7 +179,7 @@ def test_commands_that_take_other_files_name_one_that_takes_this(tofmix: Tofmix,
     assert tofmix(*remedy).code == 0
 
 
-def test_info_says_what_is_in_the_file(tofmix: Tofmix, three: Path) -> None:
+def test_info_describes_a_surfaces_file(tofmix: Tofmix, three: Path) -> None:
     described = json.loads(tofmix("info", three, "--json").out)
     assert described["kind"] == "surfaces"
     assert described["sizes"] == {
@@ -188,7 +193,7 @@ def test_info_says_what_is_in_the_file(tofmix: Tofmix, three: Path) -> None:
     assert "edge_lines" in tofmix("info", three).out
 
 
-def test_verify_says_whether_it_is_whole(tofmix: Tofmix, path: Path) -> None:
+def test_verify_finds_faults_of_a_surfaces_file(tofmix: Tofmix, path: Path) -> None:
     shown = tofmix("verify", path)
     assert shown.code == 0
     assert shown.out == f"{path}: surfaces, 13 datasets read; no fault\n"
@@ -215,7 +220,9 @@ def test_verify_says_whether_it_is_whole(tofmix: Tofmix, path: Path) -> None:
         ("a.tif", "image", "range image 24 x 32, 672 with a range, 1 mm a count, 0 = none"),
     ],
 )
-def test_every_export(tofmix: Tofmix, path: Path, tmp_path: Path, name: str, what: str | None, line: str) -> None:
+def test_every_export_format_is_written(
+    tofmix: Tofmix, path: Path, tmp_path: Path, name: str, what: str | None, line: str
+) -> None:
     arguments = ("export", path, "-o", tmp_path / name, *(("--what", what) if what else ()))
     shown = tofmix(*arguments)
     assert shown.code == 0, shown.err
@@ -227,7 +234,7 @@ def test_every_export(tofmix: Tofmix, path: Path, tmp_path: Path, name: str, wha
     assert (said["what"] == what) or what is None
 
 
-def test_an_export_of_one_window(tofmix: Tofmix, three: Path, tmp_path: Path) -> None:
+def test_export_of_one_window_has_its_surfaces(tofmix: Tofmix, three: Path, tmp_path: Path) -> None:
     assert tofmix("export", three, "-o", tmp_path / "all.ply").code == 0
     assert tofmix("export", three, "-o", tmp_path / "one.ply", "--window", 2).code == 0
     every, one = (plyfile.PlyData.read(tmp_path / f"{name}.ply")["vertex"].data for name in ("all", "one"))
@@ -245,14 +252,14 @@ def test_an_export_of_one_window(tofmix: Tofmix, three: Path, tmp_path: Path) ->
     assert "the file is empty" in none.err
 
 
-def test_exports_that_do_not_fit_are_refused(tofmix: Tofmix, three: Path, layers: Path, tmp_path: Path) -> None:
+def test_impossible_exports_are_refused(tofmix: Tofmix, three: Path, layers: Path, tmp_path: Path) -> None:
     def out(name: str) -> tuple[str, Path]:
         return "-o", tmp_path / name
 
     before = sorted(tmp_path.iterdir())
     for arguments, code, text in (
         ((three, *out("a.las")), ExitCode.USAGE, "must end in one of .geojson"),
-        ((three, *out("a.png"), "--what", "edges"), ExitCode.USAGE, "--what edges does not go with .png"),
+        ((three, *out("a.png"), "--what", "edges"), ExitCode.USAGE, "--what edges cannot be written as .png"),
         ((three, *out("a.png")), ExitCode.USAGE, "--window"),
         ((three, *out("a.ply"), "--window", 3), ExitCode.USAGE, "windows 0 to 2"),
         ((three, *out("a.ply"), "--layer", 1), ExitCode.USAGE, "--layer does not belong to a surfaces file"),
@@ -261,7 +268,7 @@ def test_exports_that_do_not_fit_are_refused(tofmix: Tofmix, three: Path, layers
         ((three, *out("a.tif"), "--window", 0, "--scale", 0.01), ExitCode.BAD_INPUT, "another --scale"),
         ((layers, *out("a.geojson")), ExitCode.USAGE, f"{layers} has no edges: run tofmix surfaces {layers}"),
         ((layers, *out("a.ply"), "--what", "edges"), ExitCode.USAGE, "tofmix surfaces"),
-        ((layers, *out("a.ply"), "--what", "image"), ExitCode.USAGE, "--what image does not go with .ply"),
+        ((layers, *out("a.ply"), "--what", "image"), ExitCode.USAGE, "--what image cannot be written as .ply"),
     ):
         refused = tofmix("export", *arguments)
         assert refused.code == code, (arguments, refused.err)
@@ -280,7 +287,7 @@ def test_planes_need_the_extra(tofmix: Tofmix, path: Path, tmp_path: Path, monke
     assert tofmix("export", path, "-o", tmp_path / "a.obj").code == 0  # edges do not
 
 
-def test_the_help_has_examples_and_stands_after_map(tofmix: Tofmix) -> None:
+def test_surfaces_help_has_examples_and_follows_map(tofmix: Tofmix) -> None:
     shown = tofmix("surfaces", "--help")
     assert "Examples:\n    tofmix surfaces boards.layers.h5" in shown.out
     names = list(main.commands)

@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from commandline import Tofmix
 from numpy.typing import NDArray
+from support.commandline import Tofmix
 
 import tofmix as tm
 from tofmix.errors import ExitCode
@@ -81,7 +81,7 @@ def test_all_valid_targets_are_samples_of_their_pixel(made: Path) -> None:
         np.testing.assert_allclose(root["weight"][0, :, 4:, 1], share[:, 4:], atol=0.002)
 
 
-def test_every_command_says_what_a_share_is_of(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
+def test_every_command_explains_shares_of_detections(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
     layers, recording = made / "t.layers.h5", made / "t.h5"
     shown = tofmix("inspect", layers, "--pixel", "2,5", "--recording", recording)
     assert "a share is the share of detections, up to 3 a frame" in shown.out
@@ -147,7 +147,7 @@ def test_maps_for_comparison_average_all_detections(tofmix: Tofmix, made: Path, 
     assert done.code == 0, done.err
 
 
-def test_reconcile_refuses_them(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
+def test_reconcile_refuses_recordings_with_targets(tofmix: Tofmix, made: Path, tmp_path: Path) -> None:
     refused = tofmix("reconcile", "three-boards", made / "t.h5", "-o", tmp_path / "gap")
     assert refused.code == ExitCode.BAD_INPUT
     assert refused.err.count("\n") == 1
@@ -157,7 +157,7 @@ def test_reconcile_refuses_them(tofmix: Tofmix, made: Path, tmp_path: Path) -> N
 
 @pytest.mark.parametrize("axes", ["frame,row,col,target", "target,row,col,frame"])
 @pytest.mark.parametrize("kind", ["npy", "npz", "h5"])
-def test_arrays_of_any_order_of_axes(tofmix: Tofmix, tmp_path: Path, kind: str, axes: str) -> None:
+def test_target_arrays_of_any_order_of_axes_are_imported(tofmix: Tofmix, tmp_path: Path, kind: str, axes: str) -> None:
     order = [["frame", "target", "row", "col"].index(name) for name in axes.split(",")]
     values: Any = np.ascontiguousarray(np.transpose(samples(), order))
     path = tmp_path / f"a.{kind}"
@@ -175,7 +175,7 @@ def test_arrays_of_any_order_of_axes(tofmix: Tofmix, tmp_path: Path, kind: str, 
         np.testing.assert_array_equal(root["range"][...], samples())
 
 
-def test_csv_with_a_column_target(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_csv_with_a_target_column_is_imported(tofmix: Tofmix, tmp_path: Path) -> None:
     values = samples()[:20, :2]
     lines = ["frame,row,col,target,range_mm,amplitude"]
     lines += [

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import h5py
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
+from support.commandline import Tofmix
+from support.files import boards, write_recording
 
 from tofmix.errors import ExitCode
 

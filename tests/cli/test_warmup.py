@@ -6,12 +6,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from commandline import Tofmix
-from files import boards, write_recording
 from numba.core import event
-from sizes import sized
+from support.commandline import Tofmix
+from support.files import boards, write_recording
+from support.sizes import sized
 
-from tofmix.jit import cache_folder
+from tofmix.compiled.jit import cache_folder
 
 KERNELS = 24
 """Kernels that commands call: other kernels are compiled inside these."""

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawing import draw
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
-from sizes import sized
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.estimation.layering import layer_pixels, warm_up
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
@@ -77,7 +77,7 @@ def test_invalid_samples_are_skipped(rng: np.random.Generator) -> None:
     equal(layer_pixels(gaps, CAMERA), layer_pixels(samples, CAMERA))
 
 
-def test_too_few_samples() -> None:
+def test_pixel_with_too_few_samples_has_that_status() -> None:
     block = np.full((10, 2), np.nan, np.float32)
     block[:4, 1] = 1000
     layers = layer_pixels(block, CAMERA, EstimateOptions(min_samples=4))
@@ -96,7 +96,7 @@ def test_no_surface_is_no_return_or_outliers(rng: np.random.Generator) -> None:
     assert scattered.weight_outlier[0] == 1
 
 
-def test_not_converged_says_so(rng: np.random.Generator) -> None:
+def test_unconverged_pixel_has_that_status(rng: np.random.Generator) -> None:
     samples = draw(rng, CAMERA, ranges_mm=[1500, 1590], shares=[0.5, 0.5], n=100, pixels=sized(30, 10))
     layers = layer_pixels(samples, CAMERA, EstimateOptions(max_iter=2, tol=1e-9))
     two = layers.n_modes == 2
@@ -105,7 +105,7 @@ def test_not_converged_says_so(rng: np.random.Generator) -> None:
     assert layers.n_iter.max() <= 2
 
 
-def test_wall_near_the_end_of_the_range_is_one_surface_where_its_mean_tells(rng: np.random.Generator) -> None:
+def test_wall_ten_standard_errors_before_range_max_is_one_surface(rng: np.random.Generator) -> None:
     """At 5800 mm, one sigma before r_max, 100 samples tell: ten standard errors."""
     samples = draw(rng, CAMERA, ranges_mm=[5800], shares=[1.0], n=100, pixels=sized(200, 20))
     layers = layer_pixels(samples, CAMERA)
@@ -145,7 +145,7 @@ def test_probability_of_a_surface_near_the_end_of_the_range_is_low_where_c_0_exp
     assert np.median(near.probability[found, 0]) < 0.99999
 
 
-def test_camera_that_returns_a_constant_has_walls_right_beside_it(rng: np.random.Generator) -> None:
+def test_walls_next_to_a_constant_of_no_return_are_found(rng: np.random.Generator) -> None:
     """c_0 is a needle at 6000 mm: a wall at 5900 mm and 40 % of no return are told apart."""
     samples = draw(rng, CAMERA, ranges_mm=[5900], shares=[1.0], n=80, pixels=sized(100, 20))
     samples[rng.random(samples.shape) < 0.4] = 6000.0
@@ -163,7 +163,7 @@ def test_without_range_max_a_far_surface_is_a_surface(rng: np.random.Generator) 
 
 
 @pytest.mark.parametrize("mode", list(SigmaMode))
-def test_ranges_and_weights_come_back(mode: SigmaMode, rng: np.random.Generator) -> None:
+def test_true_ranges_and_weights_are_recovered(mode: SigmaMode, rng: np.random.Generator) -> None:
     truth, shares = [900, 2000, 3800], [0.2, 0.3, 0.35]
     samples = draw(rng, CAMERA, ranges_mm=truth, shares=shares, n=200, pixels=sized(500, 16))
     layers = layer_pixels(samples, CAMERA, EstimateOptions(sigma=mode))
@@ -196,5 +196,5 @@ def test_input_is_not_altered(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(samples, before)
 
 
-def test_warm_up_runs() -> None:
+def test_warm_up_runs_without_error() -> None:
     warm_up(EstimateOptions())

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sizes import sized
+from support.sizes import sized
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.settings import EstimateOptions, Refine, SigmaMode
@@ -52,7 +52,7 @@ def _hold_together(layers: Layers, samples: NDArray[np.float64]) -> None:
 
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("n", [2, 3, 5, 15, 100, 600])
-def test_layers_hold_together_whatever_the_noise(noise: str, n: int, rng: np.random.Generator) -> None:
+def test_layers_keep_all_rules_under_any_noise(noise: str, n: int, rng: np.random.Generator) -> None:
     pixels = sized(60, 5) if n < 600 else sized(8, 1)
     near = rng.random((n, pixels)) < 0.4
     samples = np.where(near, 1200.0, 3000.0) + SIGMA * NOISES[noise](rng, (n, pixels))
@@ -65,7 +65,7 @@ def test_layers_hold_together_whatever_the_noise(noise: str, n: int, rng: np.ran
 
 @pytest.mark.parametrize("noise", NOISES)
 @pytest.mark.parametrize("n", [10, 100])
-def test_nothing_is_invented_between_two_surfaces(noise: str, n: int, rng: np.random.Generator) -> None:
+def test_no_layer_lies_between_two_surfaces(noise: str, n: int, rng: np.random.Generator) -> None:
     pixels = sized(400, 40)
     near = rng.random((n, pixels)) < 0.5
     samples = np.where(near, 2000.0, 2000.0 + 25 * SIGMA) + SIGMA * NOISES[noise](rng, (n, pixels))
@@ -84,7 +84,7 @@ def test_nothing_is_invented_between_two_surfaces(noise: str, n: int, rng: np.ra
 
 @pytest.mark.parametrize("outliers", [0.3, 0.6, 0.9])
 @pytest.mark.parametrize("n", [30, 300])
-def test_many_outliers_invent_nothing(outliers: float, n: int, rng: np.random.Generator) -> None:
+def test_many_outliers_make_no_layer(outliers: float, n: int, rng: np.random.Generator) -> None:
     pixels = sized(100, 10) if n < 300 else sized(12, 2)
     samples = np.where(rng.random((n, pixels)) < 0.5, 2000.0, 5000.0) + SIGMA * rng.standard_normal((n, pixels))
     wild = rng.random(samples.shape) < outliers

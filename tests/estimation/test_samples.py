@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from benchmarks import binning
-from sizes import sized
+from support.sizes import sized
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.vector import LANES
 from tofmix.estimation.samples import BIN, FARTHEST_MM, LONG_WINDOW, Readings, gather, padded, sort_samples
-from tofmix.vector import LANES
 
 
 def test_valid_samples_come_first_and_ascend(rng: np.random.Generator) -> None:
@@ -27,7 +27,7 @@ def _gathered(values: FloatArray, sigma_mm: float) -> Readings:
 
 
 @pytest.mark.slow
-def test_a_last_group_is_filled_up_with_what_never_came() -> None:
+def test_last_group_is_padded_with_values_of_count_zero() -> None:
     data = _gathered(np.array([1.0, 2.0, 2.0, 5.0]), 10.0)
     assert data.value.tolist() == [1.0, 2.0] + [5.0] * (LANES - 2)
     assert data.times.tolist() == [1.0, 2.0, 1.0] + [0.0] * (LANES - 3)

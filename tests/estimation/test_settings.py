@@ -22,7 +22,7 @@ def test_options_out_of_bounds_are_named(name: str, value: float) -> None:
         EstimateOptions(**options)
 
 
-def test_sigma_is_one_of_three() -> None:
+def test_unknown_sigma_mode_is_refused() -> None:
     assert EstimateOptions(sigma="tied").sigma is SigmaMode.TIED  # type: ignore[arg-type]  # the CLI passes text
     with pytest.raises(ValueError, match="loose"):
         EstimateOptions(sigma="loose")  # type: ignore[arg-type]

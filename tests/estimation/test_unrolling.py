@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from sizes import sized
+from support.sizes import sized
 
 from tofmix.circle import circular_noise, fold
 from tofmix.estimation.beam import beam_of
@@ -125,7 +125,7 @@ def test_with_the_peaks_alone_there_is_one_peak_at_the_fold(rng: np.random.Gener
     assert (layers.n_peaks == 1).mean() > 0.9
 
 
-def test_two_surfaces_two_sigma_apart_are_told_across_the_fold(rng: np.random.Generator) -> None:
+def test_two_surfaces_two_sigma_apart_are_separated_across_the_fold(rng: np.random.Generator) -> None:
     draws = _surfaces(rng, [-60.0, 60.0], [0.5, 0.5], 200, sized(60, 6))
     at_fold = layer_pixels(fold(draws, LENGTH), CAMERA, ON_CIRCLE)
     elsewhere = layer_pixels(fold(draws + 3000.0, LENGTH), CAMERA, ON_CIRCLE)
@@ -151,7 +151,7 @@ def test_away_from_the_fold_nothing_changes(rng: np.random.Generator) -> None:
 
 @settings(max_examples=sized(30, 5))
 @given(seed=st.integers(0, 2**32 - 1), n=st.integers(2, 80), outliers=st.floats(0, 0.9))
-def test_any_readings_give_layers_that_hold_together(*, seed: int, n: int, outliers: float) -> None:
+def test_any_readings_give_layers_that_keep_all_rules(*, seed: int, n: int, outliers: float) -> None:
     rng = np.random.default_rng(seed)
     readings = _surfaces(rng, [20.0, 2000.0, 7000.0], [0.4, 0.3, 0.3], n, 3, outliers)
     layers = layer_pixels(readings, RISING, ON_CIRCLE)
@@ -223,7 +223,7 @@ def test_without_room_before_the_fold_there_is_no_c0(rng: np.random.Generator) -
     assert (layers.weight_no_return == 0).all()
 
 
-def test_one_pixel_fitted_from_given_means(rng: np.random.Generator) -> None:
+def test_one_pixel_is_fitted_from_given_means(rng: np.random.Generator) -> None:
     readings = fold(_surfaces(rng, [LENGTH + 15.0, 3000.0], [0.6, 0.4], 300, 1)[:, 0], LENGTH)
     fit = fit_mixture(readings, [7480.0, 3050.0], CAMERA, ON_CIRCLE)
     assert fit.converged
@@ -232,7 +232,7 @@ def test_one_pixel_fitted_from_given_means(rng: np.random.Generator) -> None:
     assert fit.weight[0] == pytest.approx(0.6, abs=0.1)
 
 
-def test_unrolling_one_pixel_takes_its_starts_along() -> None:
+def test_unrolling_one_pixel_also_moves_its_starting_means() -> None:
     samples, start, beam = unrolled_pixel(np.array([7480.0, 30.0, 20.0]), np.array([7490.0, 10.0]), CAMERA, LENGTH)
     np.testing.assert_array_equal(beam.curve_sigma, beam_of(CAMERA, LENGTH).curve_sigma)
     assert samples.tolist() == [7480.0, 20 + LENGTH, 30 + LENGTH]
@@ -253,7 +253,7 @@ def test_noise_is_measured_across_the_fold(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(UnrolledSource(folded, LENGTH).read_range(slice(0, 100), slice(0, 6)), block)
 
 
-def test_an_empty_pixel_is_read_as_one() -> None:
+def test_empty_pixel_stays_empty_on_a_circle() -> None:
     empty = ArrayRecording(np.full((5, 1, 2), np.nan), CAMERA)
     assert np.isnan(UnrolledSource(empty, LENGTH).read_range(slice(0, 5), slice(0, 1))).all()
     layers = layer_pixels(np.full((5, 2), np.nan), CAMERA, ON_CIRCLE)

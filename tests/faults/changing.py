@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from faults.fuzz import judge
 from faults.inject import Report

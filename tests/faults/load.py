@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
-from files import NOISE, boards, write_recording
+from support.files import NOISE, boards, write_recording
 
 from faults.inject import Report
 from faults.pool import Job, Pool

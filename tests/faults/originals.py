@@ -7,8 +7,8 @@ import h5py
 import numpy as np
 import scipy.io
 import tifffile
-from bags import AMPLITUDE, DEPTH, INFO, new_bag
-from files import boards, write_recording
+from support.bags import AMPLITUDE, DEPTH, INFO, new_bag
+from support.files import boards, write_recording
 
 from faults.pool import Job, Pool
 

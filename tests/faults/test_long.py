@@ -23,7 +23,7 @@ def test_a_stage_that_tries_nothing_is_a_fault(tmp_path: Path, monkeypatch: pyte
     assert run.stage("soak")["faults"] == []
 
 
-def test_without_a_compiler_or_a_fuzzer_it_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_compiler_or_fuzzer_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(long, "compiled", lambda _: None)
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     run = _run(tmp_path, guided=1)
@@ -40,7 +40,7 @@ def test_failures_that_no_run_met_are_faults(tmp_path: Path) -> None:
     assert run.faults == ["SIGINT: not one run was killed"]
 
 
-def test_a_disk_that_may_not_be_mounted_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unmountable_disk_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(disk, "small_disk", lambda _: nullcontext(None))
     monkeypatch.setattr(long, "make", lambda *_: {})
     monkeypatch.setattr(long, "CASES", {})

@@ -11,10 +11,10 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from files import write_recording
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from support.files import write_recording
 
 from tofmix.errors import UsageError
 from tofmix.estimation.peaks.counters import COUNTERS

@@ -6,14 +6,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import naive_png
 import numpy as np
 import plyfile
 import pytest
 import shapely
 import tifffile
 from numpy.typing import NDArray
-from planes_found import (
+from pypcd4.pypcd4 import PointCloud
+from support import naive_png
+from support.planes_found import (
     BOARD_MM,
     BOTTOM,
     COLS,
@@ -27,7 +28,6 @@ from planes_found import (
     nothing_found,
     write_surfaces,
 )
-from pypcd4.pypcd4 import PointCloud
 
 from tofmix.errors import BadInputError, UsageError
 from tofmix.io.exporters import (
@@ -47,7 +47,7 @@ from tofmix.io.exporters.fine_points import FIELDS, FinePoints
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import outlines, trace
 from tofmix.io.exporters.planes_obj import triangles
-from tofmix.io.surfaces_file import SurfacesFile, open_surfaces
+from tofmix.io.surfaces.surfaces_file import SurfacesFile, open_surfaces
 
 FOV_DEG = (16.0, 12.0)
 DEPTH_M = (BOARD_MM / 1000, WALL_MM / 1000)
@@ -190,7 +190,7 @@ def test_lines_of_several_windows_are_numbered_as_in_the_file(three: SurfacesFil
 
 
 @pytest.mark.parametrize("suffix", OF_SURFACES["points"])
-def test_the_fine_image_as_points(three: SurfacesFile, tmp_path: Path, suffix: str) -> None:
+def test_fine_image_is_exported_as_points(three: SurfacesFile, tmp_path: Path, suffix: str) -> None:
     out = tmp_path / f"a{suffix}"
     blocks: list[int] = []
     count = export_points(out, FinePoints(three, range(3)), title="a test", progress=blocks.append)
@@ -238,7 +238,7 @@ def test_points_come_in_blocks_of_rows_that_make_no_difference(
     np.testing.assert_array_equal(np.concatenate(blocks), whole)
 
 
-def test_the_fine_image_as_16_bits(file: SurfacesFile, tmp_path: Path) -> None:
+def test_fine_image_is_exported_as_16_bit_counts(file: SurfacesFile, tmp_path: Path) -> None:
     range_mm = file.read_image("range_fine", 0)
     image = RangeImage(range_mm=range_mm, scale_mm=0.1, title="a test", none="no return")
     for suffix in (".png", ".tif"):
@@ -289,7 +289,7 @@ def test_neighbours_share_their_border_without_gap_or_overlap() -> None:
     assert shapely.hausdorff_distance(polygons[0].exterior, circle.exterior) < 1.5 / 8
 
 
-def test_planes_as_json(file: SurfacesFile, tmp_path: Path) -> None:
+def test_planes_json_holds_planes_and_outlines(file: SurfacesFile, tmp_path: Path) -> None:
     out = tmp_path / "a.json"
     export_planes(out, file, outlines(file, [0]), title="a test")
     board, wall = json.loads(out.read_text())["surfaces"]
@@ -385,7 +385,7 @@ def test_file_without_surfaces_exports_empty_files(tmp_path: Path) -> None:
     assert [len(element.data) for element in read.elements] == [0, 0]
 
 
-def test_a_file_that_does_not_say_where_pixels_look_is_refused(file: SurfacesFile) -> None:
+def test_file_without_pixel_directions_is_refused(file: SurfacesFile) -> None:
     blind = file.provenance.sensor.__class__(name="blind")
     object.__setattr__(file.provenance, "sensor", blind)
     for export in (lambda: edge_lines(file, [0]), lambda: FinePoints(file, [0])):
@@ -393,7 +393,7 @@ def test_a_file_that_does_not_say_where_pixels_look_is_refused(file: SurfacesFil
             export()
 
 
-def test_las_takes_no_points_of_surfaces(file: SurfacesFile, tmp_path: Path) -> None:
+def test_las_refuses_points_of_surfaces(file: SurfacesFile, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="LAS stores points of layers"):
         export_points(tmp_path / "a.las", FinePoints(file, [0]), title="a test")
     assert {".las", ".laz"} == set(POINT_WRITERS) - set(OF_SURFACES["points"])
@@ -416,10 +416,15 @@ def test_export_content_follows_the_extension_or_the_option(name: str, what: str
     ("name", "what", "known", "text"),
     [
         ("a.las", None, OF_SURFACES, "must end in one of .geojson, .json, .obj, .ply"),
-        ("a.png", "edges", OF_SURFACES, "--what edges does not go with .png; its formats: .geojson, .json, .obj, .ply"),
+        (
+            "a.png",
+            "edges",
+            OF_SURFACES,
+            "--what edges cannot be written as .png; its formats: .geojson, .json, .obj, .ply",
+        ),
         ("a.geojson", "planes", OF_SURFACES, "its formats: .json, .obj"),
         ("a.ply", "edges", OF_LAYERS, "tofmix surfaces"),
-        ("a.ply", "image", OF_LAYERS, "--what image does not go with .ply"),
+        ("a.ply", "image", OF_LAYERS, "--what image cannot be written as .ply"),
         ("a.obj", None, OF_LAYERS, "must end in one of .las"),
     ],
 )

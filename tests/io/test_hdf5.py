@@ -18,7 +18,7 @@ def test_a_reason_is_one_short_line() -> None:
         raise OSError("Can't synchronously read data\n (wrong checksum)")
 
 
-def test_text_attributes_of_either_kind(tmp_path: Path) -> None:
+def test_text_attributes_of_either_kind_are_read(tmp_path: Path) -> None:
     import numpy as np
 
     with h5py.File(tmp_path / "a.h5", "w") as root:

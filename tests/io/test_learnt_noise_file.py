@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from learnt_pixels import camera_with, flat, pixel_noise
+from support.learnt_pixels import camera_with, flat, pixel_noise
 
 from tofmix.errors import BadInputError
 from tofmix.io.sensor_group import read_sensor, write_sensor
@@ -98,7 +98,7 @@ def _memory(value: object) -> Callable[[h5py.Group], None]:
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (_without("noise_gain_of_first"), "sensor/noise_gain_of_first: missing; the datasets of learnt noise need"),
+        (_without("noise_gain_of_first"), "sensor/noise_gain_of_first: missing; learnt noise needs"),
         (_without("noise_drift"), "sensor/noise_drift: missing"),
         (_with("noise_background_prior", [1.0, 2.0, 3.0]), r"sensor/noise_background_prior: shape \(3,\); two numbers"),
         (_with("noise_background_prior", [0.0, 2.0]), "background: two finite numbers above 0"),

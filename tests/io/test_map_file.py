@@ -51,7 +51,7 @@ def test_the_image_has_its_far_left_corner_first(tmp_path: Path) -> None:
     assert (tmp_path / "a.pgm").read_bytes() == b"P5\n3 2\n255\n" + bytes([0, 205, 205, 205, 205, 205])
 
 
-def test_names_and_comments_that_yaml_would_misread(tmp_path: Path) -> None:
+def test_special_characters_in_names_and_comments_survive_yaml(tmp_path: Path) -> None:
     flat = FloorMap(cells=np.zeros((1, 1), dtype=np.uint8), cell_mm=33.3, origin_mm=(0.0, -0.0))
     name = 'no: "1" # é.yaml'
     about, _ = read_map(write(tmp_path / name, flat, comment="two\nlines: here"))
@@ -61,5 +61,5 @@ def test_names_and_comments_that_yaml_would_misread(tmp_path: Path) -> None:
 
 def test_the_image_is_named_before_the_text_and_other_endings_are_refused() -> None:
     assert map_paths(Path("a.b.yml")) == (Path("a.b.pgm"), Path("a.b.yml"))
-    with pytest.raises(UsageError, match=r"ends in \.yaml"):
+    with pytest.raises(UsageError, match=r"must end in \.yaml"):
         map_paths(Path("a.pgm"))

@@ -7,13 +7,13 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
-from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group
 from tofmix.io.recording.recording_file import open_recording
-from tofmix.pinhole import Pinhole
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.pinhole import Pinhole
 from tofmix.sensor import Sensor
 
 PINHOLE: dict[str, Any] = {"projection": "pinhole", "fx": 5.0, "fy": 6.0, "cx": 2.5, "cy": 1.5}
@@ -25,7 +25,7 @@ def read(path: Path) -> Sensor:
 
 
 @pytest.mark.parametrize("distortion", [(), (-0.1, 0.01, 0.001, 0.002, 0.0), (0.1,) * 8])
-def test_a_pinhole_comes_back(distortion: tuple[float, ...]) -> None:
+def test_pinhole_round_trips(distortion: tuple[float, ...]) -> None:
     pinhole = Pinhole(fx=5.25, fy=6.125, cx=2.5, cy=1.5, distortion=distortion)
     camera = Sensor(name="camera", projection=pinhole)
     image = hdf5.image_of(lambda root: sensor_group.write_sensor(root, camera, image=(4, 6)))
@@ -43,9 +43,7 @@ def test_a_foreign_pinhole_ignores_the_field_of_view(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("attributes", [{}, {"projection": "equiangular"}])
-def test_without_a_projection_the_field_of_view_says_where_pixels_look(
-    tmp_path: Path, attributes: dict[str, Any]
-) -> None:
+def test_field_of_view_sets_the_directions_without_a_projection(tmp_path: Path, attributes: dict[str, Any]) -> None:
     fov = {"fov_horizontal_deg": 47.0, "fov_vertical_deg": 39.0}
     path = write_recording(tmp_path / "x.h5", boards(), attributes=attributes | fov)
     assert read(path).optics == Equiangular(fov_horizontal_deg=47.0, fov_vertical_deg=39.0)
@@ -62,8 +60,8 @@ def test_without_a_projection_the_field_of_view_says_where_pixels_look(
         ({"fx": 0.0}, "fx: 0 is not a finite number above 0"),
         ({"cy": np.nan}, "cy: nan is not a finite number"),
         ({"distortion": [0.1, 0.2]}, "distortion: 2 numbers; expected OpenCV's"),
-        ({"distortion": "none"}, "distortion: expected a few numbers"),
-        ({"distortion": np.zeros(65)}, "distortion: expected a few numbers"),
+        ({"distortion": "none"}, "distortion: expected a short list of numbers"),
+        ({"distortion": np.zeros(65)}, "distortion: expected a short list of numbers"),
     ],
 )
 def test_unfit_attributes_are_refused_by_name(tmp_path: Path, change: dict[str, Any], reason: str) -> None:

@@ -77,7 +77,7 @@ def test_a_recording_without_targets_is_itself() -> None:
 
 
 @pytest.mark.parametrize("scales", [(), ("frame", "row", "col", "target"), ("frame", "target", "col", "row")])
-def test_four_axes_that_do_not_say_what_they_are_are_refused(tmp_path: Path, scales: tuple[str, ...]) -> None:
+def test_four_axes_without_names_are_refused(tmp_path: Path, scales: tuple[str, ...]) -> None:
     path = tmp_path / "r.h5"
     with h5py.File(path, "w") as root:
         root["range"] = np.ones((3, 3, 3, 3), "u2")

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from alike import MakeLayers
+from support.alike import MakeLayers
 
 from tofmix.layers import Layers
 from tofmix.sensor import NoiseCurve, Sensor

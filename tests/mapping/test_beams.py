@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from alike import MakeLayers
+from support.alike import MakeLayers
 
 from tofmix.mapping.beams import CLEAR_STDERRS, MAX_INCIDENCE_DEG, beams_from_layers, beams_from_ranges
 from tofmix.sensor import Sensor
@@ -23,7 +23,7 @@ def test_every_layer_is_a_hit_with_its_share(make_layers: MakeLayers, camera: Se
     assert beams.reach_mm == beams.free_to_mm
 
 
-def test_an_unsure_layer_tells_nothing(make_layers: MakeLayers, camera: Sensor) -> None:
+def test_improbable_layer_is_ignored(make_layers: MakeLayers, camera: Sensor) -> None:
     layers = make_layers([1000.0], [0.9], probability=0.8, no_return=0.1)
     assert beams_from_layers(layers, camera).samples.sum() == 0
     assert beams_from_layers(layers, camera, min_probability=0.8).samples.sum() > 0
@@ -51,11 +51,11 @@ def test_beams_refuse_invalid_shapes_and_probabilities(make_layers: MakeLayers, 
         beams_from_layers(layers, replace(camera, fov_vertical_deg=None))
     with pytest.raises(ValueError, match="expected an image"):
         beams_from_layers(layers.reshaped((64,)), camera)
-    with pytest.raises(ValueError, match="does not go with range"):
+    with pytest.raises(ValueError, match="does not match range"):
         beams_from_ranges([[1.0, 2.0]], [[1.0]], camera)
 
 
-def test_a_surface_of_uncertain_place_is_less_surely_there(make_layers: MakeLayers, camera: Sensor) -> None:
+def test_uncertain_range_lowers_the_probability_of_a_hit(make_layers: MakeLayers, camera: Sensor) -> None:
     layers = make_layers([1000.0, 2000.0], [0.5, 0.4], stderr=50.0)
     layers.range_stderr[..., 1] = 0.0
     beams = beams_from_layers(layers, camera)

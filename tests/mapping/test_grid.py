@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 import pytest
-from alike import MakeLayers
 from hypothesis import given
 from hypothesis import strategies as st
+from support.alike import MakeLayers
 
 from tofmix.mapping.beams import beams_from_layers
 from tofmix.mapping.grid import Grid, lattice_span, plan_grid
@@ -25,7 +25,7 @@ def test_ends_between_are_rounded_outward() -> None:
 
 
 @pytest.mark.parametrize("pose", [Pose(), Pose(x_mm=1234.0, y_mm=-77.0, yaw_deg=130.0, pitch_deg=20.0)])
-def test_the_grid_holds_all_that_the_beams_tell_of(make_layers: MakeLayers, camera: Sensor, pose: Pose) -> None:
+def test_grid_contains_all_ranges_of_the_beams(make_layers: MakeLayers, camera: Sensor, pose: Pose) -> None:
     beams = beams_from_layers(make_layers([1000.0], [0.5], no_return=0.5), camera)
     grid = plan_grid(beams, pose, cell_mm=50.0)
     rng = np.random.default_rng(3)
@@ -38,7 +38,7 @@ def test_the_grid_holds_all_that_the_beams_tell_of(make_layers: MakeLayers, came
         assert grid.origin_mm[axis] <= pose.position()[axis] <= grid.centres_mm(axis)[-1] + 25
 
 
-def test_a_band_of_heights(make_layers: MakeLayers, camera: Sensor) -> None:
+def test_band_of_heights_sets_the_height_of_the_grid(make_layers: MakeLayers, camera: Sensor) -> None:
     beams = beams_from_layers(make_layers([1000.0], [1.0]), camera)
     grid = plan_grid(beams, Pose(), cell_mm=50.0, height_mm=(-130.0, 100.0))
     assert (grid.first[2], grid.shape[2]) == (-3, 5)

@@ -2,10 +2,10 @@
 
 import math
 
-import naive
 import numpy as np
 import pytest
-from alike import MakeLayers
+from support import naive
+from support.alike import MakeLayers
 
 from tofmix.mapping.beams import Beams, beams_from_layers
 from tofmix.mapping.grid import Grid, plan_grid
@@ -62,7 +62,7 @@ def test_no_return_frees_space_up_to_where_a_surface_would_be_taken_for_it(
     assert not light.stopped.any()
 
 
-def test_an_uncertain_range_is_silent_before_the_surface(make_layers: MakeLayers, camera: Sensor) -> None:
+def test_uncertain_range_frees_no_space_before_the_surface(make_layers: MakeLayers, camera: Sensor) -> None:
     light, middle, _ = along_the_axis(beams_from_layers(make_layers([3000.0], [1.0], stderr=100.0), camera))
     silent = (middle > 2800) & (middle < 2950)
     assert not (light.passed + light.stopped).ravel()[silent].any()

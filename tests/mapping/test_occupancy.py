@@ -2,11 +2,11 @@ import math
 
 import numpy as np
 import pytest
-from alike import MakeLayers
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.stats import beta
+from support.alike import MakeLayers
 
 from tofmix.mapping.beams import beams_from_layers
 from tofmix.mapping.grid import Grid, plan_grid
@@ -38,7 +38,7 @@ def test_log_odds_of_hits_and_passes_have_closed_forms() -> None:
     assert odds == pytest.approx(math.log(tail / (1 - tail)) - math.log((1 - m) / m))
 
 
-def test_no_cell_is_surer_than_its_surest_layer_or_than_the_limit() -> None:
+def test_log_odds_are_bounded_by_the_layer_and_the_limit() -> None:
     assert log_odds(1e5, 0.0, 0.9) == pytest.approx(math.log(9))
     assert log_odds(1e5, 0.0, 1.0) == pytest.approx(MAX_LOG_ODDS)
     assert log_odds(0.0, 1e7, 0.0) == pytest.approx(-MAX_LOG_ODDS)
@@ -47,7 +47,7 @@ def test_no_cell_is_surer_than_its_surest_layer_or_than_the_limit() -> None:
         log_odds(0.0, 0.0, 0.0, min_share=0.0)
 
 
-def test_a_wall_behind_a_partial_one_and_open_space(make_layers: MakeLayers, camera: Sensor) -> None:
+def test_wall_behind_a_partial_one_is_occupied_with_free_space_between(make_layers: MakeLayers, camera: Sensor) -> None:
     layers = make_layers([2000.0, 4000.0], [0.3, 0.5], no_return=0.2, size=40)
     beams = beams_from_layers(layers, camera)
     grid = plan_grid(beams, Pose(), cell_mm=50.0, height_mm=(0.0, 50.0))
@@ -60,7 +60,7 @@ def test_a_wall_behind_a_partial_one_and_open_space(make_layers: MakeLayers, cam
         assert states[place] == state, place
 
 
-def test_a_column_is_what_is_worst_in_it() -> None:
+def test_column_has_the_worst_state_of_its_voxels() -> None:
     odds = np.array([[[0, 0, 0], [-5, 0, 0], [-5, 5, -5], [0, 0.1, 0]]], dtype=np.float32)
     voxels = VoxelMap(grid=Grid(cell_mm=100.0, first=(3, -2, 0), shape=(1, 4, 3)), log_odds=odds)
     flat = project(voxels, (0.0, 300.0))

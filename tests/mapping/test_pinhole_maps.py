@@ -4,19 +4,19 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import lens
 import numpy as np
 import pytest
-from alike import MakeLayers
-from sizes import sized
+from support import lens
+from support.alike import MakeLayers
+from support.sizes import sized
 
 from tofmix.mapping.beams import Beams, beams_from_layers
 from tofmix.mapping.grid import Grid, plan_grid
 from tofmix.mapping.occupancy import count_light
 from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
 from tofmix.mapping.pose import Pose
-from tofmix.pinhole import Pinhole
-from tofmix.projection import pixel_extent_rad
+from tofmix.optics.pinhole import Pinhole
+from tofmix.optics.projection import pixel_extent_rad
 from tofmix.sensor import Sensor
 
 LENS: dict[str, Any] = {"fx": 57.0, "fy": 55.0, "cx": 1.3, "cy": 0.8}
@@ -76,7 +76,7 @@ def test_counted_light_agrees_with_thin_rays(make_layers: MakeLayers, pinhole: S
 
 
 @pytest.mark.parametrize("pose", POSES)
-def test_the_grid_holds_all_that_the_beams_tell_of(make_layers: MakeLayers, pinhole: Sensor, pose: Pose) -> None:
+def test_grid_contains_all_ranges_of_the_beams(make_layers: MakeLayers, pinhole: Sensor, pose: Pose) -> None:
     beams = beams_from_layers(make_layers([1000.0], [0.5], no_return=0.5, size=3), pinhole)
     grid = plan_grid(beams, pose, cell_mm=50.0)
     row, col = np.random.default_rng(3).uniform(-0.5, 2.5, (2, 300))

@@ -2,7 +2,7 @@
 
 Run in the changed package's own environment: python -m mutation.kernels FROM_CACHE FROM_CHECKOUT CHANGED_FILE KERNEL...
 (`KERNEL` as folder/module.name, those to compile again). numba finds a kernel by the path and the content of its file,
-`tofmix.jit` by the content of all; a copy for another path and content has other names and another stamp.
+`tofmix.compiled.jit` by the content of all; a copy for another path and content has other names and another stamp.
 """
 
 import io
@@ -17,7 +17,7 @@ import numba.core.caching
 import numba.core.serialize
 
 import tofmix
-from tofmix.jit import cache_folder
+from tofmix.compiled.jit import cache_folder
 
 _LOCATOR: Any = numba.core.caching.UserProvidedCacheLocator  # numba has no types for either
 _PICKLING: Any = numba.core.serialize

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 COMPILING = ("jit", "borrowing")
-"""Decorators of tofmix.jit: their functions' lines are unseen."""
+"""Decorators of tofmix.compiled.jit: their functions' lines are unseen."""
 
 Name = tuple[str, str]
 """A module, and what it defines at its top level; "" stands for the module as a whole."""

@@ -31,7 +31,7 @@ def act(value: Literal[4] = 4) -> int:
 PACKAGE = {
     "__init__.py": "",
     "kernels.py": """
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 
 LIMIT = 3.0
 UNUSED = 4.0

@@ -6,9 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from files import boards, write_recording
 from hypothesis import given
 from hypothesis import strategies as st
+from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.estimation.settings import EstimateOptions
@@ -33,13 +33,13 @@ def block(job: Job) -> Block:
     )
 
 
-def test_a_block_is_computed(job: Job) -> None:
+def test_block_gives_the_layers_of_its_cells(job: Job) -> None:
     [(index, encoded)] = run_block(block(job))
     assert index == 0
     assert sum(encoded.tally) == 4 * 4 * 6
 
 
-def test_a_copy_with_another_time_will_do_and_another_file_will_not(job: Job) -> None:
+def test_worker_accepts_a_copy_and_refuses_another_file(job: Job) -> None:
     asked = block(job)
     os.utime(job.recording, ns=(1, 1))
     assert len(run_block(asked)) == 1
@@ -102,7 +102,7 @@ class Ended:
         raise self._error
 
 
-def test_errors_of_a_block_are_told_apart() -> None:
+def test_errors_of_a_block_keep_their_kind() -> None:
     given_up = type("KilledWorker", (Exception,), {"__module__": "distributed.scheduler"})
     with pytest.raises(StorageError, match="a block failed on several workers: after 3 tries"):
         cluster._result(Ended(given_up("after 3 tries")))
@@ -129,7 +129,7 @@ class Scheduler:
         return self._answer
 
 
-def test_workers_that_would_compute_something_else_are_refused_before_any_work() -> None:
+def test_workers_with_other_versions_are_refused_before_any_work() -> None:
     cluster._check_workers(Scheduler({"a": identity(), "b": identity()}), "here")
     with pytest.raises(UsageError, match=r"numba 0\.1 there"):
         cluster._check_workers(Scheduler({"a": identity(), "b": identity() | {"numba": "0.1"}}), "here")

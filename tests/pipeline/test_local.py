@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.arrays import Float32Array
 from tofmix.errors import StorageError, UsageError

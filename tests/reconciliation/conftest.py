@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
-from reconcile_errors import scene
-from recordings import Record, recorded
+from support.reconcile_errors import scene
+from support.recordings import Record, recorded
 
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.simulation.effects import Effect

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reconcile_errors import in_errors, scene
-from recordings import MAKE, reconciled, recorded
+from support.reconcile_errors import in_errors, scene
+from support.recordings import MAKE, reconciled, recorded
 
 from tofmix.reconciliation.profiles import numeric
 from tofmix.reconciliation.way import Settings

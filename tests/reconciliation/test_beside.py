@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
-from reconcile_errors import in_errors
-from recordings import MAKE, reconciled
+from support.reconcile_errors import in_errors
+from support.recordings import MAKE, reconciled
 
 from tofmix.reconciliation.profiles import numeric
 from tofmix.reconciliation.workflow import Reconciliation
@@ -81,7 +81,7 @@ DRIFT = MAKE["temperature_drift"](amplitude_mm=12.0, time_constant_s=2.0)
 
 @slow
 @pytest.mark.parametrize("offset_mm", [-8.0, 8.0], ids=["away from it", "with it"])
-def test_drift_is_told_from_an_offset(small: Model, offset_mm: float) -> None:
+def test_drift_and_offset_are_separated(small: Model, offset_mm: float) -> None:
     """Alone, the drift takes up a part of the offset, and has numbers that no step leads away from."""
     hidden = DRIFT, MAKE["range_offset"](offset_mm=offset_mm)
     kinds = ("temperature_drift", "range_offset", "surface_pose", "wiggling", "fixed_pattern")
@@ -89,7 +89,7 @@ def test_drift_is_told_from_an_offset(small: Model, offset_mm: float) -> None:
 
 
 @slow
-def test_motion_is_told_from_a_pose_of_the_same_surface(small: Model) -> None:
+def test_motion_and_pose_of_one_surface_are_separated(small: Model) -> None:
     hidden = MAKE["motion"](surface="near", velocity_mm_s=-3.0), MAKE["surface_pose"](surface="near", shift_mm=15.0)
     kinds = ("temperature_drift", "range_offset", "motion", "surface_pose", "multipath", "fixed_pattern")
     near, _, wall = small.surfaces

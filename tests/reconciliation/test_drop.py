@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from recordings import MAKE, recorded
+from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.drop import drop
 from tofmix.reconciliation.joint import joint_likelihood

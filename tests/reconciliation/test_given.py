@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reconcile_errors import EFFECTS_OF
-from recordings import MAKE, reconciled, recorded
+from support.reconcile_errors import EFFECTS_OF
+from support.recordings import MAKE, reconciled, recorded
 
 from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import reconcile

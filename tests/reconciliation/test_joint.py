@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reconcile_errors import scene
-from recordings import MAKE, reconciled, recorded
+from support.reconcile_errors import scene
+from support.recordings import MAKE, reconciled, recorded
 
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.evidence import Evidence
@@ -106,7 +106,7 @@ def _kinds(result: Reconciliation) -> list[str]:
 
 
 @pytest.mark.slow
-def test_second_distance_tells_an_offset_from_a_pose_that_one_cannot(model: Model) -> None:
+def test_second_distance_separates_an_offset_from_a_pose(model: Model) -> None:
     near, far = board(model, 1500.0), board(model, 3000.0)
     hidden = MAKE["range_offset"](offset_mm=1.5)
     first, second = recorded(near, hidden), recorded(far, hidden, seed=6)

@@ -5,11 +5,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pytest
-import reconcile_twins as twins
-from noise_parts import long_tailed, skewed
 from numpy.polynomial import hermite_e
 from numpy.typing import NDArray
 from scipy import stats
+from support import reconcile_twins as twins
+from support.noise_parts import long_tailed, skewed
 
 from tofmix.noise_shape import NoiseShape
 from tofmix.reconciliation import kernel

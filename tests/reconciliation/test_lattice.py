@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from recordings import MAKE, Record
+from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.lattice import find_lattice
 from tofmix.reconciliation.likelihood import Likelihood

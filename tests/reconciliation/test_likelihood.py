@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, Record
 from scipy.stats import multivariate_normal, norm
+from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.bursts import forward
 from tofmix.reconciliation.likelihood import Likelihood

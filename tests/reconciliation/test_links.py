@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from recordings import MAKE, Record
 from scipy.optimize import minimize_scalar
+from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.bursts import forward
 from tofmix.reconciliation.evidence import Evidence

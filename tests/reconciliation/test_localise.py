@@ -34,7 +34,7 @@ def test_planted_interval_is_the_place(rng: np.random.Generator) -> None:
     assert place.p_value < 1e-99
 
 
-def test_chance_has_a_place_as_seldom_as_alpha_says() -> None:
+def test_noise_alone_has_a_place_at_most_at_the_rate_alpha() -> None:
     rng = np.random.default_rng(4)
     found = [bool(disagreements(panel(curve(rng.normal(size=BINS) * 0.01)), 0.01)) for _ in range(500)]
     assert np.mean(found) < 0.03  # 0.01 is wanted

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, Record, reconciled, recorded
+from support.recordings import MAKE, Record, reconciled, recorded
 
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.likelihood import Likelihood

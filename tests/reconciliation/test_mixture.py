@@ -4,8 +4,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from reconcile_errors import scene
-from recordings import MAKE
+from support.reconcile_errors import scene
+from support.recordings import MAKE
 
 from tofmix.reconciliation.mixture import Mixture, Scene
 from tofmix.simulation.effects import Effect

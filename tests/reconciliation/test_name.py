@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, recorded
+from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.joint import joint_likelihood
 from tofmix.reconciliation.name import tolerated

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import recorded
+from support.recordings import recorded
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.evidence import Evidence

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from recordings import MAKE, recorded
+from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.columns import summed_up
 from tofmix.reconciliation.name import KINDS

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, reconciled, recorded
+from support.recordings import MAKE, reconciled, recorded
 
 from tofmix.reconciliation.aliases import separate_by
 from tofmix.reconciliation.evidence import make_evidence
@@ -46,7 +46,7 @@ def test_a_surface_elsewhere_comes_first_with_the_table_that_moves_it_there(smal
     assert effect["yaw_deg"] == pytest.approx(2.0, abs=0.2)
 
 
-def test_few_samples_are_said_with_the_frames_that_would_do(small: Model) -> None:
+def test_few_samples_are_reported_with_the_sufficient_number_of_frames(small: Model) -> None:
     one = replace(small, sensor=replace(small.sensor, rows=1, cols=1))
     result = reconcile(one, recorded(one), Settings(kinds=("range_offset",)))
     assert result.verified.verdict == "unexplained"
@@ -54,7 +54,7 @@ def test_few_samples_are_said_with_the_frames_that_would_do(small: Model) -> Non
     assert "Record " in result.next_steps[0]
 
 
-def test_frames_that_a_driver_repeats_are_left_out_and_said(small: Model) -> None:
+def test_repeated_frames_are_left_out_and_counted(small: Model) -> None:
     samples = recorded(small).samples.reshape(-1, *small.sensor.shape).astype(np.float32)
     samples[4::5] = samples[3::5]
     evidence = make_evidence(small, np.where(samples > 0, samples, np.nan), time_s=np.arange(80) / 10.0)
@@ -64,7 +64,7 @@ def test_frames_that_a_driver_repeats_are_left_out_and_said(small: Model) -> Non
     assert result.next_steps[0].startswith("16 frames of 80 repeated the frame before")
 
 
-def test_alternatives_are_said_with_the_recording_that_tells_them_apart(small: Model) -> None:
+def test_aliases_name_the_recording_that_separates_them(small: Model) -> None:
     board = replace(small, surfaces=(Surface(name="board", center_mm=(0, 0, 1500), size_mm=(9000, 9000)),))
     hidden = MAKE["range_offset"](offset_mm=3.0)
     result = reconcile(board, recorded(board, hidden), Settings(kinds=("range_offset", "surface_pose")))

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from noise_parts import long_tailed, skewed, with_noise
-from recordings import MAKE, recorded, simulated
+from support.noise_parts import long_tailed, skewed, with_noise
+from support.recordings import MAKE, recorded, simulated
 
 from tofmix.errors import BadInputError
 from tofmix.reconciliation.joint import joint_likelihood

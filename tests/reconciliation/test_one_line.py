@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reconcile_errors import scene
-from recordings import MAKE
+from support.reconcile_errors import scene
+from support.recordings import MAKE
 
 from tofmix.reconciliation.compare import Compared
 from tofmix.reconciliation.evidence import Evidence, make_evidence

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
-from reconcile_errors import scene
-from recordings import MAKE, recorded
+from support.reconcile_errors import scene
+from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.profiles import numeric
 from tofmix.reconciliation.way import Settings
@@ -27,7 +27,7 @@ FAINT, CLEAR = (MAKE["multipath"](surface="near", share=s, extra_path_mm=900.0) 
         pytest.param(FAINT, CLEAR, KINDS, id="multipath"),
     ],
 )
-def test_given_effect_with_wrong_numbers_is_unexplained_and_told_its_better_ones(
+def test_given_effect_with_wrong_numbers_is_unexplained_with_better_ones(
     small: Model, given: Effect, true: Effect, kinds: tuple[str, ...]
 ) -> None:
     model = scene(rows=10, cols=12, frames=60) if given is WEAK and kinds is KINDS else small

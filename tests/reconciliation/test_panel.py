@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import Record, recorded
+from support.recordings import Record, recorded
 
 from tofmix.reconciliation.compare import compare
 from tofmix.reconciliation.evidence import Evidence

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, Record
+from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.compare import compare
 from tofmix.reconciliation.joint import joint_likelihood

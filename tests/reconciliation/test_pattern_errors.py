@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from reconcile_errors import scene
-from recordings import recorded
+from support.reconcile_errors import scene
+from support.recordings import recorded
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.curvature import Numbers, Parabola, Value

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from recordings import MAKE
 from scipy.optimize import brentq, minimize_scalar
+from support.recordings import MAKE
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.fits import Fitted

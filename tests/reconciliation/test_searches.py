@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, Record
+from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.fits import fit
 from tofmix.reconciliation.likelihood import Likelihood

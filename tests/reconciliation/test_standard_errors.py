@@ -6,8 +6,8 @@ from typing import cast
 
 import numpy as np
 import pytest
-from reconcile_errors import EFFECTS_OF, FRAMES, MEMORY, deviations, scene
-from recordings import MAKE, Record, reconciled
+from support.reconcile_errors import EFFECTS_OF, FRAMES, MEMORY, deviations, scene
+from support.recordings import MAKE, Record, reconciled
 
 from tofmix.arrays import FloatArray
 from tofmix.reconciliation.curvature import Numbers, Value, inverse, parabola
@@ -31,7 +31,7 @@ EXACTLY_KNOWN = {"phase_wrapping", "stuck_pixels"}
 
 def test_every_kind_with_errors_is_tried() -> None:
     tried = {effect.kind for effects in EFFECTS_OF.values() for effect in effects}
-    assert tried | EXACTLY_KNOWN == set(EFFECTS), "add the kind to EFFECTS_OF in tests/reconcile_errors.py"
+    assert tried | EXACTLY_KNOWN == set(EFFECTS), "add the kind to EFFECTS_OF in tests/support/reconcile_errors.py"
 
 
 @pytest.mark.slow

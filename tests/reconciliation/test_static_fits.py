@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from recordings import MAKE, Record
+from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.joint import joint_likelihood, views
 from tofmix.reconciliation.name import Trial, begin_trial, candidates

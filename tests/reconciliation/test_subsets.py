@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, recorded
 from scipy.stats import multivariate_normal
+from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.columns import Column, Term, terms
 from tofmix.reconciliation.evidence import Evidence
@@ -82,7 +82,7 @@ def test_nothing_explains_a_recording_of_the_model_best(model: Model) -> None:
     assert kinds(sets(model, recorded(model))[0]) == set()
 
 
-def test_offset_and_pose_are_not_told_apart_on_one_board_and_are_on_two(model: Model) -> None:
+def test_offset_and_pose_are_aliases_on_one_board_and_separated_on_two(model: Model) -> None:
     one = board(model, 1500.0)
     best = sets(one, recorded(one, MAKE["range_offset"](offset_mm=2.5)), 1)
     gains = {tuple(kinds(s)): s.evidence for s in best}

@@ -49,7 +49,7 @@ def planted(name: str, rng: np.random.Generator) -> FloatArray:
     ["common_mode of frame", "common_mode of row", "bias of row", "bias of all", "spread of col", "spread of time",
      "spread of all", "tails of all", "pattern of all"],
 )  # fmt: skip
-def test_planted_change_is_told_first_on_its_own_axis(name: str, rng: np.random.Generator) -> None:
+def test_planted_change_is_ranked_first_on_its_axis(name: str, rng: np.random.Generator) -> None:
     told = telling(scored(planted(name, rng)))
     statistic, axis = max(told, key=lambda key: told[key])
     assert f"{statistic} of {axis}" == name
@@ -62,7 +62,7 @@ def test_bias_beyond_the_end_of_scores_is_no_matter_of_tails(rng: np.random.Gene
     assert max(value for (statistic, _), value in told.items() if statistic in ("spread", "skew", "tails")) < 100
 
 
-def test_chance_has_small_gains(rng: np.random.Generator) -> None:
+def test_noise_alone_has_small_gains(rng: np.random.Generator) -> None:
     assert max(telling(scored(rng.normal(size=(FRAMES, ROWS * COLS)))).values()) < 12  # of 26 gains
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, Record
+from support.recordings import MAKE, Record
 
 from tofmix.reconciliation.compare import Compared, compare
 from tofmix.reconciliation.likelihood import Likelihood, State
@@ -48,7 +48,7 @@ def findings(before: Compared, near: Compared, *effects: Candidate, samples: int
     return Findings(chosen=effects, before=before, after=near, floor=panel(), near=near, alpha=0.01, samples=samples)
 
 
-def test_nothing_that_stands_out_is_agreement_and_a_bias_is_none() -> None:
+def test_no_deviation_is_agree_and_a_bias_is_not() -> None:
     assert judge(findings(panel(), panel())) == "agree"
     assert judge(findings(panel(bias=0.5), panel(bias=0.5))) == "unexplained"
 
@@ -95,13 +95,13 @@ AGAINST: tuple[dict[str, object], ...] = (
 
 
 @pytest.mark.parametrize("against", AGAINST, ids=str)
-def test_what_speaks_against_an_effect_makes_it_unexplained(against: dict[str, object]) -> None:
+def test_evidence_against_an_effect_gives_unexplained(against: dict[str, object]) -> None:
     found = findings(panel(bias=2.0), panel(), chosen())
     assert judge(found) == "explained"
     assert judge(replace(found, **against)) == "unexplained"  # type: ignore[arg-type]
 
 
-def test_change_in_time_that_is_left_makes_it_a_part() -> None:
+def test_remaining_change_in_time_gives_partly_explained() -> None:
     found = findings(panel(bias=2.0), panel(), chosen())
     assert judge(replace(found, in_time=True)) == "partly_explained"
 

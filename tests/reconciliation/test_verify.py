@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, Record, recorded
+from support.recordings import MAKE, Record, recorded
 
 from tofmix.reconciliation.add import ways
 from tofmix.reconciliation.compare import compare

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE
+from support.recordings import MAKE
 
 from tofmix.reconciliation.curvature import Numbers
 from tofmix.reconciliation.evidence import Evidence, make_evidence

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from recordings import MAKE, reconciled
+from support.recordings import MAKE, reconciled
 
 from tofmix.reconciliation.words import effect_tables, effect_text, headline, summary_lines
 from tofmix.report.gap.page import render_gap
@@ -14,7 +14,7 @@ from tofmix.simulation.effects.parameter import PixelMap
 from tofmix.simulation.model import Model
 
 
-def test_summary_tells_size_of_a_map_and_number_of_stuck_pixels(small: Model) -> None:
+def test_summary_has_the_size_of_a_map_and_the_number_of_stuck_pixels(small: Model) -> None:
     image = small.sensor.rows, small.sensor.cols
     biases = np.random.default_rng(7).normal(0, 12, image).astype(np.float32)
     stuck = np.full(image, np.nan, dtype=np.float32)

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reconcile_errors import in_errors
-from recordings import MAKE, Record, reconciled, recorded
 from scipy.stats import norm
+from support.reconcile_errors import in_errors
+from support.recordings import MAKE, Record, reconciled, recorded
 
 from tofmix.reconciliation.evidence import Evidence
 from tofmix.reconciliation.localise import localise

@@ -35,7 +35,7 @@ def test_sensor_is_at_the_profiles_time(profile: SensorProfile) -> None:
 
 
 @pytest.mark.parametrize("tau", [0.0, -1.0, float("nan"), float("inf")])
-def test_no_noise_at_a_time_that_is_none(profile: SensorProfile, tau: float) -> None:
+def test_noise_at_an_invalid_time_is_refused(profile: SensorProfile, tau: float) -> None:
     with pytest.raises(ValueError, match=r"^integration_time_ms: "):
         profile.noise_at(tau)
 
@@ -59,6 +59,6 @@ def test_no_noise_at_a_time_that_is_none(profile: SensorProfile, tau: float) -> 
         {"exponent": -0.1},
     ],
 )
-def test_bounds(profile: SensorProfile, change: dict[str, Any]) -> None:
+def test_values_out_of_bounds_are_refused(profile: SensorProfile, change: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=f"^{next(iter(change))}: "):
         replace(profile, **change)

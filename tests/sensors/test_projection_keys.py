@@ -5,7 +5,7 @@ import re
 import pytest
 
 from tofmix.errors import BadInputError
-from tofmix.pinhole import Pinhole
+from tofmix.optics.pinhole import Pinhole
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sensor_file import parse_sensor, sensor_of
 from tofmix.toml_table import parse_toml
@@ -66,7 +66,7 @@ def test_equiangular_by_name_is_as_if_it_were_left_out() -> None:
         ),
         (
             SR3000 + "fx = 1.0\n",
-            'camera.toml: [sensor]: fx: does not go with the projection equiangular; add projection = "pinhole"',
+            'camera.toml: [sensor]: fx: does not belong to the projection equiangular; add projection = "pinhole"',
         ),
         (SR3000 + 'projection = "pinhole"\nfx = 1.0\n', "camera.toml: [sensor]: projection: pinhole needs fy, cx, cy"),
         (SR3000 + PINHOLE.replace("125.7", "-1"), "camera.toml: [sensor]: fx: -1 is not a finite number above 0"),

@@ -31,7 +31,7 @@ def test_each_number_of_a_profile_with_gaps_has_a_source_and_each_gap_is_said(na
         assert getattr(sensor, key) == getattr(sheet, key)
 
 
-def test_a_profile_with_gaps_is_no_camera_to_simulate_and_says_what_it_misses() -> None:
+def test_profile_with_gaps_is_refused_for_simulation_with_its_gaps() -> None:
     with pytest.raises(BadInputError, match=r"profile vl53l5cx: VL53L5CX: not known: integration_time_ms, noise, outl"):
         load_profile("vl53l5cx")
 

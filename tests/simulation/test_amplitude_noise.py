@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
-from transform import pit
+from support.transform import pit
 
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5, sensor_group
@@ -98,7 +98,7 @@ def test_the_prediction_has_the_same_noise() -> None:
     assert stats.kstest(plain.ravel(), "uniform").pvalue < 1e-9
 
 
-def test_a_law_that_says_nothing_changes_no_sample() -> None:
+def test_law_without_effect_changes_no_sample() -> None:
     flat = LAW.replace("[4.0, 2.0, 0.2]", "[3.0, 3.0, 3.0]")
     np.testing.assert_array_equal(frames(model(flat), 20), frames(model(law=""), 20))
 
@@ -146,7 +146,7 @@ def test_a_recording_has_the_law_at_its_integration_time() -> None:
         ),
     ],
 )
-def test_laws_that_cannot_be_are_refused_in_one_line(law: str, message: str) -> None:
+def test_impossible_laws_are_refused_in_one_line(law: str, message: str) -> None:
     with pytest.raises(BadInputError, match="^" + re.escape(f"model.toml: [sensor.noise]: {message}")):
         model(law)
 

@@ -47,7 +47,7 @@ SHORT = '[sensor]\nprofile = "sr3000"\n'
 BOARD = "[[surface]]\ncenter_mm = [0, 0, 3000]\nsize_mm = [100, 100]\n"
 
 
-def test_the_contracts_example() -> None:
+def test_example_of_the_contract_is_read() -> None:
     model = parse_model(CONTRACT, source="model.toml")
     assert model.text == CONTRACT
     assert model.surfaces == (
@@ -66,7 +66,7 @@ def test_a_model_without_a_profile_gives_every_key_itself() -> None:
     assert parse_model(CONTRACT.replace('profile = "sr3000"', ""), source="m").sensor.name
 
 
-def test_without_a_profile_what_is_missing_is_said() -> None:
+def test_without_a_profile_missing_keys_are_named() -> None:
     text = CONTRACT.replace('profile = "sr3000"', "").replace("cols = 176", "").replace("exponent = 0.5", "")
     with pytest.raises(BadInputError, match=r'^m: \[sensor\]: missing cols, noise\.exponent; .* profile = "sr3000"'):
         parse_model(text, source="m")
@@ -90,7 +90,7 @@ def test_keys_left_out_come_from_the_profile_and_the_defaults() -> None:
     assert (model.surfaces[0].yaw_deg, model.surfaces[0].name) == (0.0, "surface 1")
 
 
-def test_no_surface_is_legal() -> None:
+def test_model_without_surfaces_is_accepted() -> None:
     assert parse_model(SHORT, source="m").surfaces == ()
     assert parse_model("surface = []\neffect = []\n" + SHORT, source="m").surfaces == ()
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Floats, effect, light_alone
+from support.effect_bench import Bench, Floats, effect, light_alone
 
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.effects import Effect

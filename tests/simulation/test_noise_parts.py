@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from noise_parts import long_tailed, model_text, shape_keys, skewed, with_noise
 from numpy.typing import NDArray
 from scipy import stats
-from transform import pit
+from support.noise_parts import long_tailed, model_text, shape_keys, skewed, with_noise
+from support.transform import pit
 
 from tofmix.errors import BadInputError
 from tofmix.io.model_file import load_model
@@ -275,10 +275,10 @@ def test_background_with_outliers_above_one_is_refused() -> None:
         model("background = 0.6", '[[effect]]\nkind = "outliers"\nprobability = 0.5\n')
 
 
-def test_explain_says_what_the_noise_is() -> None:
+def test_explain_describes_the_noise() -> None:
     said = explain(model(PARTS))
     assert "of its own shape, skewness 0.99" in said or "of its own shape, skewness 1" in said
-    assert "its logarithm spread by 0.2" in said
+    assert "a spread of its logarithm of 0.2" in said
     assert "background: 5 % of the samples" in said
     assert "Gaussian" not in said
 

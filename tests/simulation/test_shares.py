@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from tofmix.equiangular import Equiangular
+from tofmix.optics.equiangular import Equiangular
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.model import Model
 from tofmix.simulation.surface import Surface

@@ -1,12 +1,12 @@
 """Linking of layers into surfaces."""
 
 import numpy as np
-from edges import DEVICE, camera, counted, judge_links
 from numpy.random import default_rng
-from plates import SMALL, Plate, facing, scene, wall
+from support.edges import DEVICE, camera, counted, judge_links
+from support.plates import SMALL, Plate, facing, scene, wall
 
 from tofmix.layers import Layers
-from tofmix.projection import beam_directions_of
+from tofmix.optics.projection import beam_directions_of
 from tofmix.surfaces.linking import link
 from tofmix.surfaces.nodes import make_nodes
 from tofmix.surfaces.reconstruct import reconstruct

@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
-from edges import between, camera, counted, drawn, estimated, judge_parts, judge_places
-from plates import SMALL, Plate, Scene, bars, disks, facing, half_plane, lattice, scene, tilted_rectangles, wall
+from support.edges import between, camera, counted, drawn, estimated, judge_parts, judge_places
+from support.plates import SMALL, Plate, Scene, bars, disks, facing, half_plane, lattice, scene, tilted_rectangles, wall
 
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor
 from tofmix.surfaces.found import NO_SURFACE, WindowSurfaces, plane_ranges
 from tofmix.surfaces.reconstruct import reconstruct
+from tofmix.surfaces.settings import LinkSettings, SurfaceSettings
 
 
 def _found(one: Scene, frames: int = 100, seed: int = 1) -> tuple[Layers, WindowSurfaces]:
@@ -115,7 +116,7 @@ def test_fine_ranges_lie_on_the_planes_of_their_surfaces() -> None:
     assert near.all()
 
 
-def test_undecided_pixels_are_shared_out_among_those_beside_them() -> None:
+def test_undecided_pixels_get_the_surfaces_of_their_neighbours() -> None:
     one = scene([facing(SMALL, 23.0, 20.0, 1800.0, size_pixels=(20.3, 200.0)), wall(3000.0)], SMALL)
     layers = counted(one, 100, 5)
     mixed = layers.n_modes > 1
@@ -151,3 +152,12 @@ def test_points_of_a_straight_edge_lie_on_one_plane_through_the_camera() -> None
 def test_layers_without_optics_are_refused() -> None:
     with pytest.raises(ValueError, match="sensor: no field of view"):
         reconstruct(Layers.empty((4, 4), 2), Sensor(name="blind"))
+
+
+def test_settings_bound_the_layers_of_a_surface() -> None:
+    one = scene(half_plane(np.random.default_rng(1), SMALL), SMALL)
+    layers = counted(one, 100, 1)
+    link = LinkSettings(least_layers=layers.range.size + 1)
+    found = reconstruct(layers, camera(SMALL), settings=SurfaceSettings(link=link))
+    assert len(found.planes) == len(found.edges) == 0
+    assert (found.surface == NO_SURFACE).all()

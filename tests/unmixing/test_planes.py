@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from blind.geometry import Surface
-from lock_in import FAMILIES, SMALL, Scene, crease, made, one_wall
-from unmixing_twins import least_squares, local, surfaces_beside
+from support.lock_in import FAMILIES, SMALL, Scene, crease, made, one_wall
+from support.unmixing_twins import least_squares, local, surfaces_beside
 
-from tofmix.equiangular import Equiangular
-from tofmix.pinhole import Pinhole
-from tofmix.projection import Projection, beam_directions_of
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.pinhole import Pinhole
+from tofmix.optics.projection import Projection, beam_directions_of
 from tofmix.unmixing.image import PhasorImage, make_image
 from tofmix.unmixing.labels import label
 from tofmix.unmixing.neighbours import find_neighbours

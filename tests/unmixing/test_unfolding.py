@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tofmix.equiangular import Equiangular
-from tofmix.projection import beam_directions_of
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import beam_directions_of
 from tofmix.unmixing.image import PhasorImage, make_image
 from tofmix.unmixing.unfolding import unfolded
 

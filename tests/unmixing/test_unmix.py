@@ -3,15 +3,18 @@
 import numpy as np
 import pytest
 from blind.geometry import Surface
-from lock_in import FAMILIES, SMALL, Scene, judge, made, random_boards, small, two_boards
+from support.lock_in import FAMILIES, SMALL, Scene, judge, made, random_boards, small, two_boards
 
-from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, settled_mixing
+from tofmix.estimation.blocks.sequence import EstimatedWindows, estimate_windows, resolved_mixing
 from tofmix.estimation.settings import EstimateOptions, MixingChoice
 from tofmix.flags import Mixing
 from tofmix.invariants import layer_rules
 from tofmix.layers import Layers
 from tofmix.mixing import MixingLaw
 from tofmix.recording import ArrayRecording
+from tofmix.unmixing.phasors import mean_phasors
+from tofmix.unmixing.settings import LawSettings, UnmixSettings
+from tofmix.unmixing.unmix import unmix
 
 EVENTS = EstimateOptions(mixing=MixingChoice.EVENTS)
 
@@ -76,7 +79,7 @@ def test_errors_of_shares_are_as_stated(sums: Scene, found: EstimatedWindows) ->
     assert 0.6 < np.sqrt(after.share_z_squares / after.found) < 1.4
 
 
-def test_layers_of_unmixed_pixels_hold_together(found: EstimatedWindows) -> None:
+def test_layers_of_unmixed_pixels_are_consistent(found: EstimatedWindows) -> None:
     layers = first(found)
     assert layers.mixing is not None
     unmixed = layers.mixing == int(Mixing.PHASOR)
@@ -90,7 +93,7 @@ def test_layers_of_unmixed_pixels_hold_together(found: EstimatedWindows) -> None
     assert np.nanmax(layers.probability[undecided], initial=0.0) <= 0.5
 
 
-def test_pixels_of_one_surface_are_as_they_were(sums: Scene, found: EstimatedWindows) -> None:
+def test_pixels_of_one_surface_are_unchanged(sums: Scene, found: EstimatedWindows) -> None:
     layers, events = first(found), first(estimate_windows(sums.recording, EVENTS))
     assert layers.mixing is not None
     alone = layers.mixing <= int(Mixing.EVENTS)
@@ -103,7 +106,7 @@ def test_pixels_of_one_surface_are_as_they_were(sums: Scene, found: EstimatedWin
 
 
 @pytest.mark.parametrize("seed", [2, 3])
-def test_samples_of_one_surface_each_leave_every_array_as_it_was(seed: int) -> None:
+def test_recording_of_events_leaves_every_array_unchanged(seed: int) -> None:
     one = small(seed, q=0.0)
     auto, events = estimate_windows(one.recording), estimate_windows(one.recording, EVENTS)
     for spec in events.layers.fields:
@@ -117,7 +120,7 @@ def test_samples_of_one_surface_each_leave_every_array_as_it_was(seed: int) -> N
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [2, 8, 9])
-def test_wrong_surfaces_at_corners_are_no_law_of_their_own(seed: int) -> None:
+def test_wrong_surfaces_at_corners_do_not_change_the_share_of_their_edge(seed: int) -> None:
     """Beside narrow boards some pairs have a wrong surface, as 1 in 100 may, and look like sums."""
     one = made(random_boards(np.random.default_rng([seed, 77])), seed, q=0.0)
     auto, events = estimate_windows(one.recording), estimate_windows(one.recording, EVENTS)
@@ -201,7 +204,7 @@ def test_every_rule_of_a_result_holds_for_unmixed_layers(found: EstimatedWindows
     assert broken == []
 
 
-def test_phasor_sums_can_be_insisted_on_where_nothing_tells_the_law() -> None:
+def test_mixing_phasor_unmixes_without_a_measured_share() -> None:
     one = small(7, q=0.0)
     insisted = first(estimate_windows(one.recording, EstimateOptions(mixing=MixingChoice.PHASOR)))
     assert insisted.mixing is not None
@@ -211,7 +214,7 @@ def test_phasor_sums_can_be_insisted_on_where_nothing_tells_the_law() -> None:
 def test_nothing_is_measured_without_amplitudes_or_a_frequency(sums: Scene) -> None:
     source = sums.recording
     plain = ArrayRecording(source.read_range(slice(0, 20), slice(None)), source.sensor)
-    assert settled_mixing(EstimateOptions(), plain).mixing is MixingChoice.EVENTS
+    assert resolved_mixing(EstimateOptions(), plain).mixing is MixingChoice.EVENTS
     result = estimate_windows(plain)
     assert result.layers.mixing is None
     assert result.phasor_share is None
@@ -219,7 +222,7 @@ def test_nothing_is_measured_without_amplitudes_or_a_frequency(sums: Scene) -> N
         estimate_windows(plain, EstimateOptions(mixing=MixingChoice.PHASOR))
 
 
-def test_images_too_small_for_a_plane_are_left_alone(sums: Scene) -> None:
+def test_images_too_small_for_a_plane_are_unchanged(sums: Scene) -> None:
     source = sums.recording
     for rows, cols in ((1, 60), (2, 2), (48, 1)):
         part = ArrayRecording(
@@ -234,7 +237,22 @@ def test_images_too_small_for_a_plane_are_left_alone(sums: Scene) -> None:
 @pytest.mark.parametrize(("share", "pixels", "text"), [
     (1.0, 2016, "100 % of the samples at edges are phasor sums (2,016 pixels)"),
     (-0.004, 34, "0 % of the samples at edges are phasor sums (34 pixels)"),
-    (float("nan"), 0, "no edge tells"),
+    (float("nan"), 0, "no edge shows"),
 ])  # fmt: skip
-def test_the_law_is_said_in_one_line(share: float, pixels: int, text: str) -> None:
+def test_mixing_is_described_in_one_line(share: float, pixels: int, text: str) -> None:
     assert MixingLaw(phasor_share=share, pixels=pixels).words().startswith(text)
+
+
+def test_settings_bound_the_share_of_sums_that_is_unmixed(sums: Scene) -> None:
+    layers = first(estimate_windows(sums.recording, EVENTS))
+    everything = slice(None), slice(None)
+    means = mean_phasors(
+        sums.recording.read_range(*everything), sums.recording.read_amplitude(*everything), sums.sensor
+    )
+    never = UnmixSettings(law=LawSettings(least_phasor_share=2.0))
+    found, kept = unmix(layers, means, sums.sensor), unmix(layers, means, sums.sensor, settings=never)
+    assert found.layers.mixing is not None
+    assert kept.layers.mixing is not None
+    assert (found.layers.mixing == int(Mixing.PHASOR)).sum() > 100
+    assert not (kept.layers.mixing == int(Mixing.PHASOR)).any()
+    assert kept.phasor_share == found.phasor_share

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from recordings import MAKE, recorded
 from scipy.stats import multivariate_normal
+from support.recordings import MAKE, recorded
 
 from tofmix.reconciliation.columns import terms
 from tofmix.reconciliation.joint import joint_likelihood
@@ -28,7 +28,7 @@ def shadow_of(model: Model, hidden: Sequence[Effect]) -> Shadow:
 
 @pytest.fixture(scope="module")
 def model() -> Model:
-    from reconcile_errors import scene
+    from support.reconcile_errors import scene
 
     return scene(rows=20, cols=24)
 

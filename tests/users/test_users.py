@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recordings import MAKE
+from support.recordings import MAKE
 
 from tofmix.reconciliation.evidence import make_evidence
 from tofmix.reconciliation.name import KINDS

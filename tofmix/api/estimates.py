@@ -1,4 +1,4 @@
-"""Layers as Python holds them: estimated from a recording, or read from a layers file."""
+"""Layers in memory: estimated from a recording, or read from a layers file."""
 
 import hashlib
 import os
@@ -48,10 +48,10 @@ class Choices(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimate(Layers):
-    """Layers of every pixel and window, with what they were made from.
+    """Layers of every pixel and window, with their source and options.
 
     The arrays are those of a layers file (docs/reference/formats.md): (window, row, col), and (window, row, col, layer)
-    where each layer has a value of its own, near to far and NaN past `n_modes`.
+    for values of each layer, near to far and NaN after `n_modes`.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Estimate(Layers):
     window_start, window_stop : (window,) uint64
         Frames [start, stop) of each window.
     phasor_share, phasor_pixels : (window,) array or None
-        Share of the samples at edges that are phasor sums, and pixels that tell it; None where it was not measured.
+        Share of the samples at edges that are phasor sums, and the pixels that determine it; None if not measured.
     recording : Recording or None
         The samples; None for layers read from a file.
     """
@@ -215,8 +215,8 @@ def estimate(
     recording : Recording or path
         The samples; a path is opened.
     noise : {"file", "auto"}, str or NoiseCurve, optional
-        Where sigma(r) comes from: the recording, its samples, the built-in camera of this name, or this curve. By
-        default the recording's, and where it has none, its samples.
+        Source of sigma(r): the recording, its samples, the built-in camera of this name, or this curve. The default is
+        the recording, or its samples if it has no curve.
     outliers : {"file", "auto"} or float
         p(c_r): the recording's, counted in its samples, or this share.
     noise_shape : {"auto", "gaussian"}
@@ -228,8 +228,8 @@ def estimate(
     workers : int, optional
         Threads; all processors without it. It changes no value.
     force : bool
-        Whether a recording that is marked as averaged is taken all the same; with ``mixing="phasor"`` it is anyway, as
-        means are phasor sums.
+        Whether the means of a recording that is marked as averaged are used as samples. ``mixing="phasor"`` always
+        accepts them, because means are phasor sums.
     **choices
         Fields of `tofmix.estimation.settings.EstimateOptions`, for example ``sigma="tied"`` or ``paper=True``.
 
@@ -248,11 +248,11 @@ def estimate(
     Warns
     -----
     DoubtWarning
-        If the samples scatter otherwise than by the noise curve, or drift within a window; if a default or a
-        simplification replaces a part of the noise; and for the doubts of `tofmix report`.
+        If the scatter of the samples differs from the noise curve, if ranges drift within a window, if a default or a
+        simplification replaces a part of the noise, and for the findings of `tofmix report`.
     """
     from tofmix.estimation.blocks.sample_span import sensor_with_span
-    from tofmix.estimation.blocks.sequence import estimate_windows, settled_mixing
+    from tofmix.estimation.blocks.sequence import estimate_windows, resolved_mixing
     from tofmix.estimation.noise.no_return import no_return_constant
     from tofmix.estimation.noise_choice import NoiseRequest, check_parts, noise_options
     from tofmix.estimation.settings import EstimateOptions
@@ -287,7 +287,7 @@ def estimate(
         _say_doubts(samples, sensor, asked, windows.length, options.unambiguous_range_mm)
     source = source.with_sensor(sensor)
     with source.opened() as samples:
-        options = settled_mixing(options, samples)
+        options = resolved_mixing(options, samples)
         found = estimate_windows(samples, options, windows=of_samples, workers=workers or os.cpu_count() or 1)
     name = asked if isinstance(asked, str) else "given"
     said = noise_options(name, outliers, shape=noise_shape, widths=noise_widths)
@@ -312,7 +312,7 @@ def read_estimate(path: Path) -> Estimate:
     Raises
     ------
     BadInputError
-        If it is missing, damaged or no layers file.
+        If it is missing, damaged or not a layers file.
     """
     from tofmix.io.layers.layers_file import open_layers
 
@@ -367,7 +367,7 @@ def _chosen(source: Recording, options: "EstimateOptions", request: "NoiseReques
 def _say_doubts(
     samples: "SampleSource", sensor: Sensor, noise: str | NoiseCurve, window_frames: int, circle_mm: float | None
 ) -> None:
-    """Warn of what `tofmix estimate` says of the samples before it estimates them."""
+    """Warn of the doubts about the samples that `tofmix estimate` prints before it estimates them."""
     from tofmix.estimation.learnt.model import follows_drift
     from tofmix.estimation.noise.consistency import check_consistency
     from tofmix.report.summary.findings import Remedy, sample_findings
@@ -395,7 +395,7 @@ _IN_PYTHON = {
 
 
 def _say_findings(layers: Estimate) -> None:
-    """Warn of what `tofmix estimate` says of the layers that it made."""
+    """Warn of the findings that `tofmix estimate` prints about its layers."""
     from tofmix.report.summary.summary import find
 
     for finding in find(layers):

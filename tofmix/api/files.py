@@ -1,4 +1,4 @@
-"""One way to open whatever tofmix has written or reads."""
+"""One function that opens recordings and layers files."""
 
 from pathlib import Path
 
@@ -17,12 +17,12 @@ def open_file(path: str | Path) -> Recording | Estimate:
     Returns
     -------
     Recording or Estimate
-        Samples of a recording are read when they are asked for; layers are read at once.
+        Samples of a recording are read on access; layers are read at once.
 
     Raises
     ------
     BadInputError
-        If the file is missing, damaged or neither of the two, or its ranges are hardly mm.
+        If the file is missing, damaged or neither of the two, or its ranges are probably not in mm.
 
     Warns
     -----

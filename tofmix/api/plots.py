@@ -18,12 +18,12 @@ def plot(layers: "Estimate", *, pixel: tuple[int, int] | None = None, window: in
     layers : Estimate
         From `tofmix.estimate` or `tofmix.open`.
     pixel : (int, int), optional
-        Row and column of one pixel: its samples, where the recording is at hand, their density and the fitted
+        Row and column of one pixel: its samples, if the recording is available, their density and the fitted
         components. Without it, images of the nearest range and of the number of surfaces.
     window : int
         The window.
     neighbours : int
-        Pixels of the same row that are drawn beside it.
+        Number of pixels of the same row that are drawn too.
 
     Returns
     -------

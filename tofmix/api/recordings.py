@@ -1,4 +1,4 @@
-"""Recordings as Python holds them: opened from a file, or made of an array."""
+"""Recordings in Python: opened from a file, or made of an array."""
 
 import warnings
 from collections.abc import Iterator
@@ -139,7 +139,7 @@ class Recording:
 
     @property
     def range_mm(self) -> Float32Array:
-        """All samples (frame, row, col) float32, mm; NaN where invalid. A file is read anew at each use.
+        """All samples (frame, row, col) float32, mm; NaN where invalid. A file is read again at each use.
 
         They are (frame, target, row, col) where a pixel returns several targets.
         """
@@ -225,7 +225,7 @@ def opened_recording(path: Path) -> Recording:
     Raises
     ------
     BadInputError
-        If the file is missing, damaged or no recording, or its ranges are hardly mm.
+        If the file is missing, damaged or no recording, or its ranges are probably not in mm.
 
     Warns
     -----
@@ -262,7 +262,7 @@ def from_array(
     Parameters
     ----------
     ranges : (frame, row, col) array_like
-        Distances along each pixel's beam. NaN and infinities are no samples; nor is 0 in an array of integers.
+        Distances along each pixel's beam. NaN and infinities are invalid; 0 is invalid in an array of integers.
     units : {"mm", "cm", "m"}
         Unit of `ranges`.
     sensor : Sensor or str, optional
@@ -273,7 +273,7 @@ def from_array(
     noise : NoiseCurve, optional
         sigma(r), mm. Without it, that of the sensor; without one there, `tofmix.estimate` measures it.
     invalid : tuple of float
-        Further values of `ranges` that are no samples, for example ``(65535,)``.
+        Further invalid values of `ranges`, for example ``(65535,)``.
     amplitude : (frame, row, col) array_like, optional
         Amplitude of each sample.
     time_s : (frame,) array_like, optional

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
     from tofmix.io.exporters.image import RangeImage
     from tofmix.io.layers.layers_file import LayersFile
-    from tofmix.io.surfaces_file import SurfacesFile
+    from tofmix.io.surfaces.surfaces_file import SurfacesFile
+    from tofmix.optics.projection import Projection
     from tofmix.points import PointFilter
-    from tofmix.projection import Projection
 
 _POINTS_ONLY = ("min_weight", "min_probability", "fov")
 _IMAGES_ONLY = ("layer", "scale")
@@ -98,23 +98,24 @@ def export(
 
     LAS, LAZ, PNG, TIFF and planes need the extra tofmix[export].
     """
-    from tofmix.io import surfaces_file
     from tofmix.io.atomic.storage import locked
     from tofmix.io.exporters import IMAGE, OF_LAYERS, OF_SURFACES, choose_what
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers.layers_file import open_layers
+    from tofmix.io.surfaces.fields import FORMAT as SURFACES_FORMAT
+    from tofmix.io.surfaces.surfaces_file import open_surfaces
 
     given = {
         name for name in context.params if context.get_parameter_source(name) is not ParameterSource.DEFAULT
     }  # fmt: skip
-    of_surfaces = format_of(file) == surfaces_file.FORMAT
+    of_surfaces = format_of(file) == SURFACES_FORMAT
     if not of_surfaces:
         _check_not_of_surfaces(file, output, what)
     what = choose_what(output, what, OF_SURFACES if of_surfaces else OF_LAYERS)
     _check_options(given, what, output, of_surfaces=of_surfaces)
     with locked(output, overwrite=overwrite, inputs=(file,)):
         if of_surfaces:
-            with surfaces_file.open_surfaces(file) as surfaces:
+            with open_surfaces(file) as surfaces:
                 _check_window(surfaces, window, as_image=what == IMAGE)
                 line, made = _export_surfaces(surfaces, output, what, window, scale, overwrite)
         else:
@@ -133,7 +134,7 @@ def export(
 
 
 def _check_not_of_surfaces(layers: Path, output: Path, what: str | None) -> None:
-    """Refuse to write what only a surfaces file has; the commands that make one, and write it, are the remedy."""
+    """Refuse content that only a surfaces file has; the message names the commands that make one and export it."""
     from tofmix.cli.surfaces import surfaces_path
     from tofmix.io.exporters import EDGES, OF_LAYERS, OF_SURFACES
     from tofmix.io.next_command import next_command
@@ -197,7 +198,7 @@ def _export_points(
 def _optics(file: "LayersFile", fov: str | None) -> "Projection":
     """The projection: --fov, with equal angles, or from the layers file."""
     from tofmix.cli.import_camera import view_of
-    from tofmix.equiangular import Equiangular
+    from tofmix.optics.equiangular import Equiangular
 
     view = view_of(fov)
     if view is not None:

@@ -189,13 +189,13 @@ def import_(
 def _say(
     notes: list[str], frames: "FrameSource", imported: "Imported", camera: "CameraSheet", sensor: "Sensor", source: Path
 ) -> None:
-    """Say on stderr what the user should know of a source."""
+    """Print the doubts about a source on stderr."""
     _, rows, cols = frames.shape
     if camera.rows is not None and camera.cols is not None and (rows, cols) != (camera.rows, camera.cols):
-        view = "field of view is taken" if camera.projection is None else "projection is not taken"
+        view = "field of view is used" if camera.projection is None else "projection is not used"
         notes.append(
             f"{source}: {rows} x {cols} pixels, {camera.name} has {camera.rows} x {camera.cols};"
-            f" its {view} for the image's"
+            f" its {view} for this image"
         )
     if imported.valid == 0:
         notes.append(f"{source}: no valid sample; check --invalid and --units")
@@ -207,6 +207,6 @@ def _say(
         )
     if imported.without_amplitude:
         few = "frame" if imported.without_amplitude == 1 else "frames"
-        notes.append(f"{source}: {imported.without_amplitude} {few} without an amplitude image of their stamp")
+        notes.append(f"{source}: {imported.without_amplitude} {few} without an amplitude image of the same time stamp")
     for note in notes:
         click.echo(f"tofmix: {note}", err=True)

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from tofmix.arrays import FloatArray
     from tofmix.io.importers.base import FrameSource
     from tofmix.io.importers.intrinsics import Calibration
-    from tofmix.pinhole import Pinhole
-    from tofmix.projection import Projection
+    from tofmix.optics.pinhole import Pinhole
+    from tofmix.optics.projection import Projection
     from tofmix.sensor import Sensor
     from tofmix.sensors.sheet import CameraSheet
 
@@ -34,7 +34,7 @@ def camera_of(name: str | None) -> "CameraSheet":
         If there is no such file or built-in sensor, or the file describes none.
     """
     from tofmix.io.atomic.storage import read_text
-    from tofmix.io.model_file import maps_beside
+    from tofmix.io.model_file import maps_of_model
     from tofmix.sensors import PROFILES, load_sheet
     from tofmix.sensors.profile_toml import parse_profile
     from tofmix.sensors.sensor_file import parse_sensor
@@ -50,7 +50,7 @@ def camera_of(name: str | None) -> "CameraSheet":
     text = read_text(Path(name))
     if "about" in parse_toml(text, source=name):
         return parse_profile(text, source=name)
-    return parse_sensor(text, source=name, read_map=maps_beside(Path(name)))
+    return parse_sensor(text, source=name, read_map=maps_of_model(Path(name)))
 
 
 def sensor_of(camera: "CameraSheet", shape: tuple[int, int]) -> "Sensor":
@@ -112,7 +112,7 @@ def intrinsics_of(text: str | None) -> "Pinhole | Calibration | None":
         If the file is no calibration, or the numbers are no camera's.
     """
     from tofmix.io.importers.intrinsics import read_calibration
-    from tofmix.pinhole import Pinhole
+    from tofmix.optics.pinhole import Pinhole
 
     if text is None:
         return None
@@ -149,11 +149,11 @@ class Geometry:
     factor : (row, col) float64 or None
         Range along the beam over depth along z; None where depths are ranges.
     sensor : Sensor
-        The camera with where its pixels look, as far as that is known.
+        The camera, with the directions of its pixels if they are known.
     text : str
         The same in words.
     notes : tuple of str
-        What the user should know.
+        Notes for the user.
     """
 
     factor: "FloatArray | None"
@@ -175,9 +175,9 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     sensor : Sensor
         The camera, from ``--sensor`` or the source.
     lens : Lens
-        What was said of the lens.
+        The lens options.
     axis : {"z", "ray"} or None
-        ``--depth-axis``; without it, as the source's kind has it.
+        ``--depth-axis``; without it, the default of the kind of source.
     source : Path
         For messages.
 
@@ -198,7 +198,7 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
             return Geometry(factor=None, sensor=sensor, text=f"depths along the beam, taken as ranges{otherwise}")
         if optics is None:
             raise BadInputError(
-                f"{source}: depths along z become ranges only with a lens: give --intrinsics FX,FY,CX,CY"
+                f"{source}: depths along z need a lens to become ranges: give --intrinsics FX,FY,CX,CY"
                 " or --fov HxV, or --depth-axis ray if they are along the beam"
             )
         factor = ray_factor(optics, shape)
@@ -207,7 +207,7 @@ def geometry_of(frames: "FrameSource", sensor: "Sensor", lens: Lens, axis: str |
     otherwise = "" if axis else " (--depth-axis ray if they are along the beam)"
     by_view = lens.intrinsics is None and lens.view_deg is not None
     how = _in_words(optics, shape, lens.view_deg if by_view else None)
-    return Geometry(factor=factor, sensor=sensor, text=f"depths along z made ranges by {how}{otherwise}")
+    return Geometry(factor=factor, sensor=sensor, text=f"depths along z converted to ranges by {how}{otherwise}")
 
 
 def ray_factor(optics: "Projection", shape: tuple[int, int]) -> "FloatArray":
@@ -218,8 +218,8 @@ def ray_factor(optics: "Projection", shape: tuple[int, int]) -> "FloatArray":
     ValueError
         If a pixel looks nowhere, or 90 degrees or more off the axis.
     """
-    from tofmix.geometry import ray_over_depth
-    from tofmix.projection import beam_directions_of
+    from tofmix.optics.geometry import ray_over_depth
+    from tofmix.optics.projection import beam_directions_of
 
     return ray_over_depth(beam_directions_of(optics, shape))
 
@@ -227,8 +227,8 @@ def ray_factor(optics: "Projection", shape: tuple[int, int]) -> "FloatArray":
 def _with_optics(
     frames: "FrameSource", sensor: "Sensor", lens: Lens, source: Path, *, along_z: bool
 ) -> "tuple[Sensor, str]":
-    """The camera with where its pixels look, and who says so."""
-    from tofmix.pinhole import Pinhole
+    """The camera with the directions of its pixels, and the source of these."""
+    from tofmix.optics.pinhole import Pinhole
 
     rows, cols = frames.shape[1:]
     pinhole, where = frames.pinhole, str(source)
@@ -251,7 +251,7 @@ def _with_optics(
 
 
 def _in_words(optics: "Projection", shape: tuple[int, int], view_deg: tuple[float, float] | None) -> str:
-    from tofmix.pinhole import Pinhole
+    from tofmix.optics.pinhole import Pinhole
 
     if not isinstance(optics, Pinhole):
         return f"field of view {optics.words(shape)}, equal angles"
@@ -270,7 +270,7 @@ def _ideal(rows: int, cols: int, view_deg: tuple[float, float]) -> "Pinhole":
     """
     import math
 
-    from tofmix.pinhole import Pinhole
+    from tofmix.optics.pinhole import Pinhole
 
     if max(view_deg) >= _FLAT_DEG:
         raise UsageError(f"--fov: {view_deg[0]:g} x {view_deg[1]:g} degrees; a pinhole sees less than 180")

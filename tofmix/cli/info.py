@@ -1,4 +1,4 @@
-"""``tofmix info``: what a file is."""
+"""``tofmix info``: describe a file."""
 
 import json
 from pathlib import Path
@@ -9,7 +9,7 @@ import click
 from tofmix.cli.options import PATH, examples, json_option
 
 if TYPE_CHECKING:
-    from tofmix.report.summary.descriptions import Description
+    from tofmix.report.descriptions.description import Description
 
 _TOML = ".toml"
 
@@ -38,7 +38,7 @@ def info(file: Path, as_json: bool) -> None:
     blocks of samples at most, to check their unit. tofmix report shows the content
     of a layers file.
     """
-    from tofmix.report.summary.descriptions import format_description
+    from tofmix.report.descriptions.description import format_description
 
     description = _describe(file)
     if as_json:
@@ -49,7 +49,7 @@ def info(file: Path, as_json: bool) -> None:
 
 def _describe(file: Path) -> "Description":
     from tofmix.io.gap_file import is_gap_folder, read_gap
-    from tofmix.report.summary.source_descriptions import describe_gap
+    from tofmix.report.descriptions.reconciliation import describe_gap
     from tofmix.sensors import PROFILES
     from tofmix.simulation.builtin import BUILTIN_MODELS
 
@@ -59,7 +59,7 @@ def _describe(file: Path) -> "Description":
     if file.suffix == _TOML or (name in BUILTIN_MODELS and not file.exists()):
         return _of_text(name)
     if name in PROFILES and not file.exists():
-        from tofmix.report.summary.descriptions import describe_sensor
+        from tofmix.report.descriptions.camera import describe_sensor
         from tofmix.sensors import load_sheet
 
         return describe_sensor(load_sheet(name), name=name)
@@ -83,7 +83,7 @@ def _of_source(path: Path) -> "Description":
     from tofmix.io.importers import open_source
     from tofmix.io.importers.base import Request
     from tofmix.io.next_command import import_command
-    from tofmix.report.summary.source_descriptions import describe_source
+    from tofmix.report.descriptions.foreign import describe_source
 
     with open_source(path, Request()) as source:
         return describe_source(source, name=str(path), command=import_command(path))
@@ -91,7 +91,8 @@ def _of_source(path: Path) -> "Description":
 
 def _of_text(name: str) -> "Description":
     from tofmix.io.model_file import load_model, load_model_text
-    from tofmix.report.summary.descriptions import describe_model, describe_sensor
+    from tofmix.report.descriptions.camera import describe_sensor
+    from tofmix.report.descriptions.model import describe_model
     from tofmix.sensors.profile_toml import parse_profile
     from tofmix.toml_table import parse_toml
 
@@ -102,20 +103,23 @@ def _of_text(name: str) -> "Description":
 
 
 def _of_hdf5(path: Path) -> "Description":
-    from tofmix.io import surfaces_file
     from tofmix.io.file_kind import format_of
     from tofmix.io.layers import layers_file
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.range_check import look, unit_doubt, zeros_doubt
     from tofmix.io.recording.recording_file import open_recording
-    from tofmix.report.summary.descriptions import describe_layers, describe_recording, describe_surfaces
+    from tofmix.io.surfaces.fields import FORMAT as SURFACES_FORMAT
+    from tofmix.io.surfaces.surfaces_file import open_surfaces
+    from tofmix.report.descriptions.layers import describe_layers
+    from tofmix.report.descriptions.recording import describe_recording
+    from tofmix.report.descriptions.surfaces import describe_surfaces
 
     kind, size = format_of(path), path.stat().st_size
     if kind == layers_file.FORMAT:
         with open_layers(path) as layers:
             return describe_layers(layers, name=str(path), file_bytes=size)
-    if kind == surfaces_file.FORMAT:
-        with surfaces_file.open_surfaces(path) as surfaces:
+    if kind == SURFACES_FORMAT:
+        with open_surfaces(path) as surfaces:
             return describe_surfaces(surfaces, name=str(path), file_bytes=size)
     with open_recording(path, check_units=False) as recording:
         found = look(recording)

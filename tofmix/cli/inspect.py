@@ -34,7 +34,7 @@ tofmix inspect boards.layers.h5 --pixel 72,92 --recording boards.h5 --over-frame
 @click.option("--recording", type=PATH, help="The recording of these layers, for samples and density.")
 @click.option(
     "--neighbours", type=click.IntRange(0, 15), default=3, show_default=True,
-    help="Pixels of the same row to show beside it, nearest first.",
+    help="Number of neighbours in the same row to show too, nearest first.",
 )  # fmt: skip
 @click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window.")
 @click.option(

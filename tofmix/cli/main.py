@@ -9,7 +9,7 @@ from typing import NoReturn, TextIO
 import click
 
 from tofmix.cli.compare import compare
-from tofmix.cli.estimate import estimate
+from tofmix.cli.estimate.command import estimate
 from tofmix.cli.export import export
 from tofmix.cli.import_ import import_
 from tofmix.cli.info import info
@@ -136,7 +136,7 @@ def _discard(stream: TextIO) -> None:
 
 
 def _die(number: int, _: FrameType | None) -> None:
-    """Remove unfinished files and die of the signal itself, so that a shell loop around us stops too.
+    """Remove partial files and end by the signal itself, so that a shell loop around the command stops too.
 
     Not by an exception: raised while a kernel is compiled, it would be lost in the compiler's callbacks.
     """

@@ -54,7 +54,7 @@ tofmix map boards.layers.h5 -o averaged.yaml --from averaged --recording boards.
 )
 @click.command("map", short_help="Write an occupancy map of the layers.")
 @click.argument("layers", type=PATH)
-@click.option("-o", "--output", type=PATH, help="2-D map to write, .yaml; its image .pgm is written beside it.")
+@click.option("-o", "--output", type=PATH, help="2-D map to write, .yaml; its image gets the same name with .pgm.")
 @click.option("--voxels", type=PATH, help="3-D map to write: occupied voxels as .ply, or the whole grid as .npz.")
 @click.option(
     "--from", type=click.Choice([LAYERS, AVERAGED, THIN_BEAM]), default=LAYERS, show_default=True,
@@ -137,7 +137,8 @@ def map_(
             comment = _comment(file, source, recording)
             if file.provenance.sensor.range_max_mm is None:
                 click.echo(
-                    f"tofmix: {layers}: sensor: no range_max_mm: samples without a return free no space", err=True
+                    f"tofmix: {layers}: sensor: no range_max_mm: samples without a return mark no space as free",
+                    err=True,
                 )
         try:
             camera = Pose(x_mm=pose[0], y_mm=pose[1], yaw_deg=pose[2], pitch_deg=pitch)
@@ -159,7 +160,7 @@ def map_(
 
 
 def _check_call(output: Path | None, voxels: Path | None, source: str, recording: Path | None) -> tuple[Path, ...]:
-    """Refuse what cannot work before any work is done; return what will be written."""
+    """Refuse impossible options before any work; return the files to write."""
     from tofmix.io.map_file import map_paths
     from tofmix.io.voxel_file import check_voxel_path
 
@@ -201,7 +202,7 @@ def _frames(file: "LayersFile", window: int, samples: "RecordingFile") -> tuple[
 
     if samples.shape[1:] != file.shape[1:]:
         raise BadInputError(
-            f"{samples.path}: range: {samples.shape[1]} x {samples.shape[2]} pixels do not go with {file.path},"
+            f"{samples.path}: range: {samples.shape[1]} x {samples.shape[2]} pixels do not match {file.path},"
             f" which has {file.shape[1]} x {file.shape[2]}"
         )
     if file_sha256(samples.path) == file.provenance.source_sha256:
@@ -251,7 +252,7 @@ def _comment(file: "LayersFile", source: str, recording: Path | None) -> str:
 
 
 def _say(output: Path | None, floor: "FloorMap | None", voxels: Path | None, space: "VoxelMap", as_json: bool) -> None:
-    """Print what was written and how many cells of each state it has."""
+    """Print the name of a written map and its number of cells in each state."""
     from tofmix.mapping.occupancy import State
 
     parts: dict[str, tuple[Path, NDArray[np.uint8]]] = {}

@@ -24,7 +24,7 @@ def merge(parts: tuple[Path, ...], output: Path, *, as_json: bool, overwrite: bo
     The layers file has the same bytes as the result of a single run. Missing or
     doubled parts, and parts of another run, are refused. The parts stay.
     """
-    from tofmix.cli.estimate_files import describe, findings_of, say_findings
+    from tofmix.cli.estimate.results import describe, findings_of, say_findings
     from tofmix.cli.recording_check import echo
     from tofmix.pipeline.run import merge_parts
 

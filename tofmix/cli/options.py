@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 
 class _Path(click.Path):
-    """A path that the package checks itself, so that its refusals have their own exit codes."""
+    """A path that the package checks instead of click, for its own exit codes."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401  as click has it
         if not str(value):
@@ -55,10 +55,10 @@ class _Memory(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # gener
             return value
         found = re.fullmatch(r"\s*([0-9]*\.?[0-9]+)\s*([KMGT]?I?)B?\s*", str(value).upper())
         if found is None or found[2] not in self._units:
-            self.fail(f"{value!r} is no size; write 300MB or 1.5GB", param, ctx)
+            self.fail(f"{value!r} is not a size; write 300MB or 1.5GB", param, ctx)
         size = int(float(found[1]) * self._units[found[2]])
         if size < _LEAST_MEMORY:
-            self.fail(f"{value!r} is too little; at least {_LEAST_MEMORY // 10**6}MB", param, ctx)
+            self.fail(f"{value!r} is too small; give at least {_LEAST_MEMORY // 10**6}MB", param, ctx)
         return size
 
 
@@ -71,7 +71,7 @@ class _Shard(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generi
         found = re.fullmatch(r"([0-9]+)/([0-9]+)", str(value))
         number, count = (int(found[1]), int(found[2])) if found else (0, 0)
         if not 1 <= number <= count:
-            self.fail(f"{value!r} is no part I/N with I from 1 to N", param, ctx)
+            self.fail(f"{value!r} is not a part I/N with I from 1 to N", param, ctx)
         return number, count
 
 
@@ -82,6 +82,9 @@ _USUAL_SIZE = 80, 24  # columns and rows of a terminal that does not say
 _QUIET = "tofmix.quiet"
 
 MEMORY = _Memory()
+
+FILE, AUTO = "file", "auto"
+"""Values of --noise and --outliers, as in `tofmix.estimation.noise_choice`, which imports numba."""
 
 overwrite_option = click.option(
     "--overwrite", is_flag=True, help="Replace an output that is already there.", allow_from_autoenv=False

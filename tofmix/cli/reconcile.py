@@ -195,8 +195,8 @@ def _read(scene: "Model", measured: Path) -> "Evidence":
 def _say_other_optics(measured: Path, file: "RecordingFile", scene: "Model") -> None:
     """Print a line if the pixels of the recording and of the model look in different directions."""
     from tofmix.errors import BadInputError
-    from tofmix.geometry import largest_angle_deg
-    from tofmix.projection import beam_directions_of, pixel_extent_rad
+    from tofmix.optics.geometry import largest_angle_deg
+    from tofmix.optics.projection import beam_directions_of, pixel_extent_rad
 
     shape, models = file.shape[1:], scene.sensor.optics
     try:
@@ -208,8 +208,8 @@ def _say_other_optics(measured: Path, file: "RecordingFile", scene: "Model") -> 
         raise BadInputError(f"{measured}: sensor: {error}") from error
     if off_deg > _SAME_PLACE * math.degrees(float(pixel_extent_rad(models, shape).min())):
         click.echo(
-            f"tofmix: {measured}: sensor: its pixels see {own.words(shape)}; the model's see {models.words(shape)} and"
-            f" look up to {off_deg:.2g} degrees elsewhere",
+            f"tofmix: {measured}: sensor: its pixels see {own.words(shape)}; the model's see {models.words(shape)};"
+            f" directions differ by up to {off_deg:.2g} degrees",
             err=True,
         )
 

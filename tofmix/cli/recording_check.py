@@ -1,4 +1,4 @@
-"""Opening recordings, and whether one goes with a layers file; shared by the commands that read recordings."""
+"""Open recordings, and check that one matches a layers file; shared by the commands that read recordings."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tofmix.cli.sensor_choice import AUTO
+from tofmix.cli.options import AUTO
 
 if TYPE_CHECKING:
     from tofmix.io.layers.layers_file import LayersFile
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from tofmix.sensor import Sensor
 
 
-_VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate anew"
+_VIEW_REMEDY = "import the recording with --fov HxV or --intrinsics, and estimate again"
 
 
 def echo(text: str) -> None:
-    """Say something on stderr."""
+    """Print a line on stderr."""
     click.echo(f"tofmix: {text}", err=True)
 
 
 @contextmanager
 def opened_recording(path: Path, *, say: Callable[[str], object] = echo) -> Iterator["RecordingFile"]:
-    """Open a recording, and say what is doubtful about it.
+    """Open a recording, and print the doubts about it.
 
     Raises
     ------
@@ -39,49 +39,6 @@ def opened_recording(path: Path, *, say: Callable[[str], object] = echo) -> Iter
         for line in recording.remarks:
             say(line)
         yield recording
-
-
-def check_not_averaged(recording: "RecordingFile") -> None:
-    """Refuse a recording whose frames are marked as averages.
-
-    Raises
-    ------
-    BadInputError
-        If its root attribute `averaged` is a number other than 0.
-    """
-    from tofmix.errors import BadInputError
-
-    if recording.attributes().get("averaged", 0) in (0, "0", ""):
-        return
-    raise BadInputError(
-        f"{recording.path}: marked as averaged: a mean does not separate surfaces;"
-        " unmix them with --mixing phasor, record at an integration time that the camera does not average,"
-        " or use the means as samples with --force"
-    )
-
-
-def check_phasors(recording: "RecordingFile") -> None:
-    """Refuse a recording whose samples are no phasors, before its noise is learnt.
-
-    Raises
-    ------
-    BadInputError
-        If it has no amplitudes, no modulation frequency, or several targets a frame.
-    """
-    from tofmix.errors import BadInputError
-
-    if recording.targets:
-        raise BadInputError(f"{recording.path}: several targets a frame, and --mixing phasor needs one sample a frame")
-    lacking = {
-        "amplitudes": ("--amplitude", recording.has_amplitude),
-        "modulation frequency": ("--sensor", recording.sensor.modulation_frequency_hz is not None),
-    }
-    wanted = {name: option for name, (option, is_there) in lacking.items() if not is_there}
-    if wanted:
-        raise BadInputError(
-            f"{recording.path}: no {' and no '.join(wanted)}, which --mixing phasor needs; import the recording with"
-            f" {' and '.join(wanted.values())}"
-        )
 
 
 def findings_of_samples(
@@ -102,7 +59,7 @@ def findings_of_samples(
 
 
 def check_view(file: "LayersFile") -> None:
-    """Refuse a layers file that does not say where its pixels look.
+    """Refuse a layers file without the directions of its pixels.
 
     Raises
     ------
@@ -118,7 +75,7 @@ def check_view(file: "LayersFile") -> None:
     except ValueError as error:
         raise BadInputError(f"{file.path}: sensor: {error}; {_VIEW_REMEDY}") from error
     if optics is None:
-        raise BadInputError(f"{file.path}: not known where its pixels look; {_VIEW_REMEDY}")
+        raise BadInputError(f"{file.path}: the directions of its pixels are not known; {_VIEW_REMEDY}")
 
 
 def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
@@ -135,12 +92,12 @@ def check_recording(file: "LayersFile", source: "RecordingFile") -> None:
 
     if source.shape[1:] != file.shape[1:] or source.frames < int(file.window_stop[-1]):
         raise BadInputError(
-            f"{source.path}: range: shape {source.shape} does not go with {file.path}, which has"
+            f"{source.path}: range: shape {source.shape} does not match {file.path}, which has"
             f" {file.shape[1]} x {file.shape[2]} pixels and windows up to frame {int(file.window_stop[-1])}"
         )
     if file_sha256(source.path) != file.provenance.source_sha256:
         raise BadInputError(
             f"{source.path} is not the recording that {file.path} was made from, {file.provenance.source} of SHA-256"
-            f" {file.provenance.source_sha256[:8]}...; name that one, or estimate this one:"
+            f" {file.provenance.source_sha256[:8]}...; give that one, or estimate this one:"
             f" {next_command('estimate', source.path)}"
         )

@@ -1,4 +1,4 @@
-"""``tofmix report``: what came out of an estimate, for people and for scripts."""
+"""``tofmix report``: the results of an estimate, for people and for scripts."""
 
 import json
 from contextlib import ExitStack
@@ -109,13 +109,12 @@ def _surfaces_of(path: Path, layers: Path, window: int) -> dict[str, Any]:
     """
     from tofmix.errors import BadInputError
     from tofmix.io.recording.recording_file import file_sha256
-    from tofmix.io.surfaces_file import open_surfaces
+    from tofmix.io.surfaces.surfaces_file import open_surfaces
 
     with open_surfaces(path) as file:
         if file.provenance.source_sha256 != file_sha256(layers):
             raise BadInputError(
-                f"{path}: made from another layers file than {layers}; make it anew: tofmix surfaces {layers}"
-                " --overwrite"
+                f"{path}: made from another layers file than {layers}; replace it: tofmix surfaces {layers} --overwrite"
             )
         found = file.read_window(window)
     numbers = found.surface[found.surface >= 0]

@@ -9,7 +9,7 @@ from tofmix.cli.options import examples, json_option
 from tofmix.errors import BadInputError, UsageError
 
 if TYPE_CHECKING:
-    from tofmix.projection import Projection
+    from tofmix.optics.projection import Projection
     from tofmix.sensors import CameraSheet
 
 
@@ -44,7 +44,7 @@ def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
         click.echo("\n".join(json.dumps(_as_dict(*item)) for item in sheets.items()) if as_json else _table(sheets))
         return
     if as_toml and as_json:
-        raise UsageError("--toml and --json are two ways to print a camera; choose one")
+        raise UsageError("--toml and --json exclude each other")
     try:
         sheet = load_sheet(name)
     except BadInputError as error:  # unlike --sensor, it may be no file
@@ -56,7 +56,8 @@ def sensors(name: str | None, as_toml: bool, as_json: bool) -> None:
     elif as_json:
         click.echo(json.dumps(_as_dict(name, sheet)))
     else:
-        from tofmix.report.summary.descriptions import describe_sensor, format_description
+        from tofmix.report.descriptions.camera import describe_sensor
+        from tofmix.report.descriptions.description import format_description
 
         click.echo(format_description(describe_sensor(sheet, name=name)))
 
@@ -79,7 +80,7 @@ def _as_dict(name: str, sheet: "CameraSheet") -> dict[str, Any]:
 
 
 def _optics(projection: "Projection") -> dict[str, Any]:
-    from tofmix.projection import projection_values
+    from tofmix.optics.projection import projection_values
 
     return {"name": projection.name, **projection_values(projection)}
 

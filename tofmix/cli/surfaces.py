@@ -48,7 +48,7 @@ def surfaces(layers: Path, output: Path | None, factor: int, as_json: bool, over
     from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
     from tofmix.io.recording.recording_file import file_sha256
-    from tofmix.io.surfaces_file import SurfacesWriter
+    from tofmix.io.surfaces.surfaces_writer import SurfacesWriter
     from tofmix.surfaces.found import SurfacesProvenance
     from tofmix.version import __version__
 
@@ -85,7 +85,7 @@ def surfaces_path(layers: Path) -> Path:
 
 
 def _reconstruct(file: "LayersFile", window: int, factor: int) -> "WindowSurfaces":
-    from tofmix.cli.estimate_files import announced
+    from tofmix.cli.compiling import announced
     from tofmix.surfaces.reconstruct import reconstruct
 
     layers = file.read_window(window)

@@ -23,9 +23,9 @@ def warmup(*, as_json: bool) -> None:
     the user's cache if the package is read-only. NUMBA_CACHE_DIR sets another
     folder, for later runs too.
     """
-    from tofmix.cli.estimate_files import announced
+    from tofmix.cli.compiling import announced
+    from tofmix.compiled.jit import cache_folder
     from tofmix.io.model_file import load_model
-    from tofmix.jit import cache_folder
     from tofmix.pipeline.kernels import compile_all
     from tofmix.reconciliation.warm_up import warm_up
 

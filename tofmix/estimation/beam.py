@@ -7,7 +7,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import NO_RETURN_SIGMAS, circular_noise, has_no_return
-from tofmix.jit import borrowing
+from tofmix.compiled.jit import borrowing
 from tofmix.sensor import NoiseCurve, Sensor
 
 NO_RETURN_REACH = 6.0
@@ -36,13 +36,13 @@ class PixelCurves(NamedTuple):
 class Beam(NamedTuple):
     """The fixed part of equation (1), in mm, as the kernels read it.
 
-    `range_max` is infinite where the sensor has no such limit; there is no c_0 then.
-    c_0 stands at `range_max` with the spread `sigma_max`: sigma(r_max), or where the camera returns a constant, that
-    and its spread. A peak past `no_return_from`, up to `no_return_to`, belongs to c_0; the latter is infinite but on a
-    circle. No surface lies past `surface_end`, the sensor's r_max, up to there.
-    `outlier_density` is p(c_r) / (range_max - range_min), 1/mm. `range_min` and `range_top`, always
-    finite, are the ends of that interval: the working range, or its substitute (`outlier_interval`). `pixel_curves`
-    are the curves of single pixels, which `pixel_noise.beam_of_pixel` puts in the place of the common one.
+    `range_max` is infinite where the sensor has no such limit; there is no c_0 then. c_0 lies at `range_max` with the
+    spread `sigma_max`: sigma(r_max), or the constant that the camera returns and its spread. A peak past
+    `no_return_from`, up to `no_return_to`, belongs to c_0; the latter is infinite but on a circle. No surface lies past
+    `surface_end`, the sensor's r_max, up to there. `outlier_density` is p(c_r) / (range_max - range_min), 1/mm.
+    `range_min` and `range_top`, always finite, are the ends of that interval: the working range, or its substitute
+    (`outlier_interval`). `pixel_curves` are the curves of single pixels, which `pixel_noise.beam_of_pixel` puts in the
+    place of the common one.
     """
 
     curve_range: FloatArray
@@ -167,7 +167,7 @@ def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fol
 
 
 def _circular_beam(sensor: Sensor, length: float, *, at_fold: bool) -> Beam:
-    """The beam on a circle; without c_0 where it could not be told from a surface at the fold."""
+    """The beam on a circle; without c_0 if it could not be separated from a surface at the fold."""
     curve = circular_noise(sensor, length, at_fold=at_fold)
     low = sensor.range_min_mm or 0.0
     if not low < length:

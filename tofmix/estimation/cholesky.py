@@ -3,7 +3,7 @@
 import math
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing
+from tofmix.compiled.jit import borrowing
 
 _SINGULAR = 1.0e-10
 """A pivot below this, of a matrix with a unit diagonal, is rounding."""

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.vector import product_of
 from tofmix.estimation.beam import Beam, beam_of, is_no_return, reaches_no_return
 from tofmix.estimation.learnt.block_layers import counts_with_learnt, layers_with_learnt
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
@@ -61,10 +63,8 @@ from tofmix.estimation.samples import Readings, SortedSamples, gather, padded, s
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED, EstimateOptions, KernelOptions, kernel_options
 from tofmix.estimation.unrolling import fold_layers, unrolled
 from tofmix.flags import Status
-from tofmix.jit import borrowing, jit
 from tofmix.layers import Layers, layer_fields
 from tofmix.sensor import NoiseCurve, Sensor
-from tofmix.vector import product_of
 
 CLEAR_SIGMAS = 4.0
 """One peak and no sample farther from the mean than this: the mean is the fit, no EM is needed."""
@@ -94,7 +94,7 @@ def _split_no_return(places: FloatArray, heights: FloatArray, k: int, beam: Beam
 
 @borrowing
 def _fit_clear(data: Readings, fit: Components, beam: Beam) -> bool:
-    """Fit one surface by the mean of all samples, if none is far from it (paper, section V: no EM is needed)."""
+    """Fit one surface by the mean of all samples, if all lie near it (paper, section V: no EM is needed)."""
     values = data.value
     mean = product_of(values, data.times) / data.total
     sigma = sigma_at(mean, beam.curve_range, beam.curve_sigma)

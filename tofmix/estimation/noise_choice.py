@@ -26,9 +26,6 @@ FILE, AUTO = "file", "auto"
 SHAPES = ("gaussian", AUTO)
 WIDTHS = ("common", "own", AUTO)
 
-TOLERANCE = 0.10
-"""Relative difference of the file's curve and the measured one from which a note is a warning."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Note:
@@ -56,6 +53,8 @@ class NoiseRequest:
         The windows, in frames.
     workers : int
         Threads.
+    tolerance : float
+        Relative difference of the file's curve and the measured one from which a note is a warning.
     """
 
     noise: str | NoiseCurve
@@ -66,6 +65,7 @@ class NoiseRequest:
     shape: str = AUTO
     widths: str = AUTO
     workers: int = 1
+    tolerance: float = 0.10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -224,7 +224,7 @@ class _Chooser:
         self.notes.append(Note(text=f"{self.name}: {text}", is_warning=True))
 
     def _with_measured(self, sensor: Sensor) -> Sensor:
-        """The sensor with the sigma and the share of outliers of single surfaces, if they are asked for."""
+        """The sensor with the sigma and the share of outliers of single surfaces, if requested."""
         given, sensor = sensor, replace(sensor, learnt=None)
         if AUTO not in (self.request.noise, self.request.outliers):
             return sensor
@@ -306,7 +306,7 @@ class _Chooser:
         return amplitude_source(self.use(sensor)) is not None
 
     def _note_measured(self, given: Sensor, measured: MeasuredNoise) -> None:
-        """Note which curve stands for a missing one, and whether sigma depends on amplitude."""
+        """Note the curve that replaces a missing one, and whether sigma depends on amplitude."""
         parts = []
         if given.noise is None:
             curve = measured.curve
@@ -322,7 +322,8 @@ class _Chooser:
         if given.noise is None or given.noise.law is not None:
             return  # the curve of a law holds at its reference amplitudes, which are not the measured ones'
         range_mm, ratio = disagreement(measured, given.noise)
-        if not 1.0 - TOLERANCE <= ratio <= 1.0 + TOLERANCE:
+        tolerance = self.request.tolerance
+        if not 1.0 - tolerance <= ratio <= 1.0 + tolerance:
             self._warn(
                 f"sensor/noise_sigma: the file's sigma is {ratio:.2f} times the measured one at {range_mm:.0f} mm; the"
                 " measured curve is used"
@@ -332,7 +333,7 @@ class _Chooser:
         if self.circle_mm is None and sensor.range_max_mm is None and sensor.noise is not None:
             low, high = outlier_interval(sensor, sensor.noise)
             known = sensor.range_min_mm is not None and low == sensor.range_min_mm
-            ends = "range_min_mm to the largest sample" if known else "the least sample to the largest"
+            ends = "range_min_mm to the largest sample" if known else "the smallest sample to the largest"
             self._note(
                 "sensor: no range_max_mm: the share without a return is unknown, and random values spread from"
                 f" {ends}, {low:.0f} to {high:.0f} mm"

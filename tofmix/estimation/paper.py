@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam, beam_of, is_no_return
 from tofmix.estimation.mixture.components import GAIN, MEAN, SIGMA, SUPPORT, WEIGHT, sort_surfaces
 from tofmix.estimation.mixture.counting import new_workspace, surface_gains
@@ -44,7 +45,6 @@ from tofmix.estimation.reach import within_reach
 from tofmix.estimation.samples import SortedSamples, gather, padded
 from tofmix.estimation.settings import MODE_FREE
 from tofmix.flags import Status
-from tofmix.jit import borrowing, jit
 from tofmix.layers import Layers
 from tofmix.sensor import Sensor
 

@@ -1,13 +1,13 @@
 """Which of a pixel's sorted samples lie near a range: the part of them that a sum over a narrow kernel needs."""
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing
-from tofmix.vector import LANES
+from tofmix.compiled.jit import borrowing
+from tofmix.compiled.vector import LANES
 
 
 @borrowing
 def whole_lanes(first: int, stop: int, n: int) -> tuple[int, int]:
-    """Widen [first, stop) of n values to whole `LANES`, as far as n goes: a few values more cost less than a rest."""
+    """Widen [first, stop) of n values to whole `LANES`, within n: a few more values cost less than a partial lane."""
     return first // LANES * LANES, min((stop + LANES - 1) // LANES * LANES, n)
 
 

@@ -1,10 +1,9 @@
 """The samples of a block of pixels, in the order in which every step reads them.
 
-Sorted once, one pixel after the other in memory. The steps then neither skip invalid
-values nor depend on the order of the frames. They read a pixel as `Readings`: values
-that are equal are one value with a count, and where a window is long, so are values
-that differ by a small part of sigma. What a pixel costs then grows with its samples no
-more, and past 10,000 by their fourth root.
+Sorted once, one pixel after the other in memory. The steps then neither skip invalid values nor depend on the order of
+the frames. They read a pixel as `Readings`: values that are equal are one value with a count, and where a window is
+long, so are values that differ by a small part of sigma. The time of a pixel then no longer grows with its samples, and
+beyond 10,000 by their fourth root.
 """
 
 import math
@@ -14,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import FloatArray, IntArray
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.vector import LANES
 from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.jit import borrowing, jit
-from tofmix.vector import LANES
 
 FARTHEST_MM = 1.0e9
 """A value beyond this is no range of any camera, and is skipped as invalid."""
@@ -25,11 +24,11 @@ LONG_WINDOW = 1000
 """From this many samples on, values closer than `BIN` sigma become one, their mean."""
 
 BIN = 1.0 / 16.0
-"""Width of a bin in sigmas. Its values are replaced by their mean: what is lost is their spread, 0.03 % of sigma^2."""
+"""Width of a bin in sigmas. Its values are replaced by their mean, which loses their spread, 0.03 % of sigma^2."""
 
 WIDE_BINS = 10_000.0
 """Up to this many samples. Beyond, bins narrow with the fourth root of the number: standard errors shrink with the
-second, and what binning moves, with the square of the width, stays the same part of them."""
+square root, and the shift by binning, which follows the square of the width, stays the same part of them."""
 
 
 class SortedSamples(NamedTuple):

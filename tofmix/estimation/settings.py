@@ -97,7 +97,7 @@ class EstimateOptions:
             if not isinstance(self.counter, Kde):
                 raise ValueError("paper: its algorithm counts by kernel density; leave out the other counter")
             if self.unambiguous_range_mm is not None:
-                raise ValueError("paper: its algorithm knows no wrapped range axis; leave out the unambiguous range")
+                raise ValueError("paper: its algorithm has no wrapped range axis; leave out the unambiguous range")
             for name, value in _OF_PAPER.items():
                 object.__setattr__(self, name, value)
         object.__setattr__(self, "sigma", SigmaMode(self.sigma))
@@ -117,7 +117,7 @@ class EstimateOptions:
                 raise ValueError(f"{name}: {getattr(self, name)} is not {text}")
 
     def as_dict(self) -> dict[str, str | int | float]:
-        """The options by name, the counter's own among them, for provenance; none that is None.
+        """The options by name, with those of the counter, for provenance; without options that are None.
 
         The law of mixing is an option only where it is measured or insisted on: ``events`` is left out.
         """
@@ -150,7 +150,7 @@ MODE_TIED, MODE_PRIOR, MODE_FREE = 0, 1, 2  # `SigmaMode` as the kernels read it
 
 
 def no_return_gain(false_alarm: float) -> float:
-    """Gain, nat, of c_0 beside a surface that noise exceeds with the chance `false_alarm`.
+    """Gain, nat, of c_0 in the presence of a surface that noise exceeds with the probability `false_alarm`.
 
     c_0 has one free number, its share, which cannot fall below 0: without c_0 twice its gain is 0 in half of the
     pixels, and chi-squared with one degree of freedom in the other half.

@@ -1,15 +1,13 @@
-"""A circle of ranges, cut open where it is emptiest, so that all that works on a line works on it.
+"""A circle of ranges, cut where it is emptiest, so that methods for a line apply.
 
-Readings are folded into [0, d_u). Each pixel's circle is cut where no surface
-lies, and the readings below the cut move up a turn: a surface at the fold is
-then one heap, at d_u or just beyond. Where no reading is near the fold, the cut is
-the fold itself and nothing moves. Ranges are folded back at the end.
+Readings are folded into [0, d_u). Each pixel's circle is cut where no surface lies, and the readings below the cut move
+up a turn: a surface at the fold is then one cluster, at d_u or just beyond. If no reading is near the fold, the cut is
+the fold, and no reading moves. Ranges are folded back at the end.
 
-A pixel with nothing just before the fold, nor nearer than the camera sees, has no surface at
-the fold: its near readings are near, and keep the noise curve's sigma.
+A pixel without readings just before the fold, or nearer than the camera sees, has no surface at the fold: its near
+readings are near surfaces, with the sigma of the noise curve.
 
-c_0 is a reading at range_max, whatever is folded: the cut never parts it from that
-place, so that its term of equation (1) holds as it stands.
+c_0 is a reading at range_max. The cut never moves it, so its term of equation (1) does not change.
 """
 
 import math
@@ -20,13 +18,13 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.circle import FOLD_SIGMAS, fold, unseen_zone
+from tofmix.compiled.jit import jit
+from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import FARTHEST_MM, SortedSamples
-from tofmix.jit import jit
 from tofmix.layers import LAYER_FIELDS, Layers
 from tofmix.recording import SampleSource
-from tofmix.robust import MAD_TO_SIGMA
 from tofmix.sensor import Sensor
 
 CUT_SIGMAS = 4.0
@@ -42,7 +40,7 @@ _CLEAR_SIGMAS = 8.0
 
 @jit
 def _crowding(values: FloatArray, place: float, reach: float, length: float) -> float:
-    """Sum over the sorted readings within `reach` of a place: 1 less the distance over `reach`; 0 where is none."""
+    """Sum of 1 - distance / reach over the sorted readings within `reach` of a place; 0 without any."""
     n = len(values)
     total = 0.0
     after = np.searchsorted(values, place)
@@ -91,7 +89,7 @@ def _at_fold(values: FloatArray, beam: Beam, unseen: float, length: float) -> bo
 
 @jit
 def unroll(samples: SortedSamples, beam: Beam, unseen: float, length: float) -> tuple[FloatArray, BoolArray]:
-    """Cut the circle of each pixel and unroll its sorted samples, in place; return the cuts, mm, and what is `at_fold`.
+    """Cut the circle of each pixel and unroll its sorted samples, in place; return the cuts, mm, and `at_fold`.
 
     Samples then ascend from the cut on, over less than `length`. A cut past range_max, where there is a c_0, is taken
     a turn lower, so that range_max stays where it is. `unseen` is the zone after the fold that the camera does not
@@ -168,9 +166,9 @@ def fold_layers(layers: Layers, unambiguous_range_mm: float) -> None:
 class UnrolledSource:
     """A recording whose samples are unrolled, without a noise curve: for measuring one.
 
-    A pixel's samples in the frames that are read together are taken as one heap. Where it reaches over the fold, they
-    are cut beyond it, and it lies at d_u or just beyond; others stay as they are. A heap nearer than `range_min_mm`,
-    or than 4 of its sigma, is one at the fold. It is a `tofmix.recording.SampleSource`.
+    A pixel's samples in the frames that are read together are taken as one cluster. A cluster across the fold is cut
+    after it, and moves to d_u or just beyond; others do not change. A cluster nearer than `range_min_mm`, or than 4 of
+    its sigma, is taken to be at the fold. It is a `tofmix.recording.SampleSource`.
 
     Parameters
     ----------

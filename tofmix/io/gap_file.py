@@ -12,7 +12,7 @@ _NEEDED = {"verdict": str, "effects": list, "gap": dict}
 
 
 def is_gap_folder(path: Path) -> bool:
-    """Whether a folder is what `tofmix reconcile` writes."""
+    """Whether a folder is an output of `tofmix reconcile`."""
     try:
         return (path / GAP).is_file()
     except OSError:
@@ -20,7 +20,7 @@ def is_gap_folder(path: Path) -> bool:
 
 
 def read_gap(folder: Path) -> dict[str, Any]:
-    """Read what `gap.json` of a folder holds.
+    """Read `gap.json` of a folder.
 
     Raises
     ------
@@ -31,8 +31,8 @@ def read_gap(folder: Path) -> dict[str, Any]:
     try:
         gap = json.loads(read_text(path))
     except (ValueError, RecursionError) as error:
-        raise BadInputError(f"{path}: no JSON: {' '.join(str(error).split())}") from error
+        raise BadInputError(f"{path}: not JSON: {' '.join(str(error).split())}") from error
     for key, kind in _NEEDED.items():
         if not isinstance(gap, dict) or not isinstance(gap.get(key), kind):
-            raise BadInputError(f"{path}: no {key}, as tofmix reconcile writes it")
+            raise BadInputError(f"{path}: no {key}; expected a gap.json of tofmix reconcile")
     return dict(gap)

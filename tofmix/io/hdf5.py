@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io.atomic.storage import AtomicFile, Sink
-from tofmix.io.guard.hdf5_memory import make_room
+from tofmix.io.guard.hdf5_memory import reserve_memory
 from tofmix.io.next_command import next_command
 
 FORMAT_VERSION = "1.0"
@@ -71,7 +71,7 @@ def _new_file(sink: Sink | io.BytesIO) -> h5py.File:
     access.set_libver_bounds(*_LIBVER)
     creation = h5py.h5p.create(h5py.h5p.FILE_CREATE)
     creation.set_obj_track_times(False)
-    make_room()
+    reserve_memory()
     return h5py.File(h5py.h5f.create(b"tofmix", h5py.h5f.ACC_TRUNC, creation, access))
 
 
@@ -85,14 +85,14 @@ def add_group(parent: h5py.Group, name: str) -> h5py.Group:
 def add_scale(group: h5py.Group, name: str, length: int) -> None:
     """Add a dimension scale `name` that counts from 0; its length may be 0."""
     scale = group.create_dataset(
-        name, data=np.arange(length, dtype=np.uint32), chunks=(max(1, length),), fletcher32=True, **_room((length,))
+        name, data=np.arange(length, dtype=np.uint32), chunks=(max(1, length),), fletcher32=True, **_growable((length,))
     )
     scale.attrs["units"] = "1"
     scale.attrs["long_name"] = f"{name} index"
     scale.make_scale(name)
 
 
-def _room(shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
+def _growable(shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
     """Setting of a dataset without a value: h5py refuses a chunk that is longer than the dataset could ever be."""
     return {"maxshape": tuple(max(1, n) for n in shape)} if 0 in shape else {}
 
@@ -119,7 +119,7 @@ def add_variable(
         data=data,
         chunks=chunks or tuple(max(1, n) for n in shape),
         fillvalue=fill,
-        **_room(shape),
+        **_growable(shape),
         **options,
     )
     dataset.attrs["units"] = units
@@ -132,7 +132,7 @@ def add_variable(
 
 
 def add_nexus_view(root: h5py.File, *, name: str, signal: str, axes: tuple[str, ...]) -> None:
-    """Add /entry/NAME, soft links that tell NeXus viewers which signal to show."""
+    """Add /entry/NAME, soft links to the signal that NeXus viewers show."""
     root.attrs["NX_class"] = "NXroot"
     root.attrs["default"] = "entry"
     entry = add_group(root, "entry")
@@ -147,7 +147,7 @@ def add_nexus_view(root: h5py.File, *, name: str, signal: str, axes: tuple[str, 
 
 
 def text_attribute(item: h5py.Group | h5py.Dataset, key: str) -> str | None:
-    """Return a text attribute, fixed or variable length, or None where there is none."""
+    """Return a text attribute of fixed or variable length; None if it is missing."""
     value = item.attrs.get(key)
     if isinstance(value, np.ndarray) and value.size == 1:
         value = value.reshape(-1)[0]
@@ -162,7 +162,7 @@ def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> N
     Raises
     ------
     BadInputError
-        If the root attributes say so; or if they are missing and `required`.
+        If the root attributes name another format or version, or are missing and `required`.
     """
     found = text_attribute(root, "format")
     if found is None and not required:
@@ -172,7 +172,7 @@ def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> N
         remedy = next_command("surfaces" if (found, kind) == (_LAYERS, _SURFACES) else command, path)
         raise BadInputError(f"{path} is a {what}, not a {_COMMANDS[kind][0]}: {remedy}")
     if found is None and "range" in root and "n_modes" not in root:
-        raise BadInputError(f"{path}: no layers file; if it is a recording: {next_command('estimate', path)}")
+        raise BadInputError(f"{path}: not a layers file; if it is a recording: {next_command('estimate', path)}")
     if found != kind:
         raise BadInputError(f"{path}: expected a {kind} file, its format attribute is {found!r}")
     version = text_attribute(root, "format_version") or ""
@@ -181,7 +181,7 @@ def check_format(root: h5py.File, path: Path, *, kind: str, required: bool) -> N
 
 
 def fill_value(dataset: h5py.Dataset) -> NDArray[np.generic] | None:
-    """Return `_FillValue` as an array of length 1, or None where there is none.
+    """Return `_FillValue` as an array of length 1; None if it is missing.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""2-D maps as ROS's map_server reads them: an image (PGM) and a text beside it (YAML).
+"""2-D maps for ROS's map_server: an image (PGM) and a text of the same name (YAML).
 
 See http://wiki.ros.org/map_server, "Map format". Unknown cells are 205; with free_thresh 0.196 that is
 (255 - 205) / 255 = 0.19608, just not free.
@@ -25,7 +25,7 @@ def map_paths(path: Path) -> tuple[Path, Path]:
         If `path` does not end in .yaml or .yml.
     """
     if path.suffix not in (".yaml", ".yml"):
-        raise UsageError(f"{path}: a map's name ends in .yaml; its image is written beside it, in .pgm")
+        raise UsageError(f"{path}: the name of a map must end in .yaml; its image gets the same name with .pgm")
     return path.with_suffix(".pgm"), path
 
 

@@ -38,7 +38,7 @@ def load_model_text(name: str) -> str:
 
 
 def _is_hdf5(path: Path) -> bool:
-    """Whether a file begins as HDF5 does; what cannot be read is refused by who reads it."""
+    """Whether a file begins like HDF5; the reader refuses a file that cannot be read."""
     try:
         check_input(path)
         with path.open("rb") as file:
@@ -53,16 +53,16 @@ def load_model(name: str) -> Model:
     Raises
     ------
     BadInputError
-        If there is none, or it is not TOML or no model; the text names the line or the key.
+        If it is missing, not TOML or not a model; the text names the line or the key.
     """
     text = load_model_text(name)
     if not Path(name).is_file():
         return parse_model(text, source=name)
 
-    return parse_model(text, source=name, read_map=maps_beside(Path(name)))
+    return parse_model(text, source=name, read_map=maps_of_model(Path(name)))
 
 
-def maps_beside(file: Path) -> MapReader:
+def maps_of_model(file: Path) -> MapReader:
     """Reader of the maps of a model or of a camera's file."""
 
     def read_map(path: str, shape: tuple[int, int] | None) -> Float32Array:
@@ -86,7 +86,7 @@ def _read_map(folder: Path, path: str, shape: tuple[int, int] | None) -> Float32
     if not path or relative.is_absolute() or ".." in relative.parts:
         raise ValueError(f'"{path}": expected a path within the model\'s folder, such as "pattern.npy"')
     try:
-        # Mapped, so that a header that promises terabytes costs nothing
+        # Mapped, so that a header that declares terabytes costs nothing
         array = np.load(folder / relative, mmap_mode="r", allow_pickle=False)
     except OSError as error:
         raise ValueError(f'"{path}": {error.strerror or error}') from None
@@ -97,7 +97,7 @@ def _read_map(folder: Path, path: str, shape: tuple[int, int] | None) -> Float32
     if array.dtype.kind != "f":
         raise ValueError(f'"{path}": expected float32, got {array.dtype}')
     if shape is None and array.ndim != _IMAGE_RANK:
-        raise ValueError(f'"{path}": shape {array.shape} is no image')
+        raise ValueError(f'"{path}": shape {array.shape} is not an image (row, col)')
     if shape is not None and array.shape != shape:
         raise ValueError(f'"{path}": shape {array.shape} differs from the image {shape}')
     return array.astype(np.float32)

@@ -7,19 +7,19 @@ _ARRAYS = (".npy", ".npz", ".mat")
 _TABLES = (".csv", ".tsv")
 _IMAGES = (".png", ".tif", ".tiff")
 _IN_FOLDERS = (".png",)
-"""Images that hold one frame: the folder of them is a source, the file is none."""
+"""Images that hold one frame: their folder is a source, a single file is not."""
 _BAGS = (".bag", ".mcap", ".db3")
 
 
 def import_command(path: Path, *options: str) -> str:
-    """``tofmix import`` of a file to a new one beside it, with some options."""
+    """``tofmix import`` of a file to a new one in the same folder, with some options."""
     named = path if path.name else path.absolute()  # the folder in which the user stands is "."
     target = path.parent / (f"{named.stem}_mm.h5" if named.suffix == ".h5" else f"{named.stem or 'images'}.h5")
     return shlex.join(["tofmix", "import", str(path), *options, "-o", str(target)])
 
 
 def next_command(name: str, path: Path, *options: str) -> str:
-    """Another command on a file; `export` writes to a new one beside it."""
+    """Another command on a file; `export` writes to a new one in the same folder."""
     if name == "export" and not options:
         options = ("-o", str(path.parent / f"{path.name.removesuffix('.h5')}.ply"))
     return shlex.join(["tofmix", name, str(path), *options])

@@ -24,7 +24,7 @@ from tofmix.io.atomic.locks import hold_lock, release_lock
 from tofmix.io.atomic.storage import sync_folder
 
 FILES = ("report.html", "gap.json")
-"""Beside the models and their maps."""
+"""In addition to the models and their maps."""
 
 
 def model_names(models: int) -> list[str]:
@@ -40,7 +40,7 @@ def check_folder(folder: Path, *, overwrite: bool, models: int = 1) -> None:
     UsageError
         If it holds a reconciliation already and may not be overwritten.
     StorageError
-        If it is a file or may not be written, or if the folder that it is to stand in does not exist.
+        If it is a file or may not be written, or if its parent folder does not exist.
     """
     if folder.exists() and not folder.is_dir():
         raise StorageError(f"{folder} exists and is not a folder")
@@ -96,7 +96,7 @@ def write_folder(
     maps : dict
         Arrays (row, col) by their path relative to the folder.
     gap : dict
-        What `gap.json` holds.
+        Content of `gap.json`.
     page : str
         `report.html`.
     overwrite, inputs

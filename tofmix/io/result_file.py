@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 @contextmanager
 def open_result(path: Path, *, kind: str, make: Callable[[h5py.File, Path], T]) -> Iterator[T]:
-    """Open a file of a format, and give what `make` makes of its header.
+    """Open a file of a format, and return the result of `make` for its header.
 
     Raises
     ------

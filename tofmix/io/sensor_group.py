@@ -1,4 +1,4 @@
-"""The group `sensor` of recordings, layers and surfaces files: the camera, its noise, and what was learnt of it."""
+"""The group `sensor` of recordings, layers and surfaces files: the camera, its noise, and the learnt noise."""
 
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from tofmix.io.guard import guard
 from tofmix.io.hdf5 import add_group, text_attribute
 from tofmix.learnt_noise import LearntNoise
 from tofmix.noise_shape import NoiseShape
-from tofmix.projection import (
+from tofmix.optics.projection import (
     DEFAULT_PROJECTION,
     PROJECTIONS,
     Projection,
@@ -51,7 +51,7 @@ _LEARNT = {
     "noise_gain_of_one_more": "gain_more",
     "noise_gain_of_first": "gain_first",
 }
-"""Datasets of what a recording taught of its pixels, and the fields of `LearntNoise`."""
+"""Datasets of learnt noise, and the fields of `LearntNoise`."""
 
 _PRIOR, _MEMORY = "noise_background_prior", "noise_memory"
 
@@ -81,7 +81,7 @@ def write_sensor(root: h5py.File, sensor: Sensor, *, image: tuple[int, int]) -> 
 
 
 def _write_noise(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
-    """Write a noise curve, with its law of amplitude and what it has beyond sigma."""
+    """Write a noise curve, with its law of amplitude, shape, widths and background."""
     curve = {"noise_range": (noise.range_mm, "mm"), "noise_sigma": (noise.sigma_mm, "mm")}
     if noise.law is not None:
         curve |= {name: (getattr(noise.law, key), "1") for name, key in _LAW.items()}
@@ -99,7 +99,7 @@ def _write_noise(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -
 
 
 def _write_learnt(group: h5py.Group, learnt: LearntNoise) -> None:
-    """Write what a recording taught of its pixels."""
+    """Write learnt noise."""
     group.attrs[_MEMORY] = float(learnt.memory)
     arrays = {name: np.asarray(getattr(learnt, key)) for name, key in _LEARNT.items()}
     if learnt.background is not None:
@@ -118,7 +118,7 @@ def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
             with guard.reading(path, f"sensor/{name}"):
                 arrays[name] = np.asarray(group[name], dtype=np.float64)
         elif name != _PRIOR:
-            raise BadInputError(f"{path}: sensor/{name}: missing; the datasets of learnt noise need each other")
+            raise BadInputError(f"{path}: sensor/{name}: missing; learnt noise needs all its datasets")
     prior = arrays.pop(_PRIOR, None)
     if prior is not None and prior.shape != (2,):
         raise BadInputError(f"{path}: sensor/{_PRIOR}: shape {prior.shape}; two numbers are expected")
@@ -134,7 +134,7 @@ def _read_learnt(group: h5py.Group, path: Path) -> LearntNoise | None:
 
 
 def _write_noise_parts(group: h5py.Group, noise: NoiseCurve, image: tuple[int, int]) -> None:
-    """Write what a noise curve has beyond sigma: its shape, its widths, its background."""
+    """Write the shape, widths and background of a noise curve."""
     if noise.shape is not None:
         for name, key in _SHAPE.items():
             values = getattr(noise.shape, key)
@@ -203,7 +203,9 @@ def _read_projection(group: h5py.Group, path: Path) -> Projection | None:
 def _short_list(group: h5py.Group, key: str, path: Path) -> list[float]:
     value = np.asarray(group.attrs[key])
     if value.size > _MOST_COEFFICIENTS or (value.size > 0 and value.dtype.kind not in "iuf"):
-        raise BadInputError(f"{path}: sensor: {key}: expected a few numbers, got {value.dtype} of shape {value.shape}")
+        raise BadInputError(
+            f"{path}: sensor: {key}: expected a short list of numbers, got {value.dtype} of shape {value.shape}"
+        )
     return [float(number) for number in value.ravel()]
 
 
@@ -212,7 +214,7 @@ def _read_noise(group: h5py.Group, path: Path) -> NoiseCurve | None:
     if not present:
         return None
     if len(present) == 1:
-        raise BadInputError(f"{path}: sensor: {present[0]} without its twin; noise_range and noise_sigma go together")
+        raise BadInputError(f"{path}: sensor: {present[0]} alone; noise_range and noise_sigma go together")
     range_mm, sigma_mm = (_numbers(group, name, path) for name in present)
     return NoiseCurve(
         range_mm,
@@ -238,7 +240,7 @@ def _read_shape(group: h5py.Group, path: Path) -> NoiseShape | None:
     if not present:
         return None
     if len(present) < len(_SHAPE):
-        raise BadInputError(f"{path}: sensor: {present[0]} without its twin; {' and '.join(_SHAPE)} go together")
+        raise BadInputError(f"{path}: sensor: {present[0]} alone; {' and '.join(_SHAPE)} go together")
     return NoiseShape(*(_numbers(group, name, path) for name in _SHAPE))
 
 
@@ -275,7 +277,7 @@ def _numbers(group: h5py.Group, name: str, path: Path, *, most: int = _MOST_POIN
     if dataset.dtype.kind not in "iuf":
         raise BadInputError(f"{path}: sensor/{name}: expected numbers, got {dataset.dtype}")
     if dataset.size > most:
-        raise BadInputError(f"{path}: sensor/{name}: shape {dataset.shape}; it has no more than {most} values")
+        raise BadInputError(f"{path}: sensor/{name}: shape {dataset.shape}; expected at most {most} values")
     with guard.reading(path, f"sensor/{name}"):
         return np.asarray(dataset[...], dtype=np.float64)
 

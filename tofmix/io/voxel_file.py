@@ -13,7 +13,7 @@ _MISSING_EXTRA = "PLY needs plyfile: pip install 'tofmix[export]', or write .npz
 
 
 def check_voxel_path(path: Path) -> None:
-    """Refuse a name that says no known format, and PLY without its library.
+    """Refuse a name of no known format, and PLY without its library.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def check_voxel_path(path: Path) -> None:
 
 
 def encode_voxels(voxels: VoxelMap, path: Path, *, comment: str) -> bytes:
-    """Encode a 3-D map in the format that the path's ending says; the same map gives the same bytes.
+    """Encode a 3-D map in the format of the extension; the same map gives the same bytes.
 
     PLY: a vertex for each occupied voxel, its centre x, y, z in metres (float32), and its `probability` and
     `log_odds` of being occupied; little-endian binary. NPZ: `log_odds` (x, y, z) float32, 0 where nothing is known;

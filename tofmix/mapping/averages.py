@@ -1,4 +1,4 @@
-"""How many samples stand behind the average of each pixel."""
+"""Number of samples in the average of each pixel."""
 
 import numpy as np
 

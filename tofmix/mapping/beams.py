@@ -12,34 +12,30 @@ from numpy.typing import ArrayLike
 from scipy.special import erf
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
+from tofmix.circle import NO_RETURN_SIGMAS
 from tofmix.layers import Layers
-from tofmix.projection import Projection, pixel_extent_rad
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import Projection, pixel_extent_rad
 from tofmix.sensor import Sensor
 
 MAX_INCIDENCE_DEG = 60.0
 """A surface may be inclined by this much: across a beam its range then varies, and it stops light over that depth."""
 
 CLEAR_STDERRS = 2.0
-"""A surface may stand this many standard errors nearer than its range: up to there space is free, not farther."""
-
-NO_RETURN_SIGMAS = 2.0
-"""The estimator takes a surface within this many sigma of `range_max_mm` as no return: space is free up to there."""
-
-MIN_PROBABILITY = 0.9999
-"""Default of the least probability with which a layer counts: of 25,000 pixels' layers, a few false ones remain."""
+"""A surface may be this many standard errors nearer than its range: space is free only up to there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Beams:
-    """The pixels of one image. A beam's samples are those of its surfaces, of no return, and others that tell nothing.
+    """The pixels of one image. A beam's samples belong to surfaces, to no return, or to outliers without information.
 
     Parameters
     ----------
     near_mm, far_mm : (row, col, layer) float64
         Where each surface stops light: its range less and plus half its depth, mm. NaN where there is none.
     clear_to_mm : (row, col, layer) float64
-        Up to where the light of each surface surely passed, mm; from there to `near_mm`, and behind, it says nothing.
+        Range up to which the light of each surface certainly passed, mm; from there to `near_mm`, and behind, nothing
+        is known.
     samples : (row, col, layer) float64
         Samples that stopped there: the surface's share of the pixel's samples; 0 where there is none.
     probability : (row, col, layer) float64
@@ -82,12 +78,12 @@ class Beams:
 
     @property
     def reach_mm(self) -> float:
-        """The farthest range that the beams can tell of, mm: `free_to_mm`, or a surface behind it."""
+        """The farthest range with information from the beams, mm: `free_to_mm`, or a surface behind it."""
         surfaces = self.far_mm[np.isfinite(self.far_mm)]
         return max(self.free_to_mm, float(surfaces.max()) if surfaces.size else 0.0)
 
     def probability_within(self, distance_mm: float) -> FloatArray:
-        """How surely each surface exists and stands no farther than this from where it stops light.
+        """Probability that each surface exists and lies within this distance of the place where it stops light.
 
         Parameters
         ----------
@@ -105,11 +101,11 @@ class Beams:
         return np.asarray(np.nan_to_num(self.probability * placed))
 
 
-def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float = MIN_PROBABILITY) -> Beams:
+def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float = 0.9999) -> Beams:
     """Every layer is a hit with its share of the samples; no return counts as such.
 
-    A hit stands at its range, half as deep as ``r b tan(60 deg) / 2``, b being a pixel's larger extent in rad. In the
-    two standard errors before it the beam says nothing.
+    A hit lies at its range, half as deep as ``r b tan(60 deg) / 2``, b being a pixel's larger extent in rad. In the two
+    standard errors before it, nothing is known.
 
     Parameters
     ----------
@@ -118,7 +114,8 @@ def beams_from_layers(layers: Layers, sensor: Sensor, *, min_probability: float 
     sensor : Sensor
         The camera: field of view or projection, `range_max_mm`, noise curve.
     min_probability : float
-        Layers less sure than this count neither as a hit nor as free space, in [0, 1].
+        Layers less sure than this count neither as a hit nor as free space, in [0, 1]; at 0.9999, a few false
+        ones of 25,000 pixels remain.
 
     Returns
     -------
@@ -173,7 +170,7 @@ def beams_from_ranges(range_mm: ArrayLike, n_samples: ArrayLike, sensor: Sensor)
     """
     mean, count = np.asarray(range_mm, dtype=np.float64), np.asarray(n_samples, dtype=np.float64)
     if mean.shape != count.shape:
-        raise ValueError(f"n_samples: shape {count.shape} does not go with range {mean.shape}")
+        raise ValueError(f"n_samples: shape {count.shape} does not match range {mean.shape}")
     known = np.isfinite(mean) & (mean > 0) & (count > 0)
     open_space = known & (mean >= _free_to_mm(sensor))
     surface = known & ~open_space
@@ -209,8 +206,8 @@ def _beams(
     optics = sensor.optics
     if optics is None:
         raise ValueError(
-            "the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg) and no projection, so it is not"
-            " known where its pixels look"
+            "the sensor has no field of view (fov_horizontal_deg, fov_vertical_deg) and no projection, so the"
+            " directions of its pixels are not known"
         )
     rows, cols = samples_no_return.shape
     if isinstance(optics, Equiangular):

@@ -1,6 +1,6 @@
 """The cells of a map: cubes on a lattice that does not move with the camera.
 
-Cell k of an axis spans [k cell_mm, (k + 1) cell_mm), so that maps of several poses lie on the same lattice.
+Cell k of an axis spans [k cell_mm, (k + 1) cell_mm), so maps of several poses lie on the same grid.
 """
 
 import math
@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.pose import Pose
-from tofmix.projection import unit
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import unit
 
 MAX_CELLS = 50_000_000
 """Most cells of a grid: about 2 GB while it is made."""
@@ -69,7 +69,7 @@ class Grid:
         return math.prod(self.shape)
 
     def with_levels(self, height_mm: tuple[float, float]) -> "Grid":
-        """The same grid, higher or lower where a band of heights asks for it.
+        """The same grid, extended upward or downward to a band of heights.
 
         Raises
         ------
@@ -110,7 +110,7 @@ def lattice_span(interval_mm: tuple[float, float], cell_mm: float) -> tuple[int,
 
 
 def plan_grid(beams: Beams, pose: Pose, *, cell_mm: float, height_mm: tuple[float, float] | None = None) -> Grid:
-    """The smallest grid that holds the camera and all that its beams can tell of.
+    """The smallest grid that holds the camera and all ranges with information from its beams.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def plan_grid(beams: Beams, pose: Pose, *, cell_mm: float, height_mm: tuple[floa
     cell_mm : float
         Edge of a cell, mm, above 0.
     height_mm : (float, float), optional
-        Band of heights above the camera, mm, rounded outward to whole cells; all that it sees without it.
+        Band of heights above the camera, mm, rounded outward to whole cells; all visible heights without it.
 
     Returns
     -------

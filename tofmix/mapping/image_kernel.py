@@ -6,9 +6,9 @@ It validates nothing; call `tofmix.mapping.occupancy.count_light`.
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.cells import fill_patch, patch_direction
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 from tofmix.mapping.kernel import look, meets, sampled
+from tofmix.optics.cells import fill_patch, patch_direction
 
 
 @jit

@@ -3,9 +3,9 @@
 It validates nothing; call `tofmix.mapping.occupancy.count_light`. Here pixels have equal angles;
 `tofmix.mapping.image_kernel` is for other projections.
 
-It goes cell by cell, not beam by beam: a near cell is covered by many pixels, a far one by part of one, and
-each pixel's samples are shared out over the cells of a range by area. So a sample counts once at each range,
-however fine or coarse the cells, and the result does not depend on any order.
+It goes cell by cell, not beam by beam: a near cell is covered by many pixels, a far one by part of one, and each
+pixel's samples are divided among the cells of a range by area. So a sample counts once at each range, however fine or
+coarse the cells, and the result does not depend on any order.
 """
 
 import math
@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 
 MIN_RAYS = 4
 """Least rays a side with which a cell is sampled: a small one's outline is then met to about a sixteenth."""
@@ -147,7 +147,7 @@ def count_levels(
     levels, xs, ys : (z,), (x,), (y,) float64
         Least z, x and y of the cells relative to the camera, mm, along the map's axes.
     cell, reach : float
-        Edge of a cell; the farthest range that the beams tell of; mm.
+        Edge of a cell; the farthest range with information from the beams; mm.
     rotation : (3, 3) float64
         Its columns are the sensor's axes in the map's frame.
     width, height : float

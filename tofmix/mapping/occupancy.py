@@ -1,13 +1,13 @@
 """From light that stops and light that passes to log-odds, and from voxels to a 2-D map.
 
-The paper's forward model says of a sample that it stops at surface i with the unknown share p(c_i). Seen from a cell:
-of the light that reaches it, an unknown share s stops there. A cell is free if s is at most `min_share`, which stray
-layers may reach, and occupied if it is more. With k samples stopped and f passed, s uniform under either hypothesis
-and even odds before,
+In the paper's forward model a sample stops at surface i with the unknown share p(c_i). Seen from a cell: of the light
+that reaches it, an unknown share s stops there. A cell is free if s is at most `min_share`, which stray layers may
+reach, and occupied if it is more. With k samples stopped and f passed, s uniform under either hypothesis and even odds
+before,
 
     log-odds = log (1 - I) / (1 - min_share) - log I / min_share,    I = I_min_share(k + 1, f + 1)
 
-with the regularised incomplete beta function I. Light that stops in front of a cell says nothing about it.
+with the regularised incomplete beta function I. Light that stops in front of a cell carries no information about it.
 """
 
 import math
@@ -21,16 +21,13 @@ from numpy.typing import ArrayLike
 from scipy.special import betainc
 
 from tofmix.arrays import ByteArray, Float32Array, FloatArray
-from tofmix.equiangular import Equiangular
 from tofmix.mapping.beams import Beams
 from tofmix.mapping.grid import Grid
 from tofmix.mapping.image_kernel import count_cells
 from tofmix.mapping.kernel import count_levels
 from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
 from tofmix.mapping.pose import Pose
-
-MIN_SHARE = 0.05
-"""Default of the share of the light through a cell that an obstacle there stops at least."""
+from tofmix.optics.equiangular import Equiangular
 
 OCCUPIED_THRESH = 0.65
 """A cell more probably occupied than this is; the value that ROS's map_server takes."""
@@ -39,7 +36,7 @@ FREE_THRESH = 0.196
 """A cell less probably occupied than this is free; the value that ROS's map_server takes."""
 
 MAX_LOG_ODDS = math.log(0.999 / 0.001)
-"""No cell is surer than 0.999: no model is."""
+"""Largest certainty of a cell, 0.999: no model is better."""
 
 _TINY = 1e-300  # keeps the logarithm of a vanished tail finite; it is clipped at MAX_LOG_ODDS anyway
 
@@ -59,9 +56,9 @@ class State(IntEnum):
 class Light:
     """Light counted in samples, in each cell of a grid.
 
-    stopped, passed (x, y, z) float64: samples that stopped in the cell, and that passed through it; probability
-    (x, y, z) float64: how surely the surest surface that stopped any exists and stands within a cell's width of there,
-    0 where none did.
+    stopped, passed (x, y, z) float64: samples that stopped in the cell, and that passed through it; probability (x, y,
+    z) float64: the largest probability of a surface that stopped samples there: that it exists and lies within a cell's
+    width; 0 without any.
     """
 
     stopped: FloatArray
@@ -114,7 +111,7 @@ def count_light(
     pose : Pose
         Where it stood.
     grid : Grid
-        The cells. One in which the camera stands stays unknown.
+        The cells. The cell of the camera stays unknown.
     workers : int
         Threads, at least 1. It changes no value.
     progress : callable, optional
@@ -141,7 +138,7 @@ def count_light(
 
 
 def _level_counter(beams: Beams, pose: Pose, grid: Grid) -> Callable[[int, FloatArray], None]:
-    """What counts the light of one level: its number, and zeros (x, y, 3) that receive the counts."""
+    """Function that counts the light of one level, from its number into zeros (x, y, 3)."""
     low = [grid.centres_mm(axis) - grid.cell_mm / 2 - pose.position()[axis] for axis in range(3)]
     rotation, cell, optics = pose.rotation(), grid.cell_mm, beams.optics
     light = (
@@ -171,9 +168,7 @@ def _level_counter(beams: Beams, pose: Pose, grid: Grid) -> Callable[[int, Float
     return count_image
 
 
-def log_odds(
-    stopped: ArrayLike, passed: ArrayLike, probability: ArrayLike, *, min_share: float = MIN_SHARE
-) -> FloatArray:
+def log_odds(stopped: ArrayLike, passed: ArrayLike, probability: ArrayLike, *, min_share: float = 0.05) -> FloatArray:
     """Log-odds that cells are occupied, given the light counted in them.
 
     Parameters
@@ -217,11 +212,11 @@ def map_beams(
     pose: Pose,
     grid: Grid,
     *,
-    min_share: float = MIN_SHARE,
+    min_share: float = 0.05,
     workers: int = 1,
     progress: Callable[[int], object] | None = None,
 ) -> VoxelMap:
-    """Make the 3-D map of what one camera saw from one place; parameters as for `count_light` and `log_odds`."""
+    """Make the 3-D map from one pose of one camera; parameters as for `count_light` and `log_odds`."""
     light = count_light(beams, pose, grid, workers=workers, progress=progress)
     seen = (light.stopped > 0) | (light.passed > 0)
     odds = np.zeros(grid.shape, dtype=np.float32)
@@ -230,7 +225,7 @@ def map_beams(
 
 
 def project(voxels: VoxelMap, height_mm: tuple[float, float]) -> FloorMap:
-    """Make a 2-D map of a band of heights: what a robot of that height meets.
+    """Make a 2-D map of a band of heights: the obstacles of a robot of that height.
 
     A cell is occupied if any voxel of the band is; else free if any is; else unknown.
 

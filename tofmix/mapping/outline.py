@@ -9,13 +9,13 @@ from itertools import product
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.projection import Projection, cell_nodes, unit
+from tofmix.optics.projection import Projection, cell_nodes, unit
 
 _POINTS = np.array([p for p in product((0.0, 0.5, 1.0), repeat=3) if p.count(0.5) <= 1])
 """Corners of a cell and the middles of its edges, in cells: where the lens bends an edge outward its middle counts."""
 
 _SLACK_RAD = 1e-6
-"""Added to the cone of the image, so that its border is surely inside."""
+"""Added to the cone of the image, so that its border lies inside."""
 
 
 def image_nodes(optics: Projection, shape: tuple[int, int]) -> FloatArray:
@@ -44,7 +44,7 @@ def cell_outlines(
     optics: Projection, shape: tuple[int, int], low: FloatArray, cell_mm: float, rotation: FloatArray,
     cone: tuple[FloatArray, float],
 ) -> FloatArray:  # fmt: skip
-    """Rectangles in the image that hold what is seen of cells.
+    """Rectangles in the image that contain the visible parts of cells.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def cell_outlines(
     Returns
     -------
     (n, 4) float64
-        Left, right, top and bottom in pixels from the image's outer corner; left above right where nothing is seen,
-        and where the camera stands in the cell or at it. The whole image where a part of the cell has no place in it.
+        Left, right, top and bottom in pixels from the image's outer corner; left above right for invisible cells, and
+        for the cell of the camera or next to it. The whole image where a part of the cell has no place in it.
     """
     rows, cols = shape
     points = (low[:, np.newaxis] + cell_mm * _POINTS) @ rotation

@@ -1,1 +1,1 @@
-"""From a recording to a layers file: what brings the estimator and the files together, on one machine or many."""
+"""From a recording to a layers file: the link between the estimator and the files, on one machine or many."""

@@ -84,9 +84,9 @@ def _unmixed(
             results = list(pool.map(partial(_unmix, layers, phasors, provenance), range(len(phasors))))
             first = places[0].windows.start
             for number, result in enumerate(results):
-                writer.write_law(first + number, result.phasor_share, result.telling_pixels)
+                writer.write_law(first + number, result.phasor_share, result.informative_pixels)
                 shares.append(result.phasor_share)
-                pixels.append(result.telling_pixels)
+                pixels.append(result.informative_pixels)
             for cell in places:
                 part = Layers(**{
                     spec.name: np.stack([getattr(result.layers, spec.name)[cell.rows] for result in results])

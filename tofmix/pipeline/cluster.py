@@ -26,7 +26,7 @@ from tofmix.pipeline.local import LocalEngine
 from tofmix.version import __version__
 
 BLOCK_SAMPLES = 1 << 22
-"""Samples of a task: half a second of work or more, beside which dask's 2 ms do not count."""
+"""Samples of a task: at least half a second of work, compared with which dask's 2 ms are negligible."""
 
 _CONNECT_TIMEOUT_S = 10  # s until a scheduler that does not answer is given up
 _WORKER_TIMEOUT_S = 30  # s until a scheduler without workers is given up
@@ -34,7 +34,7 @@ _WORKER_TIMEOUT_S = 30  # s until a scheduler without workers is given up
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
-    """One task: some cells of a job. `identity` and `size`, `mtime_ns` are what the worker must find."""
+    """One task: some cells of a job. `identity` and `size`, `mtime_ns` must match the file on the worker."""
 
     job: Job
     cells: tuple[int, ...]
@@ -46,7 +46,7 @@ class Block:
 
 def identity() -> dict[str, str]:
     """Properties that must agree on both sides for equal bytes: versions, and the kernels' sources."""
-    from tofmix.jit import cache_folder
+    from tofmix.compiled.jit import cache_folder
 
     versions = {name: version(name) for name in ("numpy", "numba", "llvmlite")}
     kernels = cache_folder().name.rsplit("-", 1)[-1]
@@ -121,12 +121,12 @@ class ClusterEngine:
     memory_bytes: int
 
     def __call__(self, job: Job, wanted: Sequence[Cell]) -> Iterator[tuple[Cell, EncodedCell]]:
-        """Yield each wanted cell when its block is done; what is left is cancelled when nobody asks any more.
+        """Yield each wanted cell when its block is done; remaining blocks are cancelled if the caller stops.
 
         Raises
         ------
         TofmixError
-            What a worker found.
+            The error of a worker.
         StorageError
             If the scheduler or too many workers have gone.
         """

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from tofmix.errors import BadInputError
-from tofmix.estimation.blocks.sequence import settled_mixing
+from tofmix.estimation.blocks.sequence import resolved_mixing
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.grid import Cell, Grid, plan_grid
 from tofmix.io.layers.chunks import EncodedCell
@@ -28,7 +28,7 @@ class Job:
     options : EstimateOptions
         The estimator's.
     provenance : Provenance
-        What the layers file will say of them; its sensor is the one that is used.
+        Provenance in the layers file; its sensor is the one that is used.
     grid : Grid
         The cells.
         In samples of a pixel: a frame has as many as targets.
@@ -79,7 +79,7 @@ def plan_job(
         If the recording cannot be read, or phasor sums are insisted on and it has no phasors.
     """
     try:
-        options = settled_mixing(options, source)
+        options = resolved_mixing(options, source)
     except ValueError as error:
         raise BadInputError(f"{source.path}: --{error}") from error
     provenance = Provenance(

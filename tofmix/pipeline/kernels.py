@@ -18,7 +18,7 @@ from tofmix.mapping.beams import beams_from_layers
 from tofmix.mapping.grid import plan_grid as grid_of_map
 from tofmix.mapping.occupancy import count_light
 from tofmix.mapping.pose import Pose
-from tofmix.pinhole import Pinhole
+from tofmix.optics.pinhole import Pinhole
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import AmplitudeLaw, NoiseCurve, Sensor
 from tofmix.simulation.casting.cast import MovingCaster

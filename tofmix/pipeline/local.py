@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tofmix.errors import UsageError
 from tofmix.estimation.blocks.reading import MemoryTooSmallError, plan_reading
-from tofmix.estimation.blocks.sequence import estimate_cells, settled_mixing
+from tofmix.estimation.blocks.sequence import estimate_cells, resolved_mixing
 from tofmix.estimation.settings import MixingChoice
 from tofmix.grid import Cell, Grid
 from tofmix.io.layers.chunks import EncodedCell, encode_cell
@@ -52,7 +52,7 @@ class LocalEngine:
             If the recording cannot be read.
         """
         buffer_bytes, source = self.memory_bytes - PROGRAM_BYTES, self.source
-        phasors = settled_mixing(job.options, source).mixing is not MixingChoice.EVENTS
+        phasors = resolved_mixing(job.options, source).mixing is not MixingChoice.EVENTS
         with ExitStack() as stack:
             try:
                 plan = plan_reading(source, job.grid, buffer_bytes=buffer_bytes, workers=self.workers, phasors=phasors)

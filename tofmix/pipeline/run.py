@@ -1,7 +1,7 @@
 """Run a job: cells from an engine into a journal, and from the journal into the layers file.
 
-The layers file is put together when all cells are in, in their order, so that it is
-the same whoever computed them, in whatever order and after however many interruptions.
+The layers file is put together when all cells are in, in their order, so it does not depend on the workers, the order
+or the interruptions.
 """
 
 import os
@@ -64,7 +64,7 @@ def run_job(
     resume: bool = False,
     progress: Callable[[int], object] = lambda _: None,
     say: Callable[[str], object] = lambda _: None,
-    settle: Callable[[], object] = lambda: None,
+    verify_source: Callable[[], object] = lambda: None,
 ) -> Outcome:
     """Do a job, or go on with it.
 
@@ -81,13 +81,13 @@ def run_job(
     overwrite : bool
         Whether `target` may be replaced.
     resume : bool
-        Whether to go on from the journal of an interrupted run, and to take a finished output for done.
+        Whether to continue from the journal of an interrupted run, and to accept a finished output.
     progress : callable
         Called with the number of pixels done since the last call.
     say : callable
         Called with a line for the user.
-    settle : callable
-        Called when nothing more will be read, before anything gets its name: the recording's `settle`.
+    verify_source : callable
+        Called when nothing more will be read, before anything gets its name: the recording's `verify_unchanged`.
 
     Returns
     -------
@@ -118,7 +118,7 @@ def run_job(
         for cell, encoded in engine(job, wanted) if wanted else ():
             journal.add(cell.index, encoded)
             progress(job.grid.pixels(cell))
-        settle()
+        verify_source()
         tally, mixture = total(journal.done().values()), None
         if shard == WHOLE:
             parts = ((job.grid.cell(index), journal.cell(index)) for index in cells)
@@ -138,7 +138,7 @@ def run_job(
 
 @contextmanager
 def _left_as_fits(journal: Journal) -> Iterator[None]:
-    """Leave the journal of a failed run where going on helps, and nowhere else."""
+    """Keep the journal of a failed run only if a resumed run could succeed."""
     try:
         yield
     except BadInputError:
@@ -156,7 +156,7 @@ def _left_as_fits(journal: Journal) -> Iterator[None]:
 
 
 def _open(path: Path, header: bytes, shard: Shard, *, resume: bool, say: Callable[[str], object]) -> Journal:
-    """Open the journal: an old one is gone on with if that is asked for, and otherwise reported and started anew."""
+    """Open the journal: an old one is continued on request; otherwise it is reported and replaced."""
     try:
         journal = open_journal(path, header, shard)
     except BadInputError as error:
@@ -187,7 +187,7 @@ def _grid(journal: Journal) -> Grid:
 
 
 def _difference(journal: Journal, header: bytes, shard: Shard) -> str:
-    """Say in what a journal's job differs from another."""
+    """Describe the differences between a journal's job and another."""
     (old, old_grid), (new, new_grid) = (read_header_image(image, journal.path) for image in (journal.header, header))
     keys = sorted(
         key for key in old.options.keys() | new.options.keys() if old.options.get(key) != new.options.get(key)
@@ -203,7 +203,7 @@ def _difference(journal: Journal, header: bytes, shard: Shard) -> str:
 
 
 def _finished(target: Path, header: bytes, shard: Shard) -> tuple[tuple[int, ...], MixingLaw | None] | None:
-    """Return tally and mixture of an output that is just what the job would write; None if it is missing or another."""
+    """Return tally and mixture of an output that equals the output of the job; None if it is missing or different."""
     try:
         if shard == WHOLE:
             with open_layers(target) as layers:
@@ -251,7 +251,7 @@ def merge_parts(parts: Sequence[Path], target: Path, *, overwrite: bool = False)
         missing = grid.count - len(owner)
         if missing:
             raise BadInputError(
-                f"{first}: of the run's {counted(grid.count, 'block')} {missing} in no part; a part is damaged"
+                f"{first}: {missing} of {counted(grid.count, 'block')} are in no part; a part is damaged"
             )
         cells = ((grid.cell(index), owner[index].cell(index)) for index in range(grid.count))
         tally, mixture = assemble(cells, first, header, target, overwrite=overwrite, inputs=tuple(parts))
@@ -265,15 +265,18 @@ def _check_parts(parts: Sequence[Journal]) -> None:
         _grid(part)  # a damaged header is told of under the name of its own file
         if part.header != first.header:
             raise UsageError(
-                f"{part.path}: of another run than {first.path}; it differs in"
+                f"{part.path}: belongs to another run than {first.path}; it differs in"
                 f" {_difference(part, first.header, part.shard)}"
             )
         if part.shard.count != first.shard.count:
             raise UsageError(
-                f"{part.path}: of {counted(part.shard.count, 'part')}, but {first.path} of {first.shard.count}"
+                f"{part.path}: one of {counted(part.shard.count, 'part')}, but {first.path} is one of"
+                f" {first.shard.count}"
             )
         if part.shard.number in seen:
-            raise UsageError(f"{part.path}: part {part.shard.number} again; it is also {seen[part.shard.number].path}")
+            raise UsageError(
+                f"{part.path}: part {part.shard.number} twice; the other is {seen[part.shard.number].path}"
+            )
         seen[part.shard.number] = part
     missing = [str(number) for number in range(1, first.shard.count + 1) if number not in seen]
     if missing:

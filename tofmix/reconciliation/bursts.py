@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 from tofmix.simulation.effects.interference import Interference
 
 _LEAST = 1.0e-100  # probability of a state

@@ -7,6 +7,7 @@ from scipy.special import ndtr
 
 from tofmix.arrays import FloatArray
 from tofmix.noise_shape import NoiseShape
+from tofmix.reconciliation.hermite import hermite_slopes
 
 ShapeTable: TypeAlias = tuple[float, float, FloatArray, FloatArray, float]
 """First z, step, density at each point, chance below each point, and information of one sample about its location in
@@ -57,9 +58,7 @@ def moves(shape: NoiseShape | None) -> tuple[Moves, Moves]:
     q = shape.quantile(ndtr(z))
     off = shape.pdf(q) / (weight / np.sqrt(2 * np.pi))
     weight /= weight.sum()
-    slopes = (
-        np.ones_like(z), 2 * z / np.sqrt(2.0), 3 * (z**2 - 1) / np.sqrt(6.0), 4 * (z**3 - 3 * z) / np.sqrt(24.0),
-    )  # fmt: skip
+    slopes = tuple(hermite_slopes(z))
 
     def means(move: FloatArray) -> Moves:
         one, two, three, four = (float((weight * slope * move).sum()) for slope in slopes)

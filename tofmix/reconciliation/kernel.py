@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.reconciliation.error_shape import ShapeTable
 from tofmix.reconciliation.smooth_kernel import smooth_log_likelihood
 

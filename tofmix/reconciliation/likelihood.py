@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tofmix.reconciliation.witnesses import Witness
 
 _CHUNKS = 2  # fixed, so that sums do not depend on the number of threads
-_THREADS = 2
+_THREADS = 2  # as many as chunks
 _SIDE, _AWAY = 1 / 6, 3**0.5
 """Gauss and Hermite's three points: the weight of both sides, and how far they are in standard errors."""
 

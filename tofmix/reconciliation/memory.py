@@ -13,8 +13,9 @@ from scipy.optimize import minimize_scalar
 from scipy.special import ndtr, ndtri
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.reconciliation.joint import views
+from tofmix.reconciliation.lags import lag_product
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.mixture import Mixture
 from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
@@ -240,10 +241,9 @@ def _left(z: Float32Array, mixture: Mixture, coefficient: float) -> float:
     power = float((flat**2).sum(dtype=np.float64)) / max(int(ok.sum()), 1)
     most = 0.0
     for lag in range(1, min(_LAGS, len(flat) // 4) + 1):
-        pairs = int((ok[lag:] & ok[:-lag]).sum())
+        pairs, product = lag_product(flat, ok, lag)
         if pairs >= _LEAST_PAIRS and power > 0:
-            size = abs(float((flat[lag:] * flat[:-lag]).sum(dtype=np.float64))) / (pairs * power)
-            most = max(most, size - 4 / math.sqrt(pairs))
+            most = max(most, abs(product) / (pairs * power) - 4 / math.sqrt(pairs))
     return most
 
 

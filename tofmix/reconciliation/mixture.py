@@ -15,7 +15,7 @@ from scipy.special import ndtr
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.noise_shape import NoiseShape
-from tofmix.projection import beam_directions_of
+from tofmix.optics.projection import beam_directions_of
 from tofmix.reconciliation.error_shape import GAUSSIAN, ShapeTable, shape_table
 from tofmix.simulation.casting.polygon_cast import PolygonCaster
 from tofmix.simulation.distribution import Prediction

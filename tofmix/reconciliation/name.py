@@ -33,7 +33,7 @@ from tofmix.simulation.effects.temporal_correlation import TemporalCorrelation
 
 PRICE_NATS = 3.0  # of each free parameter
 
-_MANY_FRAMES = 80
+_MANY_FRAMES = 80  # from which on half of the frames rank the candidates
 _STEPS = 2  # of poses, within the tolerance
 _HALVINGS = 6  # a sixty-fourth of a tolerated step changes nothing
 SLACK = 1.15

@@ -26,7 +26,7 @@ from tofmix.simulation.effects.base import Target
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.temperature_drift import TemperatureDrift
 
-CLEARLY_NATS = 6.0
+CLEARLY_NATS = 6.0  # of gain over the best effect
 CLEARLY_SHARE = 0.0001
 """By how much a law must beat the effects: at least so many nats, and this share of what they gained, as no effect's
 law is exact."""

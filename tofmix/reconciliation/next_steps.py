@@ -68,7 +68,7 @@ def next_steps(
     for alias in unclear:
         kinds = alias.kinds
         steps.append(
-            f"This recording cannot tell {kinds[0]} from {' or '.join(kinds[1:])}: record {alias.separate_by}."
+            f"This recording cannot separate {kinds[0]} from {' or '.join(kinds[1:])}: record {alias.separate_by}."
         )
     if verified.verdict == "agree":
         steps.append(
@@ -80,7 +80,7 @@ def next_steps(
             "Confirm it on a scene that no fit has seen: reconcile the written model.toml, with the surfaces of that"
             " scene, with a recording of it."
         )
-    return tuple(steps) or ("Look at the places in `where`: no known effect does this.",)
+    return tuple(steps) or ("Examine the places in `where`: no known effect explains them.",)
 
 
 def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[str]:
@@ -101,7 +101,7 @@ def _of_the_recording(likelihood: Likelihood, verified: Verified) -> Iterator[st
 def _of_the_search(added: Added, verified: Verified, settings: Settings, *, misplaced: bool) -> Iterator[str]:
     if verified.own is not None:
         yield (
-            f"The model's own {verified.own.kind} has other numbers than the camera's: correct it. By the samples,"
+            f"The model's own {verified.own.kind} has other numbers than the camera's: correct it. The samples give:"
             f" {verified.own.explain()}."
         )
     if len(added.chosen) >= settings.max_effects:
@@ -134,8 +134,8 @@ def _of_poses(poses: Sequence[FoundPose], *, several: bool) -> Iterator[str]:
         turn = math.hypot(found.pose.yaw_deg, found.pose.pitch_deg)
         turned = f" and turned by {turn:.2g} degrees" if turn > _LEAST_TURN_DEG else ""
         yield (
-            f'"{found.surface.name}"{where} is {abs(found.pose.shift_mm):.3g} mm {way}{turned}: measure its place'
-            f" again, or add {effect_line(found)}"
+            f'"{found.surface.name}"{where} is {abs(found.pose.shift_mm):.3g} mm {way}{turned}:'
+            f" measure its position again, or add {effect_line(found)}"
         )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.reconciliation.error_shape import moves
 from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.hermite import hermite
 from tofmix.reconciliation.likelihood import Part, State
 from tofmix.reconciliation.memory import memory_of, one_surface
 from tofmix.reconciliation.mixture import Mixture
@@ -159,15 +160,6 @@ def _contrast(image: FloatArray) -> FloatArray:
     framed = np.pad(image, 1, mode="edge")
     near = [framed[:-2, 1:-1], framed[2:, 1:-1], framed[1:-1, :-2], framed[1:-1, 2:]]
     return np.asarray(np.max([np.abs(n - image) for n in near], axis=0))
-
-
-def hermite(z: Float32Array) -> Iterator[Float32Array]:
-    """Normalised Hermite polynomials of orders 1 to 4."""
-    square = z * z
-    yield z
-    yield ((square - 1) / np.sqrt(2)).astype(np.float32)
-    yield ((square - 3) * z / np.sqrt(6)).astype(np.float32)
-    yield ((square * (square - 6) + 3) / np.sqrt(24)).astype(np.float32)
 
 
 def shapes(

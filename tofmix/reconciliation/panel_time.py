@@ -6,6 +6,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.lags import lag_product
 from tofmix.reconciliation.likelihood import Part
 from tofmix.reconciliation.memory import one_surface
 from tofmix.reconciliation.mixture import Mixture
@@ -79,9 +80,7 @@ def _memory(flat: Float32Array, ok: BoolArray, frames: IntArray) -> Iterator[Cur
     lags = (1, 2, 3)
     value, variance = [], []
     for lag in lags:
-        pair = np.flatnonzero(frames[lag:] - frames[:-lag] == lag)
-        n = int((ok[pair] & ok[pair + lag]).sum())
-        product = float((centred[pair] * centred[pair + lag]).sum(dtype=np.float64))
+        n, product = lag_product(centred, ok, lag, frames)
         value.append(product / max(n, 1) + 1.0 / max(len(frames), 1))  # a removed mean lowers it by that
         variance.append(1.0 / max(n, 1))
     lag_axis = np.array(lags, dtype=np.float64)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.jit import jit
-from tofmix.vector import exp_minus, log_of, total_of
+from tofmix.compiled.jit import jit
+from tofmix.compiled.vector import exp_minus, log_of, total_of
 
 _ROUNDED = 1.0 / 12.0  # variance of whole mm
 _PER_SIGMA = 1.0 / math.sqrt(2.0 * math.pi)

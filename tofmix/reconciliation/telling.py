@@ -13,6 +13,7 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
 from tofmix.reconciliation.evidence import Evidence
+from tofmix.reconciliation.lags import lag_product
 from tofmix.reconciliation.likelihood import Part
 from tofmix.reconciliation.mixture import Mixture
 from tofmix.reconciliation.panel import Axis, panel_axes
@@ -188,10 +189,8 @@ def _halves(image: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pairs(rest: Float32Array, s: Scored, lag: int) -> float:
-    pair = np.flatnonzero(s.frames[lag:] - s.frames[:-lag] == lag)
-    n = int((s.ok[pair] & s.ok[pair + lag]).sum())
-    product = float((rest[pair] * rest[pair + lag]).sum(dtype=np.float64)) + n / max(len(rest), 1)
-    return product**2 / max(n, 1)
+    n, product = lag_product(rest, s.ok, lag, s.frames)
+    return (product + n / max(len(rest), 1)) ** 2 / max(n, 1)
 
 
 def of_losses(lost: BoolArray, expected: FloatArray, axes: Iterable[Axis]) -> Telling:

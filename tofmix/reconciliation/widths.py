@@ -21,7 +21,7 @@ _GRID = np.linspace(-3.5, 3.5, 8)
 _AROUND = np.linspace(-3.5, 3.5, 9)
 """Where what a width may be is weighed, in standard errors from the likeliest one."""
 
-_TURNS = 5
+_TURNS = 5  # Newton steps of the log widths
 _NUDGE = 0.02  # of the log width: a Gaussian's log-likelihood is a parabola over that to 1e-3
 _FARTHEST = 0.5
 """Longest step of a log width: the log-likelihood is no parabola over more."""

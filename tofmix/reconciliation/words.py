@@ -39,7 +39,7 @@ def headline(result: Reconciliation) -> str:
     if v.verdict == "agree" or not result.where:
         gap = f"the gap is {v.before.gap:.2f}, noise alone gives {v.floor.gap:.2f}"
         within = "; the rest is within --tolerance" if v.before.gap > _WIDER * v.floor.gap else ""
-        return f"{_TITLES['agree']}: no disagreement beyond chance and tolerance; {gap}{within}."
+        return f"{_TITLES['agree']}: no disagreement beyond noise and tolerance; {gap}{within}."
     place = where_text(result.where[0], result)
     if v.verdict == "unexplained":
         stays = result.where[0].statistic in ("bias", "pattern")  # what goes with time is no matter of that law
@@ -75,7 +75,7 @@ def where_text(place: Place, result: Reconciliation) -> str:
         frames = f"{low:g} to {high:g} frames" if high > low else counted(int(low), "frame")
         return f"between samples {frames} apart{within} ({size})"
     if place.statistic == "bridging":
-        return f"between two surfaces that are in one pixel{within} ({number(place.size, '+.3g')} of its samples)"
+        return f"between two surfaces of one pixel{within} ({number(place.size, '+.3g')} of its samples)"
     if place.axis == "all":
         return f"everywhere{within} ({size})"
     if place.axis == "surface":

@@ -1,8 +1,7 @@
 """The range image that averaging gives, for comparison with the layers.
 
-This is what a camera returns at a long integration time: where a beam meets two
-surfaces the mean lies between them, the comet tail. Use it to show that tail,
-never as a range to trust.
+A camera returns this mean at a long integration time: if a beam meets two surfaces, the mean lies between them, in the
+comet tail. Use it to show that tail, never as a range to trust.
 """
 
 import math
@@ -15,7 +14,7 @@ from tofmix.arrays import FloatArray
 from tofmix.circle import fold
 from tofmix.errors import UsageError
 from tofmix.layers import Layers
-from tofmix.ranging import unambiguous_range_mm
+from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.recording import AmplitudeSource, SampleSource, samples_a_frame
 
 
@@ -98,8 +97,8 @@ def average_samples(
 def average_layers(layers: Layers, *, unambiguous_range_mm: float | None = None) -> AveragedImage:
     """Average the layers of each pixel by their shares, sum(w r) / sum(w); on a circle, by their directions.
 
-    Use it where the recording is not at hand. It has the comet tail, but neither
-    the samples without a return nor the weighting by amplitude.
+    Use it without the recording. It has the comet tail, but neither the samples without a return nor the weighting by
+    amplitude.
 
     Parameters
     ----------
@@ -125,7 +124,7 @@ def average_layers(layers: Layers, *, unambiguous_range_mm: float | None = None)
 
 
 def _amplitudes(recording: SampleSource) -> AmplitudeSource | None:
-    """Return the recording itself where it knows what phasors need."""
+    """Return the recording if it has the data for phasors."""
     if recording.sensor.modulation_frequency_hz is None or not isinstance(recording, AmplitudeSource):
         return None
     return recording if recording.has_amplitude else None

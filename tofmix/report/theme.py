@@ -76,7 +76,7 @@ DARK = Theme(
 
 @contextmanager
 def drawing(theme: Theme) -> Iterator[None]:
-    """Draw with these colours and Matplotlib's own defaults, whatever the user's matplotlibrc says."""
+    """Draw with these colours and Matplotlib's defaults, without the user's matplotlibrc."""
     colours = {
         "text.color": theme.ink,
         "axes.labelcolor": theme.ink,
@@ -116,7 +116,7 @@ def drawn(draw: Callable[[Theme], Figure], kind: Format) -> tuple[str, str, tupl
 
 
 def figure_bytes(draw: Callable[[Theme], Figure], kind: Format) -> bytes:
-    """Draw a figure on a light ground, as a file of its own; the same figure gives the same bytes."""
+    """Draw a figure on a light background as a file; the same figure gives the same bytes."""
     return _saved(draw, kind, LIGHT)[0]
 
 
@@ -144,7 +144,7 @@ def _data_uri(content: bytes, kind: Format) -> str:
 
 
 def mark_no_data(axes: Axes, theme: Theme) -> None:
-    """Hatch the ground of an image, so that it shows wherever the image has no value."""
+    """Hatch the background of an image, which is visible where the image has no value."""
     axes.patch.set(facecolor=theme.no_data, edgecolor=theme.hatch, hatch=_HATCH, linewidth=0)
 
 

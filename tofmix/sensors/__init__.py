@@ -1,4 +1,4 @@
-"""Built-in cameras: what is known of each, in one TOML file a camera.
+"""Built-in cameras: the data of each, in one TOML file a camera.
 
 Use `load_profile` where a user names a camera (``--noise sr3000``, ``profile =
 "sr3000"``). A recording carries its own `tofmix.sensor.Sensor`; do not look a

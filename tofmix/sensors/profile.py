@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
-from tofmix.projection import Projection
-from tofmix.ranging import unambiguous_range_mm
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import Projection
+from tofmix.optics.ranging import unambiguous_range_mm
+from tofmix.recording import MOST_PIXELS_A_SIDE
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
 
-MAX_PIXELS_A_SIDE = 4096  # beyond any such camera; a typing error must not ask for terabytes
 MAX_RANGE_MM = 65_000.0  # ranges are stored as whole mm in 16 bits
 
 _ABOVE_ZERO = (
@@ -93,8 +93,8 @@ class SensorProfile:
     def __post_init__(self) -> None:
         for key in ("rows", "cols"):
             value = getattr(self, key)
-            if not 1 <= value <= MAX_PIXELS_A_SIDE:
-                raise ValueError(f"{key}: {value} is not in 1..{MAX_PIXELS_A_SIDE}")
+            if not 1 <= value <= MOST_PIXELS_A_SIDE:
+                raise ValueError(f"{key}: {value} is not in 1..{MOST_PIXELS_A_SIDE}")
         for key in _ABOVE_ZERO:
             value = getattr(self, key)
             if value is not None and not (math.isfinite(value) and value > 0):
@@ -123,7 +123,7 @@ class SensorProfile:
 
     @property
     def random_share(self) -> float | FloatArray:
-        """Probability of a random value: p(c_r) and the background, of all pixels alike or of each (row, col)."""
+        """Probability of a random value: p(c_r) and the background, one for all pixels or for each (row, col)."""
         background = self.noise.background
         if background is None:
             return self.outlier_probability
@@ -176,12 +176,12 @@ class SensorProfile:
         return self.noise.scaled(factor, amplitude_factor=integration_time_ms / self.reference_integration_time_ms)
 
     def turn_mm(self, purpose: str) -> float:
-        """Unambiguous range d_u = c / (2 f), mm, for what acts on the phase.
+        """Unambiguous range d_u = c / (2 f), mm, for effects on the phase.
 
         Parameters
         ----------
         purpose : str
-            What asks, as the user knows it: "--averaged", or an effect's kind.
+            The caller, in words of the user: "--averaged", or an effect's kind.
 
         Raises
         ------

@@ -11,7 +11,14 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.noise_shape import NoiseShape
-from tofmix.projection import DEFAULT_PROJECTION, PROJECTIONS, Projection, list_keys, make_projection, number_keys
+from tofmix.optics.projection import (
+    DEFAULT_PROJECTION,
+    PROJECTIONS,
+    Projection,
+    list_keys,
+    make_projection,
+    number_keys,
+)
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
 from tofmix.sensors.profile import SensorProfile
 from tofmix.sensors.sheet import VIEW_KEYS, CameraSheet
@@ -34,7 +41,7 @@ _SHAPE = {"shape_z": "z", "shape_density": "density"}
 """Keys of a `NoiseShape` and its fields; they go together."""
 
 _NOISE_PARTS = (*_SHAPE, "width_spread", "background")
-"""Keys of what a noise curve has beyond sigma."""
+"""Keys of the shape, widths and background of a noise curve."""
 
 _INHERITED = ("shape", "width_spread", "background")
 """Their fields in a `NoiseCurve`, which a base camera hands on."""
@@ -53,7 +60,7 @@ def read_sheet(
     table : TomlTable
         The ``[sensor]`` table.
     base : CameraSheet or None
-        What stands where a key is left out.
+        Values of keys that are left out.
     more_keys : tuple of str
         Keys that the caller reads itself.
     read_map : callable, optional
@@ -109,7 +116,7 @@ def read_sensor(
     sheet = read_sheet(table, base, more_keys=more_keys, read_map=read_map)
     if lacking := sheet.missing():
         keys = ", ".join("noise.range_mm, noise.sigma_mm" if key == "noise" else key for key in lacking)
-        raise table.error(f"missing {keys}; the profile of {sheet.name} does not know them: give them")
+        raise table.error(f"missing {keys}; the profile of {sheet.name} lacks them: give them")
     return sheet.profile()
 
 
@@ -131,7 +138,7 @@ def _projection(table: TomlTable, base: CameraSheet | None) -> Projection | None
     for key in _optics_keys():
         if key in table and key not in own:
             others = " or ".join(f'"{n}"' for n in PROJECTIONS if key in (*number_keys(n), *list_keys(n)))
-            raise table.error(f"does not go with the projection {name}; add projection = {others}", key)
+            raise table.error(f"does not belong to the projection {name}; add projection = {others}", key)
     if name == DEFAULT_PROJECTION:
         return None
     values: dict[str, float | tuple[float, ...]] = {}
@@ -171,7 +178,7 @@ def _noise_curve(noise: TomlTable, base: NoiseCurve | None, background: FloatArr
 
 
 def _shape(noise: TomlTable) -> dict[str, NoiseShape]:
-    """The shape of the error under its field's name; nothing where none is given."""
+    """The shape of the error under its field's name; empty without one."""
     present = [key for key in _SHAPE if key in noise]
     if not present:
         return {}
@@ -199,7 +206,7 @@ def _background(noise: TomlTable, image: tuple[int, int] | None, read_map: MapRe
 
 
 def _amplitude_law(noise: TomlTable, base: NoiseCurve | None) -> AmplitudeLaw | None:
-    """How noise depends on amplitude at the reference integration time; None where nothing is said."""
+    """Law of amplitude of the noise at the reference integration time; None without one."""
     before = None if base is None or base.law is None else base.law
     given = {key: noise.numbers(key) for key in _LAW if key in noise}
     if before is not None:

@@ -29,7 +29,7 @@ PROFILES: dict[str, str] = {
 
 
 def load_sheet(name: str) -> CameraSheet:
-    """Read what is known of a built-in camera.
+    """Read the data of a built-in camera.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def noise_of_profile(name: str, integration_time_ms: float | None) -> tuple[Nois
     name : str
         A key of `PROFILES`.
     integration_time_ms : float or None
-        Of the recording; None stands for the camera's default.
+        Of the recording; None for the camera's default.
 
     Returns
     -------

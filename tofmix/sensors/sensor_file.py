@@ -36,7 +36,7 @@ def _base_of(table: TomlTable) -> CameraSheet | None:
 
 
 def parse_sensor(text: str, *, source: str, read_map: MapReader | None = None) -> CameraSheet:
-    """Read what a TOML file knows of a camera; tables of a model beside ``[sensor]`` are passed over.
+    """Read the camera of a TOML file; other tables of a model than ``[sensor]`` are ignored.
 
     Parameters
     ----------

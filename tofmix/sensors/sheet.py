@@ -1,15 +1,16 @@
 """Known properties of a camera: the numbers of a profile, of which some may be missing.
 
 Use a sheet where a camera is only described: `tofmix sensors`, `tofmix import`. Where one is simulated, or its noise is
-asked for, `CameraSheet.profile` gives the whole `SensorProfile`, or says what is missing.
+asked for, `CameraSheet.profile` gives the whole `SensorProfile`, or names the missing data.
 """
 
 from dataclasses import dataclass, fields
 from typing import Any
 
-from tofmix.projection import Projection
+from tofmix.optics.projection import Projection
+from tofmix.recording import MOST_PIXELS_A_SIDE
 from tofmix.sensor import DEFAULT_OUTLIER_PROBABILITY, NoiseCurve, Sensor
-from tofmix.sensors.profile import MAX_PIXELS_A_SIDE, SensorProfile
+from tofmix.sensors.profile import SensorProfile
 
 NOISE_KEYS = ("noise", "reference_integration_time_ms", "exponent")
 """Keys of a noise curve at any integration time; each needs the others."""
@@ -21,7 +22,7 @@ VIEW_KEYS = ("fov_horizontal_deg", "fov_vertical_deg")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class CameraSheet:
-    """A camera of which not all need be known: None stands for what is not.
+    """A camera of which not all need be known: None means unknown.
 
     Parameters
     ----------
@@ -61,8 +62,8 @@ class CameraSheet:
     def __post_init__(self) -> None:
         for key in ("rows", "cols"):
             value = getattr(self, key)
-            if value is not None and not 1 <= value <= MAX_PIXELS_A_SIDE:
-                raise ValueError(f"{key}: {value} is not in 1..{MAX_PIXELS_A_SIDE}")
+            if value is not None and not 1 <= value <= MOST_PIXELS_A_SIDE:
+                raise ValueError(f"{key}: {value} is not in 1..{MOST_PIXELS_A_SIDE}")
         for key, most in (("fov_horizontal_deg", 360.0), ("fov_vertical_deg", 180.0)):
             value = getattr(self, key)
             if value is not None and value > most:
@@ -104,7 +105,7 @@ class CameraSheet:
         return profile
 
     def sensor(self) -> Sensor:
-        """The camera as a recording describes it; what is not known stays unknown.
+        """The camera as a recording describes it; unknown values stay unknown.
 
         Raises
         ------

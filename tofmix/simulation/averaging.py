@@ -1,8 +1,7 @@
 """Range of a camera that integrates on board: the phasor mean of the samples within its integration time.
 
-Use it for ``simulate --averaged``: where a pixel sees several surfaces, the mean
-lies between them, at a range where there is none (the paper's comet tail). The
-samples themselves are those of `tofmix.simulation.events`.
+Use it for ``simulate --averaged``: if a pixel sees several surfaces, the mean lies between them, at a range without a
+surface (the paper's comet tail). The samples themselves are those of `tofmix.simulation.events`.
 """
 
 import math
@@ -39,7 +38,7 @@ class Exposure:
 
 
 def exposure_times(sensor: SensorProfile) -> tuple[float, ...]:
-    """Integration times in ms of the samples within the default one: whole samples, then what is left.
+    """Integration times in ms of the samples within the default one: whole samples, then the rest.
 
     Parameters
     ----------
@@ -64,8 +63,8 @@ def exposure_times(sensor: SensorProfile) -> tuple[float, ...]:
         )
     if total / tau > MAX_EXPOSURES:
         raise BadInputError(
-            f"[sensor]: integration_time_ms: {tau:g} ms goes into {total:g} ms more than {MAX_EXPOSURES} times; "
-            "raise it, or leave out --averaged"
+            f"[sensor]: integration_time_ms: {tau:g} ms fits into {total:g} ms more than {MAX_EXPOSURES} times;"
+            " raise it, or leave out --averaged"
         )
     whole = math.floor(total / tau + _NEGLIGIBLE)
     rest = total - whole * tau
@@ -106,7 +105,7 @@ def average_frame(
     table : EventTable
         The events.
     parts : tuple of Exposure
-        What `exposures` returned.
+        Result of `exposures`.
     turn_mm : float
         Unambiguous range d_u, mm, above 0.
     rng : numpy.random.Generator
@@ -122,7 +121,7 @@ def average_frame(
         ``d_u arg(z) / 2 pi`` of the sum z of ``amplitude * exp(2 pi i r / d_u)``, on the turn nearest the
         amplitude-weighted mean range, mm. Where no sample has an amplitude: the time-weighted mean range.
     amplitude : (pixel,) float32
-        ``|z|``, with the noise that `draws` stands for.
+        ``|z|``, with the noise of `draws`.
     """
     noise = MeanNoise(pixels=table.threshold.shape[1])
 

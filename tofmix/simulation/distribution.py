@@ -140,7 +140,7 @@ class Prediction(Echoes):
         return np.where(value <= _LOWEST, -np.inf, lower), np.where(value >= _HIGHEST, np.inf, upper)
 
     def probability(self, stored_mm: NDArray[np.generic]) -> FloatArray:
-        """Probability (n, pixel) of stored values (n, pixel); 0 mm stands for an invalid sample."""
+        """Probability (n, pixel) of stored values (n, pixel); 0 mm means an invalid sample."""
         stored = np.asarray(stored_mm)
         lower, upper = self.cell(stored)
         inside = np.nan_to_num(np.maximum(self.cdf(upper) - self.cdf(lower), 0.0)) * (1.0 - self.invalid)

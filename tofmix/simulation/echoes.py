@@ -1,8 +1,7 @@
-"""Echoes on their way through the camera: what effects act on.
+"""Echoes in the camera, on which effects act.
 
-`Echoes` holds what the samples of one frame (`FrameSamples`) and the components of
-a predictive distribution (`tofmix.simulation.prediction`) have in common, so that
-one piece of code does an effect to both.
+`Echoes` holds what the samples of one frame (`FrameSamples`) and the components of a predictive distribution
+(`tofmix.simulation.prediction`) have in common, so one piece of code applies an effect to both.
 """
 
 import math
@@ -60,11 +59,11 @@ class Echoes:
         return self.range_mm.shape
 
     def add_bias(self, bias_mm: FloatArray | float) -> None:
-        """Move the mean range of what a surface returned; sigma stays."""
+        """Move the mean range of echoes from surfaces; sigma stays."""
         self.range_mm = self.range_mm + np.where(self.returned, bias_mm, 0.0)
 
     def scale_sigma(self, factor: FloatArray | float) -> None:
-        """Multiply the noise of what a surface returned."""
+        """Multiply the noise of echoes from surfaces."""
         self.sigma_mm = self.sigma_mm * np.where(self.returned, factor, 1.0)
 
     def phasor(self) -> ComplexArray:
@@ -100,7 +99,7 @@ class FrameSamples(Echoes):
     noise : (pixel,) float64
         Standardised noise, of the camera's shape.
     outlier_mm : (pixel,) float64
-        Value of each random sample, mm; NaN where the sample is none.
+        Value of each random sample, mm; NaN for other samples.
     lost : (pixel,) bool
         Invalid samples.
     stuck : (pixel,) bool

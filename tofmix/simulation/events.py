@@ -1,7 +1,7 @@
 """Draw samples from equation (1): one event a pixel a frame, then the sensor's noise.
 
-Use `event_table` once a recording and `draw` once a frame. What the camera makes
-of several such samples on board is in `tofmix.simulation.averaging`.
+Use `event_table` once a recording and `draw` once a frame. `tofmix.simulation.averaging` averages several such samples
+as on board of a camera.
 """
 
 from dataclasses import dataclass
@@ -83,12 +83,12 @@ def event_table(truth: Truth, sensor: SensorProfile, *, outlier_share: float | F
     Parameters
     ----------
     truth : Truth
-        What `tofmix.simulation.casting.cast.cast_scene` returned.
+        Result of `tofmix.simulation.casting.cast.cast_scene`.
     sensor : SensorProfile
         The camera it was cast for.
     outlier_share : float or (row, col), optional
-        What the truth's shares and 1 differ by, where effects add random values to the camera's; the table is of
-        equation (1), background included, all the same.
+        Difference between 1 and the sum of the true shares, if effects add random values to the camera's; the table is
+        of equation (1), background included, all the same.
 
     Raises
     ------
@@ -116,8 +116,8 @@ def event_table(truth: Truth, sensor: SensorProfile, *, outlier_share: float | F
 def _thresholds(truth: Truth, returned: FloatArray, scale: FloatArray | float) -> FloatArray:
     """Cumulative p(c_1) .. p(c_L), then 1 - p(c_r), which is `returned` (pixel,).
 
-    The truth is in float32: where a pixel has no gap, its last surface gets what rounding left, so that it never
-    draws a no-return. Padded layers have a share of 0, thus the threshold of the layer before: u skips them.
+    The truth is in float32: if a pixel has no gap, its last surface gets the rounding error, so it never draws a
+    no-return. Padded layers have a share of 0, thus the threshold of the layer before: u skips them.
     """
     pixels, layers = truth.n_modes.size, truth.range_true.shape[2]
     share = np.nan_to_num(truth.weight_true.reshape(pixels, layers).T.astype(np.float64)) * scale
@@ -132,8 +132,7 @@ def _thresholds(truth: Truth, returned: FloatArray, scale: FloatArray | float) -
 def frame_generator(seed: int, frame: int) -> np.random.Generator:
     """The random stream of one frame.
 
-    Each frame has its own, so that a frame does not depend on how many there are, on the blocks they are made in, or
-    on the threads that make them.
+    Each frame has its own stream, so a frame does not depend on the number of frames, blocks or threads.
 
     Parameters
     ----------
@@ -228,7 +227,7 @@ def _event(threshold: FloatArray, u: FloatArray) -> IntArray:
 
 
 def events_behind(table: EventTable, drawn: Drawn) -> IntArray:
-    """Events (pixel,) in which a random value has something behind it: what its pixel would have returned.
+    """Events (pixel,) behind random values: the samples that they replace.
 
     Given a random value, its u is uniform above the last threshold, and serves once more.
     """

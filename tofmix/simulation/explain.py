@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 
-from tofmix.ranging import unambiguous_range_mm
+from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.simulation.effects.base import LEVEL_NAMES, Level
 from tofmix.simulation.model import Model
 from tofmix.wording import counted
@@ -39,11 +39,11 @@ def _camera(model: Model) -> Iterator[str]:
     yield f"noise: {kind}, sigma(r) of the camera, such as {sigma:.3g} mm at {middle:.0f} mm{law}"
     if sensor.noise.width_spread:
         spread = f"{sensor.noise.width_spread:g}"
-        yield f"widths: each pixel's noise has a factor of its own, of the median 1, its logarithm spread by {spread}"
+        yield f"widths: each pixel has a factor on its noise, of median 1, with a spread of its logarithm of {spread}"
     if sensor.noise.background is not None:
         low, high = 100 * float(sensor.noise.background.min()), 100 * float(sensor.noise.background.max())
         share = f"{low:.3g} %" if low == high else f"{low:.3g} to {high:.3g} %, by pixel,"
-        yield f"background: {share} of the samples are random values, beside those of outlier_probability"
+        yield f"background: {share} of the samples are random values, in addition to outlier_probability"
     yield (
         f"recording: {counted(recording.frames, 'frame')} at {recording.frame_rate_hz:g} Hz, "
         f"{recording.frames / recording.frame_rate_hz:g} s in all, seed {recording.seed}"
@@ -61,7 +61,7 @@ def _scene(model: Model) -> Iterator[str]:
 
 def _samples(model: Model) -> Iterator[str]:
     yield (
-        "samples: each is one event: a surface with its share of the pixel's beam, no return around "
+        "samples: each sample shows one surface with its share of the pixel's beam, no return around "
         f"{model.sensor.range_max_mm:g} mm, or, with probability {model.sensor.outlier_probability:g}, a random value"
     )
 

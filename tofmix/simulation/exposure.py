@@ -1,8 +1,7 @@
 """One frame through the camera, effect by effect: geometry, light, correlation, range, read-out.
 
-Use `Exposer` where a model has effects; `tofmix.simulation.render` draws models
-without any from equation (1) directly. Both draw events and noise from the same
-stream, and each effect from one of its own: an effect more, or one of zero
+Use `Exposer` where a model has effects; `tofmix.simulation.render` draws models without any from equation (1) directly.
+Both draw events and noise from the same stream, and each effect has a separate one: a further effect, or one of zero
 magnitude, changes no other draw.
 """
 
@@ -38,7 +37,7 @@ class StillScene:
     surface : (event, pixel) int64
         Their surfaces; -1 without one.
     expected : tuple
-        What each acting effect expects of the scene.
+        Data of the scene for each acting effect.
     range_true : (row, col, layer) float32
         Its true ranges, mm.
     """
@@ -130,7 +129,7 @@ class Exposer:
         return np.stack([drawn.noise, amplitude_draws(drawn.noise.size, seed=self._seed, frame=frame)])
 
     def colour(self, noise: FloatArray, before: FloatArray | None) -> FloatArray:
-        """A frame's normal noise with the memory that effects give it; `before` is what this gave the frame before."""
+        """A frame's normal noise with the memory from effects; `before` is the result for the frame before."""
         if before is None:
             return noise
         for effect in self._effects:
@@ -145,9 +144,9 @@ class Exposer:
         frame : int
             Its number.
         scene : StillScene
-            What `scene` returned for it.
+            Result of `scene` for it.
         drawn : Drawn
-            What `draw` returned for it.
+            Result of `draw` for it.
         noise : (2, pixel) float64
             Standard normal noise of ranges and amplitudes, with its memory.
 
@@ -166,8 +165,8 @@ class Exposer:
     def average(self, frame: int, scene: StillScene) -> FrameSamples:
         """One frame as on-board integration returns it: the phasor mean of exposures, read out once.
 
-        `scene` is what `scene` returned for the frame. What acts on the mean is read-out alone: a threshold, say, is
-        held against the amplitude of the whole time.
+        `scene` is the result of `scene` for the frame. Only read-out effects act on the mean: a threshold, for example,
+        is compared with the amplitude of the whole time.
         """
         rng = frame_generator(self._seed, frame)
         pixels = scene.table.threshold.shape[1]

@@ -1,8 +1,7 @@
 """The model of a simulation: a camera, flat rectangles before it, and the recording.
 
-Use these types to build a scene in code. A model file is read by
-`tofmix.simulation.model_toml`; what a pixel sees of a model is worked out by
-`tofmix.simulation.casting.cast`.
+Use these types to build a scene in code. A model file is read by `tofmix.simulation.model_toml`;
+`tofmix.simulation.casting.cast` computes the surfaces in each pixel of a model.
 """
 
 import math
@@ -61,13 +60,13 @@ class Model:
     sensor : SensorProfile
         The camera, at the integration time of one sample.
     surfaces : tuple of Surface
-        The scene; none is legal and returns nothing anywhere.
+        The scene; it may be empty, and then no pixel has a return.
     recording : RecordingSettings
         Frames, frame rate, seed.
     text : str
         The model file's text; empty if there is none.
     effects : tuple of Effect
-        What the camera does beyond equation (1), in file order.
+        Effects of the camera beyond equation (1), in file order.
 
     Raises
     ------
@@ -114,7 +113,7 @@ class Model:
 
     @property
     def outlier_share(self) -> float | FloatArray:
-        """Probability of a random value: the sensor's and what effects add; (row, col) where there is a background."""
+        """Probability of a random value: the sensor's and that of effects; (row, col) with a background."""
         return self.sensor.random_share + sum(effect.outlier_share for effect in self.effects)
 
     @property
@@ -123,7 +122,7 @@ class Model:
         return any(effect.moves for effect in self.effects)
 
     def moves_surface(self, name: str) -> bool:
-        """Whether a surface may stand elsewhere from frame to frame."""
+        """Whether a surface moves from frame to frame."""
         return any(effect.moves and getattr(effect, "surface", name) == name for effect in self.effects)
 
     def placed(self, time_s: float) -> "tuple[Surface, ...]":

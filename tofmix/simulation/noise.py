@@ -1,7 +1,7 @@
 """The parts of a camera's noise beyond sigma(r): the shape of the error, each pixel's own width, the amplitude's noise.
 
-Effects act on Gaussian noise, which alone keeps its distribution where samples remember each other; what is measured
-is the shape's quantile at the same chance (a Gaussian copula).
+Effects act on Gaussian noise, which alone keeps its distribution under memory. The sample is the quantile of the shape
+at the same probability (a Gaussian copula).
 """
 
 import math
@@ -47,7 +47,7 @@ def noisy_amplitude(amplitude: FloatArray, sigma_mm: FloatArray, draws: FloatArr
     Returns
     -------
     (pixel,) float64
-        At least 0: what noise would make negative is 0.
+        At least 0: negative values become 0.
     """
     if math.isnan(turn_mm):
         return amplitude
@@ -72,7 +72,7 @@ def drawn_widths(sensor: SensorProfile, *, seed: int) -> FloatArray | None:
     Returns
     -------
     (pixel,) float64 or None
-        Log-normal, of the median 1; None where all pixels are alike.
+        Log-normal, with median 1; None if all pixels are equal.
     """
     spread = sensor.noise.width_spread
     if not spread:

@@ -1,7 +1,7 @@
 """Prediction of each pixel's next sample by a model.
 
-Use `predict` to hold a recording against a model. The outcome is the marginal distribution of one sample: what links
-samples (memory, bursts of frames, neighbours) is named by each effect and not here.
+Use `predict` to hold a recording against a model. The result is the marginal distribution of one sample. Links between
+samples (memory, bursts of frames, neighbours) are declared by each effect and not included.
 """
 
 import copy
@@ -23,7 +23,7 @@ def equation_1(truth: Truth, model: Model) -> Prediction:
     Parameters
     ----------
     truth : Truth
-        What `tofmix.simulation.casting.cast.cast_scene` returned for the model.
+        Result of `tofmix.simulation.casting.cast.cast_scene` for the model.
     model : Model
         The model.
 
@@ -77,7 +77,7 @@ def predict(
     time_s : float
         Time since the first frame, s.
     seed : int, optional
-        Seed of the recording, which decides what is drawn once (patterns, widths); the model's own if it is left out.
+        Seed of the recording for the draws that hold for it all (patterns, widths); by default the model's.
     without_effects : Prediction, optional
         `equation_1` of the truth and the model, where it is known already; it stays as it is.
 

@@ -1,4 +1,4 @@
-"""Render a cast scene into frames, block by block, and say what camera the recording is of.
+"""Render a cast scene into frames, block by block, and describe the camera of the recording.
 
 Use `render_blocks` to write a recording of any length in bounded memory. It is
 the end of the path scene -> sensor -> recording.
@@ -27,7 +27,7 @@ _FRAMES_AT_ONCE = 16  # held in memory with all that their samples carry
 
 
 class _Frame(NamedTuple):
-    """One frame's samples, (pixel,), and what it saw."""
+    """One frame's samples, (pixel,), and its true scene."""
 
     number: int
     range_mm: NDArray[np.uint16]
@@ -79,7 +79,7 @@ def recording_sensor(model: Model, *, averaged: bool = False) -> Sensor:
         The model.
     averaged : bool
         Whether the frames are on-board averages: then integration time and noise are those of the default time. The
-        shape and the background are those of single samples: a mean has others, of which the recording says nothing.
+        shape and the background are those of single samples: a mean has others, which the recording does not store.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def render_blocks(
     model : Model
         The model.
     truth : Truth
-        What `tofmix.simulation.casting.cast.cast_scene` returned for it.
+        Result of `tofmix.simulation.casting.cast.cast_scene` for it.
     n_frames : int
         Number of frames, at least 1. The model's own `recording` settings are the caller's to pass or override.
     seed : int

@@ -7,13 +7,8 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.surfaces.found import NO_SURFACE
+from tofmix.surfaces.settings import ShareSettings
 from tofmix.surfaces.shares import Shares
-
-_LEAST_GAP = 0.03
-"""Relative gap between two surfaces at the border of two pixels, from which on one ends there: less may be a crease."""
-
-BORDER_MARGIN = 0.003
-"""Distance beyond a pixel's border, pixels, up to which an edge at the border is the pixel's own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,21 +45,21 @@ class Cuts:
         return len(self.row)
 
 
-def make_cuts(shares: Shares, planes: FloatArray, directions: FloatArray) -> Cuts:
+def make_cuts(shares: Shares, planes: FloatArray, directions: FloatArray, settings: ShareSettings) -> Cuts:
     """Make a cut between each two entries of a pixel, and one in each pixel at whose border its only surface ends.
 
     Parameters
     ----------
-    shares : Shares
-        What each pixel sees.
-    planes : (surface, 3) float64
+    shares : Shares Surfaces in each pixel. planes : (surface, 3) float64
         m of 1/r = m . d.
     directions : (row, col, 3) float64
         Unit vectors d.
+    settings : ShareSettings
+        Thresholds.
     """
     entries = np.arange(shares.label.shape[2] - 1)
     row, col, entry = np.nonzero(entries < shares.count[..., np.newaxis] - 1)
-    at_border, behind = _borders(shares, planes, directions)
+    at_border, behind = _borders(shares, planes, directions, settings.crease)
     border = np.nonzero(at_border)
     number = np.arange(len(row) + len(border[0]), dtype=np.int32)
     inner = number[: len(row)]
@@ -78,12 +73,14 @@ def make_cuts(shares: Shares, planes: FloatArray, directions: FloatArray) -> Cut
         far=np.concatenate([shares.label[row, col, entry + 1], behind[border]]), first=first,
         following=np.concatenate([np.where(last, -1, inner + 1), np.full(len(border[0]), -1)]).astype(np.int32),
         entry=np.concatenate([entry, np.zeros(len(border[0]))]).astype(np.int32),
-        margin=np.where(number < len(row), 0.0, BORDER_MARGIN),
+        margin=np.where(number < len(row), 0.0, settings.border_margin),
     )  # fmt: skip
 
 
-def _borders(shares: Shares, planes: FloatArray, directions: FloatArray) -> tuple[BoolArray, NDArray[np.int32]]:
-    """Pixels (row, col) that one surface fills and beside which it is not seen, and the surface behind it there."""
+def _borders(
+    shares: Shares, planes: FloatArray, directions: FloatArray, crease: float
+) -> tuple[BoolArray, NDArray[np.int32]]:  # fmt: skip
+    """Pixels (row, col) that one surface fills and next to which it is not seen, and the surface behind it there."""
     rows, cols = shares.count.shape
     alone = (shares.count == 1) & (shares.label[..., 0] != NO_SURFACE)
     found = np.zeros((rows, cols), bool)
@@ -94,7 +91,7 @@ def _borders(shares: Shares, planes: FloatArray, directions: FloatArray) -> tupl
         surface = shares.label[here][..., 0]
         plane = (planes[surface] * directions[there]).sum(axis=-1) if len(planes) else np.zeros(surface.shape)
         ends = alone[here] & (shares.count[there] > 0) & (shares.label[there] != surface[..., np.newaxis]).all(axis=-1)
-        ends &= (plane > 0) & (shares.inverse[there][..., 0] * (1.0 + _LEAST_GAP) < plane)
+        ends &= (plane > 0) & (shares.inverse[there][..., 0] * (1.0 + crease) < plane)
         new = ends & ~found[here]
         behind[here][new] = shares.label[there][..., 0][new]
         found[here] |= ends

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.surfaces.cuts import Cuts
 from tofmix.surfaces.found import Edges, no_edges
 from tofmix.surfaces.regions import (
@@ -34,7 +34,7 @@ _LEAST_TURN = -0.5
 """Least cosine between the directions of two pieces: 120 degrees, as at the tip of a triangle."""
 
 _NOTHING = 1.0e-9
-"""Length of a piece, pixels, below which it is none."""
+"""Smallest length of a piece, pixels."""
 
 
 def trace(cuts: Cuts, regions: FloatArray, kept: int) -> Edges:
@@ -45,7 +45,7 @@ def trace(cuts: Cuts, regions: FloatArray, kept: int) -> Edges:
     cuts : Cuts
         Where surfaces end.
     regions : (cut, REGION_COLUMNS) float64
-        What they cover.
+        Areas that they cover.
     kept : int
         Surfaces whose edges are traced: those of a lower number.
     """

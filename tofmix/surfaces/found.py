@@ -1,4 +1,4 @@
-"""What `surfaces` finds: which surface each layer is of, their planes, their edges, and a finer range image."""
+"""The results of `surfaces`: the surface of each layer, planes, edges, and a finer range image."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -107,7 +107,7 @@ class WindowSurfaces:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfacesProvenance:
-    """What surfaces were made from and with; nothing here depends on when, where or how many workers.
+    """Source and options of surfaces; independent of time, machine and number of workers.
 
     `source` is the base name of the layers file, `source_sha256` its checksum; `options` are those that affect
     values, by their names on the command line, `factor` among them.

@@ -1,7 +1,7 @@
-"""Edges go on into pixels beside them that show one surface alone, or do not tell. Compiled.
+"""Edges continue into neighbouring pixels of one surface, or without known shares. Compiled.
 
-A surface with a small share is not found in its pixel, and a pixel whose mixing is undecided tells no shares at all.
-Both are told by the edges beside them.
+A surface with a small share is not found in its pixel, and an undecided pixel has no known shares. The neighbouring
+edges determine both.
 """
 
 from typing import NamedTuple
@@ -10,23 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 from tofmix.surfaces.cuts import Cuts
-from tofmix.surfaces.edge_fit import AHEAD, BACK, BAR, KIND, WORTH
+from tofmix.surfaces.edge_shape import AGREES, AHEAD, BACK, BAR, KIND
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.half_plane import covered
 from tofmix.surfaces.regions import FIRST, ONE, REGION_COLUMNS, SHAPE, continue_edge, set_edge
+from tofmix.surfaces.settings import EdgeSettings
 from tofmix.surfaces.shares import Shares
-
-_LEAST_AREA = 0.002
-"""Area of a pixel below which nothing is changed: less than half a part of 16 x 16."""
-
-_MOST_SIGMA = 3.0
-"""A pixel that tells one surface alone may see another up to this many standard errors of its share."""
 
 
 class Painted(NamedTuple):
-    """What is painted: entries of each pixel, near to far, and what each covers."""
+    """The surfaces to paint: entries of each pixel, near to far, and the area of each."""
 
     entries: NDArray[np.int32]
     label: NDArray[np.int32]
@@ -37,27 +32,29 @@ class Painted(NamedTuple):
 
 def continue_edges(
     shares: Shares, cuts: Cuts, fits: FloatArray, lines: FloatArray, regions: FloatArray, planes: FloatArray,
-    directions: FloatArray, rays: FloatArray, silent: BoolArray,
+    directions: FloatArray, rays: FloatArray, silent: BoolArray, settings: EdgeSettings,
 ) -> Painted:  # fmt: skip
-    """Continue edges into pixels beside them that tell one surface alone, or none.
+    """Continue edges into neighbouring pixels of one surface, or without known shares.
 
     Parameters
     ----------
     shares, cuts, fits, lines, regions
-        What was found so far.
+        The results so far.
     planes, directions, rays
         As for `fit_edges`.
     silent : (row, col) bool
-        Pixels that see something and do not tell what.
+        Pixels with samples but without known shares.
+    settings : EdgeSettings
+        Thresholds.
 
     Returns
     -------
     Painted
-        With an entry and a cut more where an edge goes on.
+        With a further entry and cut where an edge continues.
     """
     found, more = _continue(
         shares.count, shares.label, shares.inverse, shares.samples, shares.floor, cuts.near, cuts.far, cuts.row,
-        cuts.col, cuts.first, cuts.following, fits, lines, planes, directions, rays, silent,
+        cuts.col, cuts.first, cuts.following, fits, lines, planes, directions, rays, silent, settings,
     )  # fmt: skip
     row, col, near, far = found.T
     count, first = shares.count.copy(), cuts.first.copy()
@@ -85,6 +82,7 @@ def _continue(
     floor: FloatArray, near: NDArray[np.int32], far: NDArray[np.int32], cut_rows: NDArray[np.int32],
     cut_cols: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32], fits: FloatArray,
     lines: FloatArray, planes: FloatArray, directions: FloatArray, rays: FloatArray, silent: BoolArray,
+    settings: EdgeSettings,
 ) -> tuple[NDArray[np.int32], FloatArray]:  # fmt: skip
     """Edges that go on: (row, col, near, far), (edge, 4) int32, and their regions."""
     rows, cols = count.shape
@@ -102,11 +100,11 @@ def _continue(
                     cut = first_cut[r, c]
                     while cut >= 0:
                         run = fits[cut, BACK] + fits[cut, AHEAD]
-                        if fits[cut, WORTH] > 0.0 and run > longest:
+                        if fits[cut, AGREES] > 0.0 and run > longest:
                             for side in range(2 if fits[cut, KIND] == BAR else 1):
                                 continue_edge(fits[cut], lines[cut, side], rays[row, col], row - r, col - c, here)
                                 area = covered(here[0], here[1], here[2])
-                                if area < _LEAST_AREA or area > 1.0 - _LEAST_AREA:
+                                if area < settings.graze_area or area > 1.0 - settings.graze_area:
                                     continue
                                 behind = far[cut]
                                 if count[row, col] == 1:
@@ -119,9 +117,9 @@ def _continue(
                                         if inverses[row, col, 0] > plane:
                                             continue  # nearer than the edge's surface, which it hides
                                     miss = (1.0 if sees == near[cut] else 0.0) - area
-                                    worth = samples[row, col]
-                                    variance = (area * (1.0 - area) + 0.25 / worth) / worth + floor[row, col]
-                                    if miss * miss > _MOST_SIGMA * _MOST_SIGMA * variance:
+                                    effective = samples[row, col]
+                                    variance = (area * (1.0 - area) + 0.25 / effective) / effective + floor[row, col]
+                                    if miss * miss > settings.graze_sigmas * settings.graze_sigmas * variance:
                                         continue
                                 longest, hidden = run, behind
                                 found[total, 0], found[total, 1] = row, col

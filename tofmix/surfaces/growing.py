@@ -1,24 +1,16 @@
 """Growing of planar surfaces from node to node. Compiled.
 
-A surface begins at a node whose neighbours are flat, with a plane that faces the camera and whose slopes are hardly
-known. Every neighbour that lies on the plane within the errors of both joins it and makes the plane better known.
+A surface begins at a node with flat neighbours, with a plane that faces the camera and has almost unknown slopes. Every
+neighbour that lies on the plane within the errors of both joins it and makes the plane better known.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing, jit
-from tofmix.normal_equations import solve
-
-PRIOR_SLOPE = 1.5
-"""Standard deviation of a surface's slope, tangent of the angle off the beam, before its neighbours are seen."""
-
-MOST_SIGMA = 4.0
-"""A node is on a plane that it misses by up to this many standard deviations."""
-
-NEW = 28.0
-"""What a surface costs, shared by its nodes, as a squared misfit: its three numbers, each known to one in a hundred."""
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.plane import dot, solve
+from tofmix.surfaces.settings import LinkSettings
 
 _AFTER = 1.1
 """A plane is solved again when it has this many times the nodes: more often changes nothing that matters."""
@@ -28,9 +20,11 @@ _FEW = 32
 
 
 @borrowing
-def begin(inverse: float, direction: FloatArray, information: FloatArray, right: FloatArray) -> None:
-    """Set the normal equations to those of a plane that faces the beam, with slopes of `PRIOR_SLOPE`."""
-    weight = 1.0 / (PRIOR_SLOPE * inverse) ** 2
+def begin(
+    inverse: float, direction: FloatArray, information: FloatArray, right: FloatArray, prior_slope: float
+) -> None:  # fmt: skip
+    """Set the normal equations to those of a plane that faces the beam, with slopes of `prior_slope`."""
+    weight = 1.0 / (prior_slope * inverse) ** 2
     for i in range(3):
         right[i] = 0.0
         for j in range(3):
@@ -46,12 +40,6 @@ def add(
         right[i] += direction[i] * inverse / variance
         for j in range(3):
             information[i, j] += direction[i] * direction[j] / variance
-
-
-@borrowing
-def dot(x: FloatArray, y: FloatArray) -> float:
-    """Scalar product of two vectors (3,)."""
-    return float(x[0] * y[0] + x[1] * y[1] + x[2] * y[2])
 
 
 @borrowing
@@ -81,6 +69,7 @@ def misfit(
 def flatness(
     index: NDArray[np.int32], row: NDArray[np.int32], col: NDArray[np.int32], inverse: FloatArray,
     variance: FloatArray, shift: FloatArray, direction: FloatArray, down: FloatArray, across: FloatArray,
+    settings: LinkSettings,
 ) -> FloatArray:  # fmt: skip
     """How flat the eight neighbours of each node are: the mean of their squared misfits, a missing one counted as bad.
 
@@ -89,16 +78,16 @@ def flatness(
     Returns
     -------
     (node,) float64
-        0 to `MOST_SIGMA` ** 2.
+        0 to `most_sigmas` ** 2.
     """
     rows, cols, depth = index.shape
     out = np.empty(len(row))
     information, covariance = np.empty((3, 3)), np.empty((3, 3))
     right, plane = np.empty(3), np.empty(3)
     chosen = np.empty(8, np.int64)
-    worst = MOST_SIGMA * MOST_SIGMA
+    worst = settings.most_sigmas * settings.most_sigmas
     for node in range(len(row)):
-        begin(inverse[node], direction[node], information, right)
+        begin(inverse[node], direction[node], information, right, settings.prior_slope)
         add(inverse[node], variance[node], direction[node], information, right)
         count = 0
         for r in range(max(row[node] - 1, 0), min(row[node] + 2, rows)):
@@ -130,7 +119,7 @@ def flatness(
 def grow(
     index: NDArray[np.int32], row: NDArray[np.int32], col: NDArray[np.int32], inverse: FloatArray,
     variance: FloatArray, shift: FloatArray, direction: FloatArray, down: FloatArray, across: FloatArray,
-    order: NDArray[np.int64],
+    order: NDArray[np.int64], settings: LinkSettings,
 ) -> NDArray[np.int32]:  # fmt: skip
     """Grow surfaces, each from the first node in `order` that is of none yet.
 
@@ -149,12 +138,12 @@ def grow(
     queue = np.empty(len(row), np.int64)
     information, covariance = np.empty((3, 3)), np.empty((3, 3))
     right, plane = np.empty(3), np.empty(3)
-    worst = MOST_SIGMA * MOST_SIGMA
+    worst = settings.most_sigmas * settings.most_sigmas
     found = 0
     for seed in order:
         if label[seed] >= 0:
             continue
-        begin(inverse[seed], direction[seed], information, right)
+        begin(inverse[seed], direction[seed], information, right, settings.prior_slope)
         add(inverse[seed], variance[seed], direction[seed], information, right)
         solve(information, right, plane, covariance)
         label[seed] = found
@@ -199,7 +188,7 @@ def grow(
 @jit
 def fit(
     label: NDArray[np.int32], count: int, inverse: FloatArray, variance: FloatArray, shift: FloatArray,
-    direction: FloatArray, down: FloatArray, across: FloatArray,
+    direction: FloatArray, down: FloatArray, across: FloatArray, settings: LinkSettings,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:  # fmt: skip
     """Fit the plane of each surface to its nodes.
 
@@ -225,7 +214,7 @@ def fit(
             if one < 0:
                 continue
             if sizes[one] == 0.0:
-                begin(inverse[node], direction[node], information[one], right[one])
+                begin(inverse[node], direction[node], information[one], right[one], settings.prior_slope)
             sizes[one] += 1.0
             spread = variance[node]
             if step == 1:
@@ -247,13 +236,12 @@ def fit(
 def reassign(
     index: NDArray[np.int32], row: NDArray[np.int32], col: NDArray[np.int32], inverse: FloatArray,
     variance: FloatArray, shift: FloatArray, direction: FloatArray, down: FloatArray, across: FloatArray,
-    label: NDArray[np.int32], planes: FloatArray, covariances: FloatArray, sizes: FloatArray, apart: float,
+    label: NDArray[np.int32], planes: FloatArray, covariances: FloatArray, sizes: FloatArray, settings: LinkSettings,
 ) -> int:  # fmt: skip
     """Give each node the surface of its neighbourhood that fits it best; return how many changed.
 
-    A surface's cost is the squared misfit, `apart` for each of the eight neighbouring pixels without that surface,
-    and a part of what a surface costs at all: a few false layers beside a large surface are given back to it. `label`
-    is
+    A surface's cost is the squared misfit, `apart_cost` for each of the eight neighbouring pixels without that
+    surface, and a part of the cost of a surface: a few false layers next to a large surface return to it. `label` is
     changed in place.
     """
     rows, cols, depth = index.shape
@@ -268,14 +256,14 @@ def reassign(
                     other = index[r, c, k]
                     if other < 0 or label[other] < 0:
                         continue
-                    beside = 0 if r == row[node] and c == col[node] else 1
+                    next_to = 0 if r == row[node] and c == col[node] else 1
                     known = False
                     for i in range(count):
                         if near[i] == label[other]:
-                            times[i] += beside
+                            times[i] += next_to
                             known = True
                     if not known:
-                        near[count], times[count] = label[other], beside
+                        near[count], times[count] = label[other], next_to
                         count += 1
                         alike = alike and label[other] == label[node]
         if alike:
@@ -285,9 +273,9 @@ def reassign(
             one = near[i]
             spread = own_variance(variance[node], shift[node], down[node], across[node], planes[one])
             cost = misfit(inverse[node], spread, direction[node], planes[one], covariances[one])
-            if one != label[node] and cost > MOST_SIGMA * MOST_SIGMA:
+            if one != label[node] and cost > settings.most_sigmas * settings.most_sigmas:
                 continue
-            cost += apart * (8 - times[i]) + NEW / sizes[one]
+            cost += settings.apart_cost * (8 - times[i]) + settings.surface_cost / sizes[one]
             if cost < least:
                 best, least = one, cost
         if best != label[node]:

@@ -6,7 +6,7 @@ Places in a pixel are (u, v), down and to the right of its centre, from -1/2 to 
 import math
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing
+from tofmix.compiled.jit import borrowing
 
 
 @borrowing

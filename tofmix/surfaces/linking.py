@@ -7,22 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.surfaces.growing import MOST_SIGMA, PRIOR_SLOPE, fit, flatness, grow, reassign
+from tofmix.surfaces.growing import fit, flatness, grow, reassign
 from tofmix.surfaces.nodes import Nodes
-
-_ALIKE = 0.5
-"""Cost of a neighbouring pixel that does not see a node's surface, in squared standard deviations."""
-
-_SWEEPS = 4  # most passes that give nodes to planes anew
-
-_LEAST_PIECE = 8
-"""Nodes from which on a piece of a surface may be joined to another that it does not touch."""
-
-_ODDS = 1.0 / 100.0
-"""Odds that two pieces are of one plane, before their planes are compared."""
-
-_SLIGHT = 0.25
-"""Mean squared misfit that joining may add: half a standard deviation a node, less than can be seen of one."""
+from tofmix.surfaces.settings import DEFAULT_SETTINGS, LinkSettings
 
 _DECADE = math.log(10.0)
 
@@ -49,23 +36,23 @@ class Linked:
     sizes: NDArray[np.int64]
 
 
-def link(nodes: Nodes) -> Linked:
+def link(nodes: Nodes, settings: LinkSettings = DEFAULT_SETTINGS.link) -> Linked:
     """Link nodes into surfaces; every node is of one, and may be its only one."""
     if not len(nodes):
         return Linked(label=np.zeros(0, np.int32), planes=np.zeros((0, 3)), covariances=np.zeros((0, 3, 3)),
                       sizes=np.zeros(0, np.int64))  # fmt: skip
     places = (nodes.index, nodes.row, nodes.col)
     values = (nodes.inverse, nodes.variance, nodes.shift, nodes.direction, nodes.down, nodes.across)
-    order = np.argsort(flatness(*places, *values), kind="stable")
-    label = grow(*places, *values, order)
-    for _ in range(_SWEEPS):
-        planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values)
-        if not reassign(*places, *values, label, planes, covariances, sizes, _ALIKE):
+    order = np.argsort(flatness(*places, *values, settings), kind="stable")
+    label = grow(*places, *values, order, settings)
+    for _ in range(settings.sweeps):
+        planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values, settings)
+        if not reassign(*places, *values, label, planes, covariances, sizes, settings):
             break
     label = _numbered(label)
-    planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values)
-    label = _numbered(_joined(planes, covariances, sizes)[label])
-    planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values)
+    planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values, settings)
+    label = _numbered(_joined(planes, covariances, sizes, settings)[label])
+    planes, covariances, sizes, _ = fit(label, int(label.max()) + 1, *values, settings)
     return Linked(label=label, planes=planes, covariances=covariances, sizes=sizes.astype(np.int64))
 
 
@@ -78,31 +65,34 @@ def _numbered(label: NDArray[np.int32]) -> NDArray[np.int32]:
     return number[label]
 
 
-def _joined(planes: FloatArray, covariances: FloatArray, sizes: FloatArray) -> NDArray[np.int32]:
+def _joined(
+    planes: FloatArray, covariances: FloatArray, sizes: FloatArray, settings: LinkSettings
+) -> NDArray[np.int32]:  # fmt: skip
     """New number of each surface: pieces of one plane, such as a wall behind slats, get that of the largest.
 
-    Two pieces are joined if their planes agree within their errors, and if this is more than chance: the density of the
-    difference at 0 beside that of any other plane, one that faces any way at any range.
+    Two pieces are joined if their planes agree within their errors, and if this is unlikely by chance: the density of
+    the difference at 0, compared with that for a plane of any direction and range.
     """
     new = np.arange(len(planes), dtype=np.int32)
-    big = int((sizes >= _LEAST_PIECE).sum())  # by size, the largest first
+    big = int((sizes >= settings.least_piece).sum())  # by size, the largest first
     for piece in range(1, big):
         wholes = [whole for whole in range(piece) if new[whole] == whole]
-        odds = _odds(planes[piece], covariances[piece], sizes[piece], planes[wholes], covariances[wholes])
+        odds = _odds(planes[piece], covariances[piece], sizes[piece], planes[wholes], covariances[wholes], settings)
         if odds.size and odds.max() > 1.0:
             new[piece] = wholes[int(odds.argmax())]
     return new
 
 
 def _odds(
-    plane: FloatArray, covariance: FloatArray, size: float, planes: FloatArray, covariances: FloatArray
+    plane: FloatArray, covariance: FloatArray, size: float, planes: FloatArray, covariances: FloatArray,
+    settings: LinkSettings,
 ) -> FloatArray:  # fmt: skip
-    """Odds (whole,) that a piece is of each of the planes and not of one of its own."""
+    """Odds (whole,) that a piece belongs to each of the planes and not to a separate one."""
     both = covariances + covariance
     miss = planes - plane
     squared = (miss * np.linalg.solve(both, miss[..., np.newaxis])[..., 0]).sum(axis=-1)
-    squared = np.where(squared < _SLIGHT * size, np.minimum(squared, 1.0), squared)
+    squared = np.where(squared < settings.slight_misfit * size, np.minimum(squared, 1.0), squared)
     agreed = np.exp(-0.5 * squared) / np.sqrt((2.0 * math.pi) ** 3 * np.maximum(np.linalg.det(both), 1e-300))
     inverse = float(np.linalg.norm(plane))
-    any_other = 1.0 / (_DECADE * inverse) / (2.0 * math.pi * PRIOR_SLOPE**2) / inverse**2
-    return np.asarray(np.where(squared < MOST_SIGMA**2, _ODDS * agreed / any_other, 0.0))
+    any_other = 1.0 / (_DECADE * inverse) / (2.0 * math.pi * settings.prior_slope**2) / inverse**2
+    return np.asarray(np.where(squared < settings.most_sigmas**2, settings.same_plane_odds * agreed / any_other, 0.0))

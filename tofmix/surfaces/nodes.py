@@ -12,12 +12,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
-
-LEAST_PROBABILITY = 0.5
-"""A layer that is less sure is of no surface."""
-
-_UNKNOWN_ERROR = 0.01
-"""Relative error of a range whose standard error is not known."""
+from tofmix.surfaces.settings import DEFAULT_SETTINGS, LinkSettings
 
 _UNIFORM = 12.0**-0.5
 """Standard deviation of a place that is anywhere in a pixel, pixels."""
@@ -39,7 +34,7 @@ class Nodes:
     inverse : (node,) float64
         1 / r, 1/mm.
     variance : (node,) float64
-        Of `inverse`; what neighbours on a plane differ by beyond their standard errors included.
+        Of `inverse`; includes the scatter of neighbours on a plane beyond their standard errors.
     shift : (node,) float64
         Standard deviation of where in the pixel a layer is seen, pixels, along rows and columns: 0 if it fills the
         pixel.
@@ -62,16 +57,16 @@ class Nodes:
         return len(self.row)
 
 
-def used_layers(layers: Layers) -> BoolArray:
+def used_layers(layers: Layers, least_probability: float) -> BoolArray:
     """Layers (row, col, layer) that may be of a surface: neither undecided nor improbable."""
     used = np.isfinite(layers.range) & (layers.range > 0)
-    used &= ~(layers.probability < LEAST_PROBABILITY)
+    used &= ~(layers.probability < least_probability)
     if layers.mixing is not None:
         used &= (layers.mixing != int(Mixing.UNDECIDED))[..., np.newaxis]
     return np.asarray(used)
 
 
-def make_nodes(layers: Layers, directions: FloatArray) -> Nodes:
+def make_nodes(layers: Layers, directions: FloatArray, settings: LinkSettings = DEFAULT_SETTINGS.link) -> Nodes:
     """Make the nodes of a window.
 
     Parameters
@@ -80,14 +75,16 @@ def make_nodes(layers: Layers, directions: FloatArray) -> Nodes:
         Of the leading shape (row, col).
     directions : (row, col, 3) float64
         Unit vectors along the beams.
+    settings : LinkSettings
+        Thresholds.
     """
-    used = used_layers(layers)
+    used = used_layers(layers, settings.least_probability)
     row, col, layer = np.nonzero(used)
     index = np.full(used.shape, -1, dtype=np.int32)
     index[row, col, layer] = np.arange(len(row))
     range_mm = layers.range[row, col, layer].astype(np.float64)
     error = layers.range_stderr[row, col, layer].astype(np.float64)
-    error = np.where(np.isfinite(error) & (error > 0), error, _UNKNOWN_ERROR * range_mm)
+    error = np.where(np.isfinite(error) & (error > 0), error, settings.unknown_error * range_mm)
     inverse, variance = 1.0 / range_mm, (error / range_mm**2) ** 2
     alone = used.sum(axis=-1) == 1
     variance *= _excess(np.where(alone, 1.0 / np.where(used, layers.range, np.inf).min(axis=-1), np.nan),

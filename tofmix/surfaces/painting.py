@@ -4,12 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.regions import inside
-
-_MOST_OFF = 0.1
-"""Relative distance of a layer from its surface's plane beyond which its own range is taken."""
 
 
 @jit
@@ -17,6 +14,7 @@ def paint_row(
     row: int, factor: int, regions: FloatArray, first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
     count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, planes: FloatArray,
     directions: FloatArray, fine: FloatArray, range_fine: NDArray[np.float32], surface_fine: NDArray[np.int32],
+    most_off: float,
 ) -> None:  # fmt: skip
     """Paint one row of pixels, from the nearest surface to the farthest.
 
@@ -25,7 +23,7 @@ def paint_row(
     row, factor : int
         The image row; parts along each side of a pixel.
     regions, first_cut, next_cut
-        What each surface covers, as for `choose_regions`; a pixel's cuts are near to far.
+        Area of each surface, as for `choose_regions`; a pixel's cuts are near to far.
     count, labels, inverses
         Of `Shares`.
     planes : (surface, 3) float64
@@ -36,6 +34,8 @@ def paint_row(
         Unit vectors through the centres of the row's parts.
     range_fine, surface_fine : (factor, cols * factor)
         Filled: mm, NaN where there is no return or nothing is known; and the surface.
+    most_off : float
+        Relative distance of a layer from its surface's plane beyond which its own range is taken.
     """
     for col in range(count.shape[1]):
         entries = count[row, col]
@@ -59,7 +59,7 @@ def paint_row(
                 there += planes[label, k] * fine[i, j, k]
                 centre += planes[label, k] * directions[row, col, k]
             own = inverses[row, col, entry]
-            if there <= 0.0 or abs(centre - own) > _MOST_OFF * own:
+            if there <= 0.0 or abs(centre - own) > most_off * own:
                 there = own
             range_fine[i, j], surface_fine[i, j] = 1.0 / there, label
 
@@ -68,10 +68,10 @@ def paint_row(
 def share_out(
     factor: int, silent: NDArray[np.bool_], range_fine: NDArray[np.float32], surface_fine: NDArray[np.int32]
 ) -> None:  # fmt: skip
-    """Share out pixels that see something and do not tell what among the pixels beside them that do.
+    """Divide unknown pixels with samples among the surfaces of their known neighbours.
 
-    Each part gets what the nearest part across the pixel's border shows, if that pixel tells. A pixel's surfaces are
-    those beside it; where between them it changes is not known.
+    Each part gets the surface of the nearest part across the pixel's border, if that pixel is known. A pixel's surfaces
+    are those of its neighbours; the edge between them is not known.
 
     Parameters
     ----------

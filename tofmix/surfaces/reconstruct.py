@@ -8,11 +8,12 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.layers import Layers
-from tofmix.projection import Projection, beam_directions_of, unit
+from tofmix.optics.projection import Projection, beam_directions_of, unit
 from tofmix.sensor import Sensor
 from tofmix.surfaces.cuts import Cuts, make_cuts
-from tofmix.surfaces.edge_fit import FIT_COLUMNS, fit_edges
+from tofmix.surfaces.edge_fit import fit_edges
 from tofmix.surfaces.edge_lines import trace
+from tofmix.surfaces.edge_shape import FIT_COLUMNS
 from tofmix.surfaces.found import NO_SURFACE, Planes, WindowSurfaces
 from tofmix.surfaces.grazing import continue_edges
 from tofmix.surfaces.linking import Linked, link
@@ -20,19 +21,16 @@ from tofmix.surfaces.nodes import Nodes, make_nodes
 from tofmix.surfaces.painting import paint_row, share_out
 from tofmix.surfaces.regions import choose_regions, ray_lines
 from tofmix.surfaces.run_errors import widened
+from tofmix.surfaces.settings import DEFAULT_SETTINGS, SurfaceSettings
 from tofmix.surfaces.shares import Shares, make_shares
-
-DEFAULT_FACTOR = 8
-"""Parts of a pixel along each side."""
 
 _THREADS, _PARTS = 2, 16
 """Fits do not depend on each other; parts of the work even out."""
 
-LEAST_PIXELS = 3
-"""Layers of a surface at least: a plane has three numbers."""
 
-
-def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR) -> WindowSurfaces:
+def reconstruct(
+    layers: Layers, sensor: Sensor, *, factor: int = 8, settings: SurfaceSettings = DEFAULT_SETTINGS
+) -> WindowSurfaces:
     """Find the surfaces of one window.
 
     Parameters
@@ -43,6 +41,8 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
         The camera; its optics place the pixels.
     factor : int
         Parts of a pixel along each side in the fine range image.
+    settings : SurfaceSettings
+        Thresholds.
 
     Raises
     ------
@@ -54,20 +54,22 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
         raise ValueError("sensor: no field of view, so surfaces cannot be placed")
     rows, cols = layers.shape
     directions = beam_directions_of(optics, (rows, cols))
-    nodes = make_nodes(layers, directions)
-    linked = link(nodes)
-    shares = make_shares(layers, nodes, linked)
-    cuts = make_cuts(shares, linked.planes, directions)
+    nodes = make_nodes(layers, directions, settings.link)
+    linked = link(nodes, settings.link)
+    shares = make_shares(layers, nodes, linked, settings.share)
+    cuts = make_cuts(shares, linked.planes, directions, settings.share)
     rays = pixel_rays(optics, (rows, cols))
     seen = (shares.count, shares.label, shares.inverse, shares.up_to, shares.samples, shares.floor)
     where = (linked.planes, directions, rays)
-    fits = widened(_fit(cuts, *seen, *where), cuts, shares)
+    fits = widened(_fit(cuts, *seen, *where, settings.edge), cuts, shares, settings.edge)
     lines = ray_lines(
         fits, cuts.row, cuts.col, np.asarray(np.linalg.inv(np.moveaxis(rays[..., [1, 2, 0], :], -1, -2)), np.float64)
     )
-    regions = choose_regions(fits, lines, cuts.row, cuts.col, cuts.near, cuts.first, cuts.following, *seen, *where)
+    regions = choose_regions(
+        fits, lines, cuts.row, cuts.col, cuts.near, cuts.first, cuts.following, *seen, *where, settings.edge
+    )
     silent = _silent(layers, shares)
-    painted = continue_edges(shares, cuts, fits, lines, regions, *where, silent)
+    painted = continue_edges(shares, cuts, fits, lines, regions, *where, silent, settings.edge)
     range_fine = np.empty((rows * factor, cols * factor), np.float32)
     surface_fine = np.empty((rows * factor, cols * factor), np.int32)
     for row in range(rows):
@@ -75,10 +77,10 @@ def reconstruct(layers: Layers, sensor: Sensor, *, factor: int = DEFAULT_FACTOR)
         paint_row(
             row, factor, painted.regions, painted.cuts.first, painted.cuts.following, painted.entries, painted.label,
             painted.inverse, linked.planes, directions, _part_directions(optics, row, factor, (rows, cols)),
-            range_fine[part], surface_fine[part],
+            range_fine[part], surface_fine[part], settings.share.most_off,
         )  # fmt: skip
     share_out(factor, silent & (painted.entries == 0), range_fine, surface_fine)
-    kept = int((linked.sizes >= LEAST_PIXELS).sum())
+    kept = int((linked.sizes >= settings.link.least_layers).sum())
     edges = trace(painted.cuts, painted.regions, kept)
     edges = replace(edges, far=np.where(edges.far < kept, edges.far, NO_SURFACE).astype(np.int32))
     surface_fine[surface_fine >= kept] = NO_SURFACE
@@ -107,7 +109,7 @@ def _fit(cuts: Cuts, *arrays: Any) -> FloatArray:  # noqa: ANN401  those of `fit
 
 
 def _silent(layers: Layers, shares: Shares) -> BoolArray:
-    """Pixels (row, col) that have layers and do not tell shares, as their mixing is undecided."""
+    """Pixels (row, col) with layers but without shares, because their mixing is undecided."""
     return np.asarray((shares.count == 0) & (layers.n_modes > 0))
 
 

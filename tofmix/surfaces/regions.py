@@ -1,4 +1,4 @@
-"""What a surface covers in a pixel: one side of an edge, or a corner of two edges. Compiled.
+"""Area of a surface in a pixel: one side of an edge, or a corner of two edges. Compiled.
 
 Where no edge agrees with the shares around a pixel, or its run is short, the edges of neighbours are continued into it:
 each alone, and each two of them as a corner, convex or concave. The one that fits the shares of the pixel and its eight
@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing, jit
-from tofmix.surfaces.edge_fit import (
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.surfaces.edge_pixels import share_of
+from tofmix.surfaces.edge_shape import (
+    AGREES,
     AHEAD,
     ANGLE,
     ARC,
@@ -20,46 +22,23 @@ from tofmix.surfaces.edge_fit import (
     BAR,
     KIND,
     OFFSET,
-    REACH,
     THIRD,
     VAR_ANGLE,
     VAR_OFFSET,
     VAR_THIRD,
-    WORTH,
-    share_of,
 )
 from tofmix.surfaces.half_plane import clip, covered, covered_by_both, polygon_area
+from tofmix.surfaces.settings import EdgeSettings
 
 ONE, BOTH, EITHER, ALL = 0, 1, 2, 3
 """A region is one side of an edge; on that side of two edges; of either; or of three, as at the end of a bar."""
 
 # Columns of a region: which of these, then three edges of five numbers each.
-SHAPE, FIRST, SECOND, THIRD_EDGE = 0, 1, 6, 11
+SHAPE, FIRST, SECOND, THIRD_EDGE = 0, 1, 6, 11  # columns at which they begin
 DOWN, RIGHT, AT, BEND, VARIANCE = range(5)
 REGION_COLUMNS = 16
 """An edge is the place where y - BEND (y^2 + s^2) / 2 = 0, with y = DOWN u + RIGHT v - AT
 across it, (DOWN, RIGHT) of length 1, and s along it; VARIANCE is that of AT."""
-
-_AROUND = 3
-"""Pixels around, in which an edge's neighbours are continued."""
-
-_SHORT = 3.0
-"""A run shorter than this on one side may end at a corner."""
-
-_MOST = 8
-"""Edges that are compared at most: the ones with the longest runs."""
-
-_SAME_ANGLE, _SAME_PLACE = 0.15, 0.25
-"""Two edges within this, rad and pixels, are one."""
-
-_SAME_LINE = 0.9
-"""Cosine between the two sides of a bar at least, one turned round."""
-
-_LEAST_WIDTH = 0.1
-"""Width of a bar, pixels, at least, for the error of its end."""
-
-_TWO = 9.0
-"""Chi-square that a corner must save: three standard errors, as for a curvature."""
 
 
 @jit
@@ -153,8 +132,9 @@ def choose_regions(
     cut_labels: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32],
     count: NDArray[np.int32], labels: NDArray[np.int32], inverses: FloatArray, up_to: FloatArray,
     samples: FloatArray, floor: FloatArray, planes: FloatArray, directions: FloatArray, rays: FloatArray,
+    settings: EdgeSettings,
 ) -> FloatArray:  # fmt: skip
-    """Choose what each surface covers in its pixel.
+    """Choose the area of each surface in its pixel.
 
     Parameters
     ----------
@@ -164,6 +144,8 @@ def choose_regions(
         Number of the first cut of each pixel, -1 without one.
     next_cut : (cut,) int32
         Number of the pixel's next cut, -1 after the last. The others are those of `fit_edges`.
+    settings : EdgeSettings
+        Thresholds.
 
     Returns
     -------
@@ -171,20 +153,20 @@ def choose_regions(
         The regions.
     """
     out = np.zeros((len(fits), REGION_COLUMNS))
-    chosen, sides = np.empty(_MOST, np.int64), np.empty(_MOST, np.int64)
-    local = np.empty((_MOST, 9, 3))  # each line in each of the nine pixels
+    chosen, sides = np.empty(settings.most_edges, np.int64), np.empty(settings.most_edges, np.int64)
+    local = np.empty((settings.most_edges, 9, 3))  # each line in each of the nine pixels
     told = np.empty((9, 3))  # share, samples, further variance; share -1: not told
     here, there, work, best = np.empty(3), np.empty(3), np.empty((3, 8, 2)), np.empty(3, np.int64)
     for cut in range(len(fits)):
         region, row, col = out[cut], rows[cut], cols[cut]
         _own_region(fits[cut], region)
-        if fits[cut, WORTH] > 0.0 and min(fits[cut, BACK], fits[cut, AHEAD]) >= _SHORT:
+        if fits[cut, AGREES] > 0.0 and min(fits[cut, BACK], fits[cut, AHEAD]) >= settings.short_run:
             continue
         used = _gather(
-            cut, fits, lines, rows, cols, cut_labels, first_cut, next_cut, rays, chosen, sides, local, here
+            cut, fits, lines, rows, cols, cut_labels, first_cut, next_cut, rays, chosen, sides, local, here, settings
         )  # fmt: skip
         _tell(cut_labels[cut], row, col, count, labels, inverses, up_to, samples, floor, planes, directions, told)
-        if fits[cut, WORTH] > 0.0 and told[4, 0] < 0.0:
+        if fits[cut, AGREES] > 0.0 and told[4, 0] < 0.0:
             continue
         own = 0.0
         for place in range(9):
@@ -198,7 +180,7 @@ def choose_regions(
                 )  # fmt: skip
             area = _own_area(fits[cut], lines[cut], rays[r, c], r - row, c - col, here, there, work)
             own += _misfit(area, told[place])
-        if _best(used, local, told, work, best) < own and not (fits[cut, WORTH] > 0.0 and best[0] == ONE):
+        if _best(used, local, told, work, best, settings) < own and not (fits[cut, AGREES] > 0.0 and best[0] == ONE):
             # A neighbour's edge by itself is no better than an own one that agrees.
             region[SHAPE] = best[0]
             for k in range(1 if best[0] == ONE else 2):
@@ -206,7 +188,7 @@ def choose_regions(
                 at = FIRST if k == 0 else SECOND
                 set_edge(region, at, local[best[1 + k], 4], fits[one], row - rows[one], col - cols[one])
         if region[SHAPE] == BOTH and told[4, 0] >= 0.0:
-            _end_bar(region, told, work)
+            _end_bar(region, told, work, settings)
     return out
 
 
@@ -214,22 +196,22 @@ def choose_regions(
 def _gather(
     cut: int, fits: FloatArray, lines: FloatArray, rows: NDArray[np.int32], cols: NDArray[np.int32],
     cut_labels: NDArray[np.int32], first_cut: NDArray[np.int32], next_cut: NDArray[np.int32], rays: FloatArray,
-    chosen: NDArray[np.int64], sides: NDArray[np.int64], local: FloatArray, here: FloatArray,
+    chosen: NDArray[np.int64], sides: NDArray[np.int64], local: FloatArray, here: FloatArray, settings: EdgeSettings,
 ) -> int:  # fmt: skip
     """Collect edges of the same surface around a cut, those with the longest runs first; return how many."""
     height, width = first_cut.shape
     row, col = rows[cut], cols[cut]
     used = 0
-    for longest in range(2 * REACH, 1, -1):
-        for r in range(max(row - _AROUND, 0), min(row + _AROUND + 1, height)):
-            for c in range(max(col - _AROUND, 0), min(col + _AROUND + 1, width)):
+    for longest in range(2 * settings.longest_run, 1, -1):
+        for r in range(max(row - settings.around, 0), min(row + settings.around + 1, height)):
+            for c in range(max(col - settings.around, 0), min(col + settings.around + 1, width)):
                 other = first_cut[r, c]
                 while other >= 0:
-                    fitting = fits[other, WORTH] > 0.0 and int(fits[other, BACK] + fits[other, AHEAD]) == longest
+                    fitting = fits[other, AGREES] > 0.0 and int(fits[other, BACK] + fits[other, AHEAD]) == longest
                     if cut_labels[other] == cut_labels[cut] and fitting:
                         for side in range(2 if fits[other, KIND] == BAR else 1):
                             continue_edge(fits[other], lines[other, side], rays[row, col], row - r, col - c, here)
-                            if used < _MOST and _is_new(here, local, used):
+                            if used < settings.most_edges and _is_new(here, local, used, settings):
                                 chosen[used], sides[used] = other, side
                                 for i in range(3):
                                     local[used, 4, i] = here[i]
@@ -239,14 +221,14 @@ def _gather(
 
 
 @borrowing
-def _is_new(here: FloatArray, local: FloatArray, used: int) -> bool:
+def _is_new(here: FloatArray, local: FloatArray, used: int, settings: EdgeSettings) -> bool:
     """Whether an edge is near the pixel, and none of those that were collected before."""
-    if abs(here[2]) > _AROUND:
+    if abs(here[2]) > settings.around:
         return False
     for k in range(used):
         turn = here[0] * local[k, 4, 1] - here[1] * local[k, 4, 0]
         facing = here[0] * local[k, 4, 0] + here[1] * local[k, 4, 1]
-        if abs(turn) < _SAME_ANGLE and facing > 0.0 and abs(here[2] - local[k, 4, 2]) < _SAME_PLACE:
+        if abs(turn) < settings.same_angle and facing > 0.0 and abs(here[2] - local[k, 4, 2]) < settings.same_place:
             return False
     return True
 
@@ -257,7 +239,7 @@ def _tell(
     up_to: FloatArray, samples: FloatArray, floor: FloatArray, planes: FloatArray, directions: FloatArray,
     told: FloatArray,
 ) -> None:  # fmt: skip
-    """Fill what the nine pixels around a cut tell of its surface; partly hidden ones tell nothing."""
+    """Fill the shares of a cut's surface in the nine pixels around it; partly hidden ones are unknown."""
     for place in range(9):
         r, c = row + place // 3 - 1, col + place % 3 - 1
         told[place, 0] = -1.0
@@ -275,7 +257,9 @@ def _misfit(area: float, told: FloatArray) -> float:
 
 
 @borrowing
-def _best(used: int, local: FloatArray, told: FloatArray, work: FloatArray, best: NDArray[np.int64]) -> float:
+def _best(
+    used: int, local: FloatArray, told: FloatArray, work: FloatArray, best: NDArray[np.int64], settings: EdgeSettings
+) -> float:  # fmt: skip
     """Fill `best` (3,): shape and edges of the region that fits the nine pixels best; return its chi-square."""
     least = np.inf
     for one in range(used):
@@ -283,7 +267,7 @@ def _best(used: int, local: FloatArray, told: FloatArray, work: FloatArray, best
             for shape in range(ONE, EITHER + 1):
                 if (shape == ONE) != (one == other):
                     continue
-                total = _TWO if shape != ONE else 0.0
+                total = settings.corner_gain if shape != ONE else 0.0
                 for place in range(9):
                     if told[place, 0] >= 0.0 and total < least:
                         total += _misfit(_area(shape, local[one, place], local[other, place], work), told[place])
@@ -294,13 +278,13 @@ def _best(used: int, local: FloatArray, told: FloatArray, work: FloatArray, best
 
 
 @borrowing
-def _end_bar(region: FloatArray, told: FloatArray, work: FloatArray) -> None:
-    """End a bar across its pixel where its share there is too small for one that goes on."""
+def _end_bar(region: FloatArray, told: FloatArray, work: FloatArray, settings: EdgeSettings) -> None:
+    """End a bar across its pixel if its share there is too small for a bar that continues."""
     facing = region[FIRST + DOWN] * region[SECOND + DOWN] + region[FIRST + RIGHT] * region[SECOND + RIGHT]
-    if facing > -_SAME_LINE:
+    if facing > -settings.bar_cosine:
         return
     area = _area_of_three(region, work)
-    if told[4, 0] > area or _misfit(area, told[4]) < _TWO:
+    if told[4, 0] > area or _misfit(area, told[4]) < settings.corner_gain:
         return
     ahead_down, ahead_right = -region[FIRST + RIGHT], region[FIRST + DOWN]
     rest = 0.0
@@ -319,7 +303,7 @@ def _end_bar(region: FloatArray, told: FloatArray, work: FloatArray) -> None:
         else:
             high = region[THIRD_EDGE + AT]
     # The share's error, over the length of the end.
-    wide = max(-region[SECOND + AT] - region[FIRST + AT], _LEAST_WIDTH)
+    wide = max(-region[SECOND + AT] - region[FIRST + AT], settings.least_bar)
     share = told[4, 0]
     region[THIRD_EDGE + VARIANCE] = (share * (1.0 - share) / told[4, 1] + told[4, 2]) / (wide * wide)
 

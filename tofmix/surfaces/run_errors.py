@@ -1,47 +1,24 @@
-"""Errors of edges whose shares are unmixed: what the errors of shares along a run have in common.
+"""Errors of edges of unmixed shares: the common part of the errors along a run.
 
-Shares that are counts are independent of each other. Those of phasor sums are not: a pixel's share rests on the
-phasors of the two surfaces beside it, and the pixels next to it rest on nearly the same ones. Fits take shares for
-independent, so their variances are too small. A fit cannot see what its whole run has in common; it follows from the
-windows in which unmixing measures a surface. What runs scatter beyond their errors is seen. It is of the edge, which
-is not as straight or as round as the fit, and so in common too.
+Shares that are counts are independent of each other. Those of phasor sums are not: a pixel's share depends on the
+phasors of its two neighbouring surfaces, and the next pixels depend on nearly the same ones. Fits take shares for
+independent, so their variances are too small. A fit cannot show an error that its whole run has in common; it follows
+from the windows in which unmixing measures a surface. The scatter of runs beyond their errors is measured. It is of the
+edge, which is not as straight or as round as the fit, and so in common too.
 """
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 from tofmix.surfaces.cuts import Cuts
-from tofmix.surfaces.edge_fit import (
-    AHEAD,
-    ANGLE,
-    BACK,
-    BAR,
-    COLUMNS,
-    KIND,
-    REACH,
-    VAR_ANGLE,
-    VAR_THIRD,
-    WORTH,
-    own_area,
-)
+from tofmix.surfaces.edge_shape import AGREES, AHEAD, ANGLE, BACK, BAR, COLUMNS, KIND, VAR_ANGLE, VAR_THIRD, own_area
+from tofmix.surfaces.settings import EdgeSettings
 from tofmix.surfaces.shares import Shares
 
-_SHARED = 0.25
-"""Part of a share's variance that comes from the phasors of the surfaces beside its pixel.
 
-A surface is fitted in half a window of 9 x 9 pixels, its light with a weight that falls with a standard deviation of 2
-pixels. That is some 12 to 25 pixels, and the fit is continued from their middle to the pixel: its variance is 0.1 to
-0.3 of a pixel's own, for each of both surfaces.
-"""
-
-_ALIKE = 4.0
-"""Distance h, pixels, of two pixels whose errors have a part exp(-(h / _ALIKE)^2) of their variance in common, as it is
-for weights of a standard deviation of 2 pixels."""
-
-
-def widened(fits: FloatArray, cuts: Cuts, shares: Shares) -> FloatArray:
+def widened(fits: FloatArray, cuts: Cuts, shares: Shares, settings: EdgeSettings) -> FloatArray:
     """Fits (cut, FIT_COLUMNS) with larger variances where shares are unmixed; else the same.
 
     Parameters
@@ -50,6 +27,8 @@ def widened(fits: FloatArray, cuts: Cuts, shares: Shares) -> FloatArray:
         From `fit_edges`.
     cuts, shares
         Of the same window.
+    settings : EdgeSettings
+        Thresholds.
     """
     if not shares.floor.any() or not len(cuts):
         return fits
@@ -57,25 +36,26 @@ def widened(fits: FloatArray, cuts: Cuts, shares: Shares) -> FloatArray:
     # A line of this direction crosses so many pixels on a length of 1.
     crossed = np.abs(np.cos(fits[:, ANGLE])) + np.abs(np.sin(fits[:, ANGLE]))
     # Variance of a mean over the run, of errors that are in common, in units of that of independent ones.
-    common = np.maximum(1.0, crossed * length * _alike(length))
-    factor = 1.0 - _SHARED + (_SHARED + _excess(fits, cuts, shares)) * common
+    common = np.maximum(1.0, crossed * length * _alike(length, settings.alike_distance))
+    shared = settings.shared_variance
+    factor = 1.0 - shared + (shared + _excess(fits, cuts, shares, settings.longest_run)) * common
     out = fits.copy()
     out[:, VAR_ANGLE : VAR_THIRD + 1] *= factor[:, np.newaxis]
     return out
 
 
-def _alike(length: FloatArray) -> FloatArray:
-    """Mean (...) of exp(-(h / _ALIKE)^2) over the distances h of two places on a length."""
+def _alike(length: FloatArray, distance: float) -> FloatArray:
+    """Mean (...) of exp(-(h / distance)^2) over the distances h of two places on a length."""
     steps = (np.arange(200) + 0.5) / 200
     # The distance of two places on a length has a density that falls linearly to 0 at its end.
-    kernel = np.exp(-((length[..., np.newaxis] * steps / _ALIKE) ** 2)) * 2.0 * (1.0 - steps)
+    kernel = np.exp(-((length[..., np.newaxis] * steps / distance) ** 2)) * 2.0 * (1.0 - steps)
     return np.asarray(kernel.mean(axis=-1))
 
 
-def _excess(fits: FloatArray, cuts: Cuts, shares: Shares) -> FloatArray:
+def _excess(fits: FloatArray, cuts: Cuts, shares: Shares, reach: int) -> FloatArray:
     """Variance (cut,) that an edge's pixels show beyond their errors and chance, in units of these."""
     row, col = cuts.row, cuts.col
-    told = (fits[:, WORTH] > 0) & (fits[:, KIND] != BAR) & (cuts.entry == 0) & (shares.count[row, col] > 1)
+    told = (fits[:, AGREES] > 0) & (fits[:, KIND] != BAR) & (cuts.entry == 0) & (shares.count[row, col] > 1)
     chosen = np.flatnonzero(told)
     out = np.zeros(len(fits))
     if not chosen.size:
@@ -85,8 +65,8 @@ def _excess(fits: FloatArray, cuts: Cuts, shares: Shares) -> FloatArray:
         fits[chosen], shares.up_to[row, col, 0], shares.samples[row, col], shares.floor[row, col]
     )  # fmt: skip
     # Surfaces are far apart in the third coordinate, so that edges of one alone are neighbours.
-    places = np.column_stack([row, col, near.astype(np.float64) * 4.0 * REACH])
-    for cut, others in zip(chosen, cKDTree(places).query_ball_point(places, REACH), strict=True):
+    places = np.column_stack([row, col, near.astype(np.float64) * 4.0 * reach])
+    for cut, others in zip(chosen, cKDTree(places).query_ball_point(places, reach), strict=True):
         chance = 1.0 + np.sqrt(2.0 / len(others))  # a mean of squares, and its standard deviation
         out[cut] = max(0.0, float(squares[others].mean() - chance))
     return out

@@ -1,4 +1,4 @@
-"""Shares of the surfaces in each pixel, near to far: what is known of the areas that they cover."""
+"""Shares of the surfaces in each pixel, near to far: the known areas that they cover."""
 
 from dataclasses import dataclass
 
@@ -11,22 +11,17 @@ from tofmix.layers import Layers
 from tofmix.surfaces.found import NO_SURFACE
 from tofmix.surfaces.linking import Linked
 from tofmix.surfaces.nodes import Nodes
-
-_LEAST_SAMPLES = 3.0
-"""Samples without a return from which on a pixel sees open space: fewer may be lost by chance."""
-
-UNSEEN_SHARE = 0.03
-"""Error of a pure pixel's share: half the share below which unmixing finds no second surface."""
+from tofmix.surfaces.settings import ShareSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shares:
-    """What each pixel sees, near to far; open space is the last entry.
+    """The surfaces of each pixel, near to far; open space is the last entry.
 
     Parameters
     ----------
     count : (row, col) int32
-        Entries of each pixel; 0: nothing is known.
+        Entries of each pixel; 0: unknown.
     label : (row, col, entry) int32
         Surface of each entry; `NO_SURFACE`: open space.
     inverse : (row, col, entry) float64
@@ -47,14 +42,14 @@ class Shares:
     floor: FloatArray
 
 
-def make_shares(layers: Layers, nodes: Nodes, linked: Linked) -> Shares:
+def make_shares(layers: Layers, nodes: Nodes, linked: Linked, settings: ShareSettings) -> Shares:
     """Collect the shares of a window: layers (row, col), their nodes and the surfaces of these."""
     rows, cols, depth = nodes.index.shape
     used = nodes.index >= 0
     weight = np.where(used, layers.weight, 0.0).astype(np.float64)
     nothing = np.nan_to_num(layers.weight_no_return.astype(np.float64))
     total_samples = np.maximum(layers.n_samples.astype(np.float64), 1.0)
-    nothing = np.where(nothing * total_samples >= _LEAST_SAMPLES, nothing, 0.0)
+    nothing = np.where(nothing * total_samples >= settings.least_open_samples, nothing, 0.0)
     whole = weight.sum(axis=-1) + nothing
     # A pixel whose layers are not all of a surface says nothing.
     known: BoolArray = (whole > 0) & ~(np.isfinite(layers.range) & ~used).any(axis=-1)
@@ -89,24 +84,23 @@ def make_shares(layers: Layers, nodes: Nodes, linked: Linked) -> Shares:
     # The last entry fills the pixel, whatever the rounding.
     closed = known & ~is_open
     up_to[closed, last[closed] - 1] = 1.0
-    return Shares(
-        count=count, label=label, inverse=inverse, up_to=up_to, **_errors(layers, share, count, total_samples)
-    )  # fmt: skip
+    errors = _errors(layers, share, count, total_samples, settings.unseen_share)
+    return Shares(count=count, label=label, inverse=inverse, up_to=up_to, **errors)
 
 
 def _errors(
-    layers: Layers, share: FloatArray, count: NDArray[np.int32], total_samples: FloatArray
+    layers: Layers, share: FloatArray, count: NDArray[np.int32], total_samples: FloatArray, unseen: float
 ) -> dict[str, FloatArray]:  # fmt: skip
-    """Samples that the shares of each pixel are worth, and what may go unnoticed."""
+    """Effective samples of the shares of each pixel, and the share that may be missed."""
     error = layers.weight_stderr.astype(np.float64)
     with np.errstate(invalid="ignore", divide="ignore"):
-        worth = share * (1.0 - share) / error**2
-    told = np.isfinite(worth) & (worth > 0) & (share > 0) & (share < 1)
-    worth = np.where(told, worth, 0.0).sum(axis=-1) / np.maximum(told.sum(axis=-1), 1)
-    mixed = (count > 1) & (worth > 0)
+        effective = share * (1.0 - share) / error**2
+    told = np.isfinite(effective) & (effective > 0) & (share > 0) & (share < 1)
+    effective = np.where(told, effective, 0.0).sum(axis=-1) / np.maximum(told.sum(axis=-1), 1)
+    mixed = (count > 1) & (effective > 0)
     floor = np.zeros(count.shape)
     if layers.mixing is None or not (layers.mixing == int(Mixing.PHASOR)).any():
-        return {"samples": np.where(mixed, worth, total_samples), "floor": floor}
-    usual = float(np.median(worth[mixed])) if mixed.any() else 1.0
-    floor[~mixed] = UNSEEN_SHARE**2
-    return {"samples": np.where(mixed, worth, usual), "floor": floor}
+        return {"samples": np.where(mixed, effective, total_samples), "floor": floor}
+    usual = float(np.median(effective[mixed])) if mixed.any() else 1.0
+    floor[~mixed] = unseen**2
+    return {"samples": np.where(mixed, effective, usual), "floor": floor}

@@ -1,11 +1,11 @@
 """Unmixing: the surfaces in a lock-in camera's mixed pixel, from its mean phasor and its neighbours.
 
 A lock-in camera's pixel that sees several surfaces returns one phasor sum, z = sum_i w_i A_i exp(i r_i / K): its
-samples have one mode, at a range where nothing stands. The surfaces are found in the pixel's amplitude and in its
+samples have one mode, at a range without a surface. The surfaces are found in the pixel's amplitude and in its
 neighbours.
 
-The data's path: samples -> `phasors` (mean and covariance of each pixel) -> `image` (what one window's pixels measured)
--> `unfolding` (surfaces beyond the fold of a folded axis) -> `seeds` (pixels that surely see one surface) and `distant`
+The data's path: samples -> `phasors` (mean and covariance of each pixel) -> `image` (the measurements of one window) ->
+`unfolding` (surfaces beyond the fold of a folded axis) -> `seeds` (pixels that certainly see one surface) and `distant`
 (planes of large surfaces) -> `neighbours` (the surfaces beside a pixel, continued to it) -> `hypotheses` (one surface,
 two, three?) -> `labels` (three rounds over all pixels) -> `law` (are the samples phasor sums at all?) -> `rewriting`
 (layers).

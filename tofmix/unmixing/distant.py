@@ -7,24 +7,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.robust import MAD_TO_SIGMA
+from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.unmixing.image import PhasorImage
 from tofmix.unmixing.seeds import Seeds
-
-_LEAST_PIXELS = 30
-"""Pixels of a surface whose plane is continued over the whole image: its slopes are then sure to a percent."""
-
-_MOST_REGIONS, _MOST_PLANES = 20, 3
-"""Connected regions that are looked at, the largest first, and planes that are looked for in each."""
-
-_TRIES = 25
-"""Random triples of pixels: with half of them on one plane, a triple of it is missed once in 30 regions."""
-
-_INLIER_SIGMAS = 4.0
-"""Distance from a plane, in sigma, up to which a pixel belongs to it."""
-
-_EXTRAPOLATED = 4.0
-"""Times that the variance of a plane grows outside of its pixels: real walls are flat to about their noise."""
+from tofmix.unmixing.settings import PlaneSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -49,7 +35,7 @@ class DistantPlane:
     light_variance: float
 
 
-def distant_planes(image: PhasorImage, seeds: Seeds) -> tuple[DistantPlane, ...]:
+def distant_planes(image: PhasorImage, seeds: Seeds, settings: PlaneSettings) -> tuple[DistantPlane, ...]:
     """Find the planes of large surfaces: random sample consensus within connected regions of one-surface pixels.
 
     Triples are drawn with a fixed seed: the same image gives the same planes.
@@ -58,25 +44,25 @@ def distant_planes(image: PhasorImage, seeds: Seeds) -> tuple[DistantPlane, ...]
     ----------
     Fischler and Bolles, Communications of the ACM 24, 1981, doi:10.1145/358669.358692.
     """
-    region = _regions(image, seeds)
+    region = _regions(image, seeds, settings.inlier_sigmas)
     certain = np.flatnonzero(seeds.certain)
     if certain.size == 0:
         return ()
     sizes = np.bincount(region[certain], minlength=int(region.max()) + 1)
     rng = np.random.default_rng(0)
     found = []
-    for number in np.argsort(-sizes, kind="stable")[:_MOST_REGIONS]:
+    for number in np.argsort(-sizes, kind="stable")[: settings.most_regions]:
         left = certain[region[certain] == number]
-        for _ in range(_MOST_PLANES):
-            inliers = _consensus(image, seeds, left, rng)
+        for _ in range(settings.most_planes):
+            inliers = _consensus(image, seeds, left, rng, settings)
             if inliers is None:
                 break
-            found.append(_fitted(image, seeds, left[inliers]))
+            found.append(_fitted(image, seeds, left[inliers], settings.extrapolated))
             left = left[~inliers]
     return tuple(found)
 
 
-def _regions(image: PhasorImage, seeds: Seeds) -> IntArray:
+def _regions(image: PhasorImage, seeds: Seeds, most_sigmas: float) -> IntArray:
     """Number (pixel,) of the connected region: neighbours belong together where their planes predict each other."""
     index = np.arange(image.count).reshape(image.shape)
     near = 1.0 / image.range_mm
@@ -86,7 +72,7 @@ def _regions(image: PhasorImage, seeds: Seeds) -> IntArray:
         forth = np.abs((seeds.plane[one] * image.directions[other]).sum(axis=-1) - near[other])
         back = np.abs((seeds.plane[other] * image.directions[one]).sum(axis=-1) - near[one])
         both = seeds.certain[one] & seeds.certain[other]
-        return np.asarray(both & (forth < _INLIER_SIGMAS * sigma[other]) & (back < _INLIER_SIGMAS * sigma[one]))
+        return np.asarray(both & (forth < most_sigmas * sigma[other]) & (back < most_sigmas * sigma[one]))
 
     pairs = [(index[:, :-1].ravel(), index[:, 1:].ravel()), (index[:-1].ravel(), index[1:].ravel())]
     kept = [(one[mask], other[mask]) for one, other in pairs for mask in (linked(one, other),)]
@@ -101,43 +87,45 @@ def _sigmas(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> FloatArray:
     return np.sqrt(np.maximum(variance, np.finfo(float).tiny)) / image.range_mm[pixels] ** 2
 
 
-def _consensus(image: PhasorImage, seeds: Seeds, pixels: IntArray, rng: np.random.Generator) -> BoolArray | None:
+def _consensus(
+    image: PhasorImage, seeds: Seeds, pixels: IntArray, rng: np.random.Generator, settings: PlaneSettings
+) -> BoolArray | None:
     """Pixels of the plane that most of them lie on; None if they are too few."""
-    if len(pixels) < _LEAST_PIXELS:
+    if len(pixels) < settings.least_pixels:
         return None
-    ways, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
-    reach = _INLIER_SIGMAS * _sigmas(image, seeds, pixels)
+    beams, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
+    reach = settings.inlier_sigmas * _sigmas(image, seeds, pixels)
     best = np.zeros(len(pixels), bool)
-    for _ in range(_TRIES):
+    for _ in range(settings.tries):
         triple = rng.choice(len(pixels), 3, replace=False)
         # Three beams that lie in a plane with each other tell no plane.
-        if abs(np.linalg.det(ways[triple])) < np.finfo(float).eps:
+        if abs(np.linalg.det(beams[triple])) < np.finfo(float).eps:
             continue
-        inliers = np.abs(ways @ np.linalg.solve(ways[triple], near[triple]) - near) < reach
+        inliers = np.abs(beams @ np.linalg.solve(beams[triple], near[triple]) - near) < reach
         best = inliers if inliers.sum() > best.sum() else best
     for _ in range(3):
-        if best.sum() < _LEAST_PIXELS:
+        if best.sum() < settings.least_pixels:
             return None
         plane, _ = _least_squares(image, seeds, pixels[best])
-        best = np.abs(ways @ plane - near) < reach
-    return best if best.sum() >= _LEAST_PIXELS else None
+        best = np.abs(beams @ plane - near) < reach
+    return best if best.sum() >= settings.least_pixels else None
 
 
 def _least_squares(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> tuple[FloatArray, FloatArray]:
     """Vector m (3,) of the pixels' plane, and its covariance (3, 3)."""
-    ways, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
+    beams, near = image.directions[pixels], 1.0 / image.range_mm[pixels]
     sigma = _sigmas(image, seeds, pixels)
-    weighted = ways / sigma[:, np.newaxis] ** 2
-    normal = np.einsum("ni,nk->ik", weighted, ways)
+    weighted = beams / sigma[:, np.newaxis] ** 2
+    normal = np.einsum("ni,nk->ik", weighted, beams)
     covariance = np.linalg.pinv(normal, hermitian=True)
     plane = covariance @ np.einsum("ni,n->i", weighted, near)
-    excess = float((((ways * plane).sum(axis=-1) - near) ** 2 / sigma**2).mean())
+    excess = float((((beams * plane).sum(axis=-1) - near) ** 2 / sigma**2).mean())
     return plane, covariance * max(1.0, excess)
 
 
-def _fitted(image: PhasorImage, seeds: Seeds, pixels: IntArray) -> DistantPlane:
+def _fitted(image: PhasorImage, seeds: Seeds, pixels: IntArray, extrapolated: float) -> DistantPlane:
     plane, covariance = _least_squares(image, seeds, pixels)
     light = image.log_light[pixels]
     middle = float(np.median(light))
     spread = MAD_TO_SIGMA * float(np.median(np.abs(light - middle)))
-    return DistantPlane(plane=plane, covariance=_EXTRAPOLATED * covariance, log_light=middle, light_variance=spread**2)
+    return DistantPlane(plane=plane, covariance=extrapolated * covariance, log_light=middle, light_variance=spread**2)

@@ -1,16 +1,16 @@
-"""What a pixel's mean phasor is of: one surface, two, three. Bayes' rule over four kinds of hypotheses.
+"""Hypotheses for the mean phasor of a pixel: one, two or three surfaces. Bayes' rule over four kinds of hypotheses.
 
-- NEW: a surface of its own. Its phasor is uniform in the disc of the image's amplitudes.
-- CONTINUED: a surface beside the pixel, or a large one elsewhere in the image, fills it. The phasor is Gaussian about
+- NEW: a surface that no neighbour shows. Its phasor is uniform in the disc of the image's amplitudes.
+- CONTINUED: a neighbouring surface, or a large one elsewhere in the image, fills the pixel. The phasor is Gaussian
+  about
   the surface's own. The surface may also have another reflectance here: the phase is Gaussian, the amplitude uniform.
 - PAIR: two surfaces share the pixel. The phasor lies on the chord between theirs: Gaussian across, uniform along it.
   One of them may be a large surface that is seen elsewhere alone, as a wall in a gap narrower than a pixel.
 - TRIPLE: three of them. It lies in their triangle.
 
-Open space is an end like a surface: of phasor 0, as in a sum, or of what the camera returns where nothing is, as in
-samples of one surface each. The noise of a single
-surface is that of its neighbours; what scatters more in a pixel of samples of one surface each, is along the chord, and
-belongs to the pair.
+Open space is an end like a surface: of phasor 0, as in a sum, or of the camera's return from open space, as under
+equation (1). The noise of a single surface equals that of its neighbours. Under equation (1), further scatter is along
+the chord, and belongs to the pair.
 """
 
 import math
@@ -28,11 +28,12 @@ from tofmix.unmixing.distant import DistantPlane
 from tofmix.unmixing.image import ComplexArray, PhasorImage, polar_covariance, variance_along
 from tofmix.unmixing.neighbours import Predictions, find_neighbours, phasor_of, predict
 from tofmix.unmixing.seeds import Seeds, plane_vector
+from tofmix.unmixing.settings import HypothesisSettings, NeighbourSettings
 from tofmix.unmixing.surface_fit import MOST_SURFACES, Members, NeighbourSurfaces
 
 
 class Kind(IntEnum):
-    """What a pixel is of."""
+    """Kind of a hypothesis."""
 
     UNKNOWN = 0
     NEW = 1
@@ -51,30 +52,11 @@ PRIORS = {
 }
 """Prior probabilities at edges, where alone pixels are in doubt; each is shared by the hypotheses of its kind."""
 
-DISTANT_PRIOR = 0.002
-"""Prior of a large surface that is seen elsewhere: small, so that a pair that meets its range by chance stays one. The
-same of pairs of which one surface is seen elsewhere alone."""
-
-_LIKELY = 0.9
-"""Probability from which on surfaces beside a pixel explain it, and large ones elsewhere are not tried."""
-
-_NEAR_CHORD = 0.02
-"""Distance from a chord, as a part of its length and beyond 6 standard errors, within which a pair is tried."""
-
 ENDS = 3
 """Most surfaces of a pixel."""
 
-_APART_SIGMAS, _APART = 5.0, 0.02
-"""Standard errors, and part of the range, between the surfaces of a pair."""
-
 _OPEN = MOST_SURFACES
 """Number of the first kind of open space among the ends."""
-
-_ROUNDS = 3
-"""Rounds of share and place: a surface is seen where its part of the pixel is, and that is as large as the share."""
-
-_SELF_SIGMAS = 3.0
-"""A pair whose share of a thin surface is 1 within so many errors is that surface, and says nothing new."""
 
 _TINY = 1.0e-30
 """Least variance, and area, in units of the image's median amplitude, squared: divisions stay finite."""
@@ -82,7 +64,7 @@ _TINY = 1.0e-30
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OpenSpace:
-    """What a pixel without a surface returns.
+    """The return of a pixel without a surface.
 
     Parameters
     ----------
@@ -149,7 +131,8 @@ class Findings:
 class _Best:
     """Keeps, pixel by pixel, the most probable of the hypotheses that are put to it."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, likely: float) -> None:
+        self._likely = likely
         self._log = np.full(count, -np.inf)
         self._logs: list[FloatArray] = []
         ends = (count, ENDS)
@@ -181,20 +164,20 @@ class _Best:
             kept[changed] = everything[name][better] if name in everything else self._blank[name]
 
     def unexplained(self) -> IntArray:
-        """Pixels (m,) of which no surfaces that are seen beside them are likely."""
+        """Pixels (m,) that no neighbouring surfaces explain."""
         total = special.logsumexp(np.stack(self._logs), axis=0)
         vague = (self._kept["kind"] == Kind.NEW) | ~self._kept["is_known"]
-        return np.flatnonzero(vague | (np.exp(self._log - total) < _LIKELY))
+        return np.flatnonzero(vague | (np.exp(self._log - total) < self._likely))
 
     def findings(self) -> Findings:
-        """What was kept, with its probability among all."""
+        """The kept hypothesis, with its probability among all."""
         total = special.logsumexp(np.stack(self._logs), axis=0)
         return Findings(probability=np.exp(self._log - total), **self._kept)
 
 
 def judge(
     image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds, planes: tuple[DistantPlane, ...],
-    spaces: tuple[OpenSpace, ...],
+    spaces: tuple[OpenSpace, ...], settings: HypothesisSettings, neighbourhood: NeighbourSettings,
 ) -> Findings:  # fmt: skip
     """Find the most probable hypothesis of each pixel.
 
@@ -211,25 +194,27 @@ def judge(
     planes : tuple of DistantPlane
         Large surfaces; none: they are left out.
     spaces : tuple of OpenSpace
-        What open space may return.
+        Possible returns of open space.
+    settings, neighbourhood
+        Thresholds of hypotheses, and of the neighbouring surfaces of a pixel.
 
     Returns
     -------
     Findings
         One for each pixel.
     """
-    beside = find_neighbours(image, pixels, members, seeds)
-    best = _Best(len(pixels))
+    neighbours = find_neighbours(image, pixels, members, seeds, neighbourhood)
+    best = _Best(len(pixels), settings.likely)
     largest = 1.5 * float(np.quantile(image.amplitude[image.valid], 0.999))
     best.put(
         Kind.NEW, np.full(len(pixels), math.log(PRIORS[Kind.NEW])),
         np.full(len(pixels), -math.log(math.pi * largest**2)),
     )  # fmt: skip
-    here = [predict(beside, k, np.zeros(len(pixels)), np.zeros(len(pixels)), image=image, seeds=seeds)
+    here = [predict(neighbours, k, np.zeros(len(pixels)), np.zeros(len(pixels)), image=image, seeds=seeds)
             for k in range(MOST_SURFACES)]  # fmt: skip
-    _put_continued(best, image, pixels, beside, here, largest)
-    _put_distant(best, image, pixels, planes, seeds)
-    ends = _Ends(image, pixels, beside, here, seeds, spaces)
+    _put_continued(best, image, pixels, neighbours, here, largest)
+    _put_distant(best, image, pixels, planes, seeds, settings.distant_prior)
+    ends = _Ends(image, pixels, neighbours, here, seeds, spaces, settings)
     _put_pairs(best, ends)
     _put_triples(best, ends)
     _put_distant_pairs(best, ends, planes)
@@ -260,19 +245,20 @@ def _form(covariance: FloatArray, one: ComplexArray, other: ComplexArray) -> Flo
 
 
 def _put_continued(
-    best: _Best, image: PhasorImage, pixels: IntArray, beside: NeighbourSurfaces, here: list[Predictions],
+    best: _Best, image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, here: list[Predictions],
     largest: float,
 ) -> None:  # fmt: skip
-    """A trusted surface beside the pixel fills it, with the light that it has there or with any."""
+    """A trusted neighbouring surface fills the pixel, with its light or with any light."""
     phasor = image.phasor[pixels]
-    trusted = beside.found & beside.is_trusted
+    trusted = neighbours.found & neighbours.is_trusted
     count = trusted.sum(axis=1)
     for k, seen in enumerate(here):
         possible = trusted[:, k]
         if not possible.any():
             continue
-        tangential, radial = seen.tangential + beside.noise_tangential[:, k], seen.radial + beside.noise_radial[:, k]
-        plane = plane_vector(image, pixels, beside.near[:, k])
+        tangential = seen.tangential + neighbours.noise_tangential[:, k]
+        radial = seen.radial + neighbours.noise_radial[:, k]
+        plane = plane_vector(image, pixels, neighbours.near[:, k])
         best.put(
             Kind.CONTINUED, _log_share(PRIORS[Kind.CONTINUED], possible, count),
             _log_normal(phasor - seen.phasor, polar_covariance(seen.phasor, tangential, radial)), plane=plane,
@@ -290,8 +276,9 @@ def _put_continued(
 
 
 def _put_distant(
-    best: _Best, image: PhasorImage, pixels: IntArray, planes: tuple[DistantPlane, ...], seeds: Seeds
-) -> None:
+    best: _Best, image: PhasorImage, pixels: IntArray, planes: tuple[DistantPlane, ...], seeds: Seeds,
+    prior: float,
+) -> None:  # fmt: skip
     """A large surface that is seen elsewhere in the image fills the pixel."""
     ways, phasor = image.directions[pixels], image.phasor[pixels]
     for plane in planes:
@@ -302,27 +289,28 @@ def _put_distant(
         )  # fmt: skip
         covariance = polar_covariance(seen.phasor, seen.tangential, seen.radial) + image.mean_covariance[pixels]
         best.put(
-            Kind.CONTINUED, _log_share(DISTANT_PRIOR, even > 0, even * len(planes)),
+            Kind.CONTINUED, _log_share(prior, even > 0, even * len(planes)),
             _log_normal(phasor - seen.phasor, covariance), plane=np.broadcast_to(plane.plane, (len(pixels), 3)),
             is_distant=even > 0,
         )  # fmt: skip
 
 
 class _Ends:
-    """Surfaces beside pixels, and open space, as ends of chords and corners of triangles."""
+    """Neighbouring surfaces and open space, as ends of chords and corners of triangles."""
 
     def __init__(
-        self, image: PhasorImage, pixels: IntArray, beside: NeighbourSurfaces, here: list[Predictions], seeds: Seeds,
-        spaces: tuple[OpenSpace, ...],
+        self, image: PhasorImage, pixels: IntArray, neighbours: NeighbourSurfaces, here: list[Predictions],
+        seeds: Seeds, spaces: tuple[OpenSpace, ...], settings: HypothesisSettings,
     ) -> None:  # fmt: skip
-        self.image, self.pixels, self.beside, self.here, self.seeds = image, pixels, beside, here, seeds
+        self.image, self.pixels, self.neighbours, self.here, self.seeds = image, pixels, neighbours, here, seeds
+        self.settings = settings
         self.phasor, self.covariance = image.phasor[pixels], image.mean_covariance[pixels]
         count = len(pixels)
         self.count = _OPEN + len(spaces)
-        self.found = np.column_stack([beside.found, *(space.nearby[pixels] for space in spaces)])
-        self.trusted = np.column_stack([beside.is_trusted, *(np.ones(count, bool) for _ in spaces)])
-        self.fresh = np.column_stack([beside.is_fresh, *(np.zeros(count, bool) for _ in spaces)])
-        self.known = np.column_stack([beside.is_known, *(np.ones(count, bool) for _ in spaces)])
+        self.found = np.column_stack([neighbours.found, *(space.nearby[pixels] for space in spaces)])
+        self.trusted = np.column_stack([neighbours.is_trusted, *(np.ones(count, bool) for _ in spaces)])
+        self.fresh = np.column_stack([neighbours.is_fresh, *(np.zeros(count, bool) for _ in spaces)])
+        self.known = np.column_stack([neighbours.is_known, *(np.ones(count, bool) for _ in spaces)])
         even = np.ones(count)
         self._spaces, self._scatter = spaces, [space.scatter for space in spaces]
         self._open = [
@@ -338,39 +326,41 @@ class _Ends:
 
     def some(self, which: IntArray) -> "_Ends":
         """The ends of some of the pixels."""
-        beside = NeighbourSurfaces(**{name: part[which] for name, part in self.beside._asdict().items()})
+        neighbours = NeighbourSurfaces(**{name: part[which] for name, part in self.neighbours._asdict().items()})
         here = [Predictions(**{field.name: getattr(part, field.name)[which] for field in fields(Predictions)})
                 for part in self.here]  # fmt: skip
-        return _Ends(self.image, self.pixels[which], beside, here, self.seeds, self._spaces)
+        return _Ends(self.image, self.pixels[which], neighbours, here, self.seeds, self._spaces, self.settings)
 
     def at(self, number: int) -> Predictions:
         """The end's phasor where it fills the pixel."""
         return self._open[number - _OPEN] if number >= _OPEN else self.here[number]
 
     def seen(self, number: int, row: FloatArray, col: FloatArray) -> Predictions:
-        """The end's phasor from a place beside the pixel's middle."""
+        """The end's phasor from a place off the middle of the pixel."""
         if number >= _OPEN:
             return self._open[number - _OPEN]
-        return predict(self.beside, number, row, col, image=self.image, seeds=self.seeds)
+        return predict(self.neighbours, number, row, col, image=self.image, seeds=self.seeds)
 
     def scatter(self, number: int, phasor: ComplexArray, along: ComplexArray) -> FloatArray:
         """Variance (n,) of the end's samples along unit vectors; `phasor` is the end's own."""
         if number >= _OPEN:
             return np.full(len(self.pixels), self._scatter[number - _OPEN])
-        own = polar_covariance(phasor, self.beside.scatter_tangential[:, number], self.beside.scatter_radial[:, number])
-        return variance_along(own, along)
+        tangential, radial = (
+            part[:, number] for part in (self.neighbours.scatter_tangential, self.neighbours.scatter_radial)
+        )
+        return variance_along(polar_covariance(phasor, tangential, radial), along)
 
     def apart(self, one: int, other: int) -> BoolArray:
-        """Whether two ends are so far from each other that they can be told apart."""
+        """Whether two ends are far enough apart to be separated."""
         if other >= _OPEN:
             return np.ones(len(self.pixels), bool)
-        return _are_apart(self.at(one), self.at(other))
+        return _are_apart(self.at(one), self.at(other), self.settings)
 
     def towards(self, one: int, other: int) -> tuple[FloatArray, FloatArray]:
         """Unit vector (row, col) from the second end's pixels to the first one's."""
-        row, col = self.beside.row[:, one], self.beside.col[:, one]
+        row, col = self.neighbours.row[:, one], self.neighbours.col[:, one]
         if other < _OPEN:
-            row, col = row - self.beside.row[:, other], col - self.beside.col[:, other]
+            row, col = row - self.neighbours.row[:, other], col - self.neighbours.col[:, other]
         length = np.maximum(np.hypot(row, col), _TINY)
         return row / length, col / length
 
@@ -394,7 +384,7 @@ def _chord(ends: _Ends, one: int, other: int, plane: DistantPlane | None = None)
     """
     row, col = ends.towards(one, other)
     share = np.full(len(ends.pixels), 0.5)
-    for _ in range(_ROUNDS):
+    for _ in range(ends.settings.rounds):
         part = np.clip(share, 0.0, 1.0)
         a = ends.seen(one, row * (1.0 - part) / 2.0, col * (1.0 - part) / 2.0)
         back_row, back_col = -row * part / 2.0, -col * part / 2.0
@@ -422,7 +412,7 @@ def _chord(ends: _Ends, one: int, other: int, plane: DistantPlane | None = None)
 
 
 def _elsewhere(ends: _Ends, plane: DistantPlane, row: FloatArray, col: FloatArray) -> Predictions:
-    """What a large surface would return from places (n,) that lie `row` and `col` beside the pixels."""
+    """The return of a large surface from places (n,), `row` and `col` off the pixels."""
     image, pixels = ends.image, ends.pixels
     ways = (
         image.directions[pixels] + (row * image.pitch_down[pixels])[:, np.newaxis] * image.down[pixels]
@@ -437,9 +427,9 @@ def _elsewhere(ends: _Ends, plane: DistantPlane, row: FloatArray, col: FloatArra
 
 
 def _put_distant_pairs(best: _Best, ends: _Ends, planes: tuple[DistantPlane, ...]) -> None:
-    """A surface beside the pixel shares it with a large one that is seen elsewhere, and not beside it.
+    """A neighbouring surface shares the pixel with a large one that is seen elsewhere only.
 
-    Where surfaces beside a pixel explain it, this is not tried: it is much less likely.
+    If neighbouring surfaces explain a pixel, this is not tried: it is much less likely.
     """
     doubtful = best.unexplained()
     if not planes or not doubtful.size:
@@ -451,7 +441,7 @@ def _put_distant_pairs(best: _Best, ends: _Ends, planes: tuple[DistantPlane, ...
     for plane in planes:
         none = np.zeros(len(doubtful))
         far = _elsewhere(here, plane, none, none)
-        beyond = [_are_apart(other, far) for _, other in seen]
+        beyond = [_are_apart(other, far, ends.settings) for _, other in seen]
         # A surface that is seen beside the pixel, or is a part of a larger one, is an end already.
         new = np.all([apart | ~known for apart, (known, _) in zip(beyond, seen, strict=True)], axis=0)
         new &= ends.image.directions[here.pixels] @ plane.plane > 0
@@ -466,11 +456,11 @@ def _put_distant_pairs(best: _Best, ends: _Ends, planes: tuple[DistantPlane, ...
         _put_distant_pair(best, here.some(tried), one, plane, doubtful[tried], count[tried])
 
 
-def _are_apart(one: Predictions, other: Predictions) -> BoolArray:
-    """Whether two ends are so far from each other that they can be told apart."""
+def _are_apart(one: Predictions, other: Predictions, settings: HypothesisSettings) -> BoolArray:
+    """Whether two ends are far enough apart to be separated."""
     gap, error = np.abs(one.range_mm - other.range_mm), np.sqrt(one.range_variance + other.range_variance)
     least = np.minimum(one.range_mm, other.range_mm)
-    return np.asarray((gap > _APART_SIGMAS * error) & (gap > _APART * least))
+    return np.asarray((gap > settings.apart_sigmas * error) & (gap > settings.apart * least))
 
 
 def _near_chord(ends: _Ends, one: Predictions, other: Predictions) -> BoolArray:
@@ -481,7 +471,7 @@ def _near_chord(ends: _Ends, one: Predictions, other: Predictions) -> BoolArray:
     across = np.abs((offset * np.conj(chord)).imag) / length
     noise = np.max([ends.covariance[:, 0] + ends.covariance[:, 1], one.tangential + one.radial,
                     other.tangential + other.radial], axis=0)  # fmt: skip
-    reach = 6.0 * np.sqrt(noise) + _NEAR_CHORD * length
+    reach = 6.0 * np.sqrt(noise) + ends.settings.near_chord * length
     return np.asarray((across < reach) & (share > -reach / length) & (share < 1.0 + reach / length))
 
 
@@ -490,10 +480,10 @@ def _put_distant_pair(
 ) -> None:  # fmt: skip
     """Put the pair of one end and a large surface, of `which` of the pixels that are judged."""
     chord = _chord(ends, one, _OPEN, plane)
-    possible = chord.share <= 1.0 - _SELF_SIGMAS * np.sqrt(chord.variance)
+    possible = chord.share <= 1.0 - ends.settings.same_sigmas * np.sqrt(chord.variance)
     share, none = np.clip(chord.share, 0.0, 1.0), np.full(len(which), np.nan)
     best.put(
-        Kind.PAIR, _log_share(DISTANT_PRIOR, possible, count), chord.log_density, which=which,
+        Kind.PAIR, _log_share(ends.settings.distant_prior, possible, count), chord.log_density, which=which,
         range_mm=np.column_stack([chord.one.range_mm, chord.other.range_mm, none]),
         range_variance=np.column_stack([chord.one.range_variance, chord.other.range_variance, none]),
         share=np.column_stack([share, 1.0 - share, none]),
@@ -519,7 +509,7 @@ def _put_pairs(best: _Best, ends: _Ends) -> None:
             which = np.flatnonzero(possible & ends.apart(one, other))
             here = ends.some(which)
             chord = _likeliest([_chord(here, one, number) for number in others])
-            error = _SELF_SIGMAS * np.sqrt(chord.variance)
+            error = ends.settings.same_sigmas * np.sqrt(chord.variance)
             is_distinct = here.trusted[:, one] | (1.0 - chord.share >= error)
             is_distinct &= here.trusted[:, other] | (chord.share >= error)
             count[which] += is_distinct

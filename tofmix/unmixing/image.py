@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, ImageSettings
 
 ComplexArray = NDArray[np.complex128]
 
@@ -31,7 +32,7 @@ class Beams(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """What pixels measured, (pixel,) each, as in `PhasorImage`."""
+    """Measurements of pixels, (pixel,) each, as in `PhasorImage`."""
 
     range_mm: FloatArray
     range_variance: FloatArray
@@ -43,19 +44,9 @@ class Measured(NamedTuple):
     scatter_tangential: FloatArray
 
 
-LEAST_SAMPLES = 3
-"""Samples from which on a pixel's mean phasor is used."""
-
-_PRIOR_SAMPLES = 8.0
-"""Samples that the neighbours' noise counts for in a pixel's own: with few frames its own variances are uncertain."""
-
-_OWN_NOISE = 1.5
-"""Most times the neighbours' noise that a single surface is granted: what scatters more may be two surfaces."""
-
-
 @dataclass(slots=True, kw_only=True, eq=False)
 class PhasorImage:
-    """What the pixels of one window measured. Arrays are (pixel,), row by row, unless said otherwise.
+    """The measurements of one window. Arrays are (pixel,), row by row, unless said otherwise.
 
     Parameters
     ----------
@@ -68,7 +59,7 @@ class PhasorImage:
     covariance : (pixel, 3)
         Variances of the real and the imaginary part of one sample, and their covariance.
     samples : float
-        Samples that the mean is of.
+        Samples in the mean.
     unit : float
         Amplitude that counts as 1 here: the median of the image, so that numbers are of order 1.
     directions : (pixel, 3)
@@ -83,6 +74,8 @@ class PhasorImage:
         Unit vectors across the beam, to the right and down in the image.
     pitch_across, pitch_down : float
         Tangent of the angle to the next pixel.
+    settings : ImageSettings
+        Thresholds of the errors.
     """
 
     shape: tuple[int, int]
@@ -99,6 +92,7 @@ class PhasorImage:
     down: FloatArray
     pitch_across: FloatArray
     pitch_down: FloatArray
+    settings: ImageSettings = DEFAULT_SETTINGS.image
     amplitude: FloatArray = field(init=False)
     mean_covariance: FloatArray = field(init=False)
     noise_radial: FloatArray = field(init=False)
@@ -112,12 +106,13 @@ class PhasorImage:
         level = _level_of_neighbours(self)
         free = np.maximum(self.samples - 1.0, 1.0)[:, np.newaxis]
         even = np.stack([level, level, np.zeros_like(level)], axis=-1)
-        one = (self.covariance * free + _PRIOR_SAMPLES * even) / (free + _PRIOR_SAMPLES)
+        prior = self.settings.prior_samples
+        one = (self.covariance * free + prior * even) / (free + prior)
         self.mean_covariance = one / np.maximum(self.samples, 1.0)[:, np.newaxis]
         along = self.phasor / np.where(self.amplitude > 0, self.amplitude, 1.0)
         self.scatter_radial = variance_along(self.covariance, along)
         self.scatter_tangential = variance_along(self.covariance, 1j * along)
-        most = _OWN_NOISE * level / np.maximum(self.samples, 1.0)
+        most = self.settings.most_noise * level / np.maximum(self.samples, 1.0)
         self.noise_radial = np.minimum(variance_along(self.mean_covariance, along), most)
         self.noise_tangential = np.minimum(variance_along(self.mean_covariance, 1j * along), most)
         self.log_light = np.log(np.where(self.valid, self.amplitude, 1.0)) + 3.0 * np.log(self.range_mm)
@@ -145,7 +140,7 @@ class PhasorImage:
 
     @property
     def measured(self) -> Measured:
-        """What the pixels measured, for kernels."""
+        """The measurements, for kernels."""
         return Measured(
             self.range_mm, self.range_variance, self.log_light, self.light_variance, self.noise_radial,
             self.noise_tangential, self.scatter_radial, self.scatter_tangential,
@@ -183,7 +178,14 @@ def _level_of_neighbours(image: PhasorImage) -> FloatArray:
     return np.where(known > 0, middle, 0.0)
 
 
-def make_image(phasors: Float32Array, directions: FloatArray, *, scale_mm: float, open_space: BoolArray) -> PhasorImage:
+def make_image(
+    phasors: Float32Array,
+    directions: FloatArray,
+    *,
+    scale_mm: float,
+    open_space: BoolArray,
+    settings: ImageSettings = DEFAULT_SETTINGS.image,
+) -> PhasorImage:
     """Make the image of one window.
 
     Parameters
@@ -196,6 +198,8 @@ def make_image(phasors: Float32Array, directions: FloatArray, *, scale_mm: float
         K, mm a radian.
     open_space : (row, col) bool
         Pixels that see no surface at all.
+    settings : ImageSettings
+        Thresholds of the errors.
 
     Returns
     -------
@@ -209,13 +213,13 @@ def make_image(phasors: Float32Array, directions: FloatArray, *, scale_mm: float
     across, down, pitch_across, pitch_down = _tangents(ways.reshape(*shape, 3))
     range_mm = scale_mm * (np.angle(phasor) + 2.0 * np.pi * flat[:, 6])
     empty = np.asarray(open_space, bool).ravel()
-    valid = (flat[:, 5] >= LEAST_SAMPLES) & (np.abs(phasor) > 0) & (range_mm > 0) & ~empty
+    valid = (flat[:, 5] >= settings.least_samples) & (np.abs(phasor) > 0) & (range_mm > 0) & ~empty
     unit = float(np.median(np.abs(phasor[valid]))) if valid.any() else 1.0
     return PhasorImage(
         shape=shape, scale_mm=scale_mm, phasor=phasor / unit, covariance=flat[:, 2:5] / unit**2, samples=flat[:, 5],
         unit=unit, directions=ways,
         range_mm=np.where(valid, range_mm, 1.0), valid=valid, open_space=empty, across=across, down=down,
-        pitch_across=pitch_across, pitch_down=pitch_down,
+        pitch_across=pitch_across, pitch_down=pitch_down, settings=settings,
     )  # fmt: skip
 
 
@@ -241,20 +245,10 @@ def _tangents(ways: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, Flo
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Window:
-    """Places of a square window around a pixel, the pixel itself left out unless it is asked for; all (place,)."""
+    """Places of a square window around a pixel, without the pixel by default; all (place,)."""
 
     row: IntArray
     col: IntArray
-
-    @property
-    def distance_squared(self) -> IntArray:
-        """Square of the distance from the middle, pixels."""
-        return np.asarray(self.row**2 + self.col**2)
-
-    @property
-    def ring(self) -> IntArray:
-        """Larger of the distances along rows and columns, pixels."""
-        return np.maximum(np.abs(self.row), np.abs(self.col))
 
 
 def window(reach: int, *, middle: bool = False) -> Window:

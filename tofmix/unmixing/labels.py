@@ -1,7 +1,7 @@
-"""What each pixel of an image is of, in rounds: from pixels that surely see one surface, towards the edges.
+"""The surfaces of each pixel of an image, in rounds: from pixels that certainly see one surface, towards the edges.
 
 1. Pixels that are not certain are judged by the certain ones around them.
-2. What no surface nearby explains may be a large surface that is seen elsewhere, or a thin one: pixels that agree with
+2. Pixels that no nearby surface explains may see a large surface from elsewhere, or a thin one: pixels that agree with
    their neighbours. Those join, and all is judged again.
 3. Once more where pixels joined or left surfaces, as the ends of chords are better known there.
 
@@ -16,39 +16,24 @@ import numpy as np
 from scipy import ndimage
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.robust import MAD_TO_SIGMA
+from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.unmixing.distant import distant_planes
 from tofmix.unmixing.hypotheses import ENDS, Kind, OpenSpace, judge
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.seeds import Seeds, find_seeds
-from tofmix.unmixing.surface_fit import REACH, Members
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, LabelSettings, UnmixSettings
+from tofmix.unmixing.surface_fit import Members
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-ROUNDS = 3
-"""Times that pixels in doubt are judged."""
-
 _BLOCK = 1 << 13
 """Pixels that are judged at once: their surfaces take some 10 MB."""
-
-_OPEN_REACH = 3
-"""Pixels from open space within which a pixel may see some of it."""
-
-_LEAST_OPEN = 3
-"""Pixels of open space that tell what it returns; with fewer it returns nothing."""
-
-_AGREE_SIGMAS = 3.0
-"""Standard errors up to which neighbouring pixels agree."""
-
-_SLOPE, _LIGHT_SLOPE, _LIGHT_STEP = 2.0, 2.0, 0.005
-"""Standard deviation of the step to the next pixel of one surface: in range 2 pitches of it, in u 2 pitches and half a
-percent, as for the slopes in `tofmix.unmixing.neighbours`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Labels:
-    """What each pixel is of. Arrays are (pixel,) or (pixel, ENDS), as in `Findings`.
+    """The hypothesis of each pixel. Arrays are (pixel,) or (pixel, ENDS), as in `Findings`.
 
     Parameters
     ----------
@@ -81,16 +66,16 @@ _ENDS = ("range_mm", "range_variance", "share", "share_variance")
 _FIELDS = (*_ENDS, "kind", "probability", "is_known", "is_fresh", "chord", "scatter", "log_density")
 
 
-def label(image: PhasorImage) -> Labels:
+def label(image: PhasorImage, settings: UnmixSettings = DEFAULT_SETTINGS) -> Labels:
     """Label the pixels of an image."""
-    seeds, spaces = find_seeds(image), _open_space(image)
+    seeds, spaces = find_seeds(image, settings.seeds), _open_space(image, settings.labels)
     doubtful = np.flatnonzero(image.valid & ~seeds.certain)
     members = Members(
         is_member=seeds.has_plane, has_plane=seeds.has_plane, has_light=seeds.certain,
         is_known=seeds.has_plane, is_trusted=seeds.has_plane, is_fresh=np.zeros(image.count, bool),
         plane=seeds.plane, middle=seeds.middle,
     )  # fmt: skip
-    planes = distant_planes(image, seeds) if doubtful.size else ()
+    planes = distant_planes(image, seeds, settings.planes) if doubtful.size else ()
     kind = np.where(seeds.certain, int(Kind.CONTINUED), int(Kind.UNKNOWN))
     count = image.count
     arrays: dict[str, NDArray[Any]] = {
@@ -101,33 +86,35 @@ def label(image: PhasorImage) -> Labels:
     plane, is_distant = np.zeros((count, 3)), np.zeros(count, bool)
     square = np.zeros(count, bool)
     pixels = doubtful if seeds.certain.any() else doubtful[:0]
-    for number in range(ROUNDS):
+    for number in range(settings.labels.rounds):
         for start in range(0, pixels.size, _BLOCK):
             block = pixels[start : start + _BLOCK]
-            found = judge(image, block, members, seeds, planes if number else (), spaces)
+            found = judge(
+                image, block, members, seeds, planes if number else (), spaces, settings.hypotheses, settings.neighbours
+            )
             plane[block], is_distant[block] = found.plane, found.is_distant
             for name in _FIELDS:
                 arrays[name][block] = getattr(found, name)
         if not pixels.size:
             break
         before = members
-        members, square = _next_members(image, seeds, arrays["kind"], plane, is_distant)
+        members, square = _next_members(image, seeds, arrays["kind"], plane, is_distant, settings.labels)
         if number > 0:  # the large planes are tried from the second round on, in all pixels
-            pixels = doubtful[_beside_changes(before, members, image.shape)[doubtful]]
+            pixels = doubtful[_near_changes(before, members, image.shape, settings.neighbours.reach)[doubtful]]
     kind = arrays["kind"]
     is_surface = seeds.certain | np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE)) | ((kind == Kind.NEW) & square)
     return Labels(**arrays, is_surface=is_surface, seeds=seeds)
 
 
-def _open_space(image: PhasorImage) -> tuple[OpenSpace, ...]:
-    """Where open space may be seen, and what it may return: nothing, or what pixels of open space return."""
-    side = 2 * _OPEN_REACH + 1
+def _open_space(image: PhasorImage, settings: LabelSettings) -> tuple[OpenSpace, ...]:
+    """Pixels that may see open space, and its possible returns: nothing, or the return of pixels of open space."""
+    side = 2 * settings.open_reach + 1
     nearby = ndimage.binary_dilation(image.open_space.reshape(image.shape), np.ones((side, side), bool)).ravel()
     if not nearby.any():
         return ()
     own = image.open_space & (image.samples > 0)
     seen = image.phasor[own]
-    if len(seen) < _LEAST_OPEN:
+    if len(seen) < settings.least_open:
         return (OpenSpace(nearby=nearby, phasor=0.0, variance=0.0, scatter=0.0),)
     middle = complex(np.median(seen.real), np.median(seen.imag))
     spread = MAD_TO_SIGMA * float(np.median(np.abs(seen - middle)))
@@ -139,14 +126,19 @@ def _open_space(image: PhasorImage) -> tuple[OpenSpace, ...]:
 
 
 def _next_members(
-    image: PhasorImage, seeds: Seeds, kind: IntArray, plane: FloatArray, is_distant: BoolArray
+    image: PhasorImage,
+    seeds: Seeds,
+    kind: IntArray,
+    plane: FloatArray,
+    is_distant: BoolArray,
+    settings: LabelSettings,
 ) -> tuple[Members, BoolArray]:
     """Settle who is a member in the next round, and which new pixels agree in blocks of 2 x 2."""
     continued = np.isin(kind, (Kind.CONTINUED, Kind.OTHER_REFLECTANCE))
     kept = seeds.has_plane & continued
     joined = (kind == Kind.CONTINUED) & ~kept
     fresh = kind == Kind.NEW
-    agrees, square = _agreeing(image, seeds, fresh)
+    agrees, square = _agreeing(image, seeds, fresh, settings)
     next_members = Members(
         is_member=kept | joined | (fresh & agrees), has_plane=kept | joined,
         has_light=seeds.certain | (kind == Kind.CONTINUED) | (fresh & agrees),
@@ -157,39 +149,46 @@ def _next_members(
     return next_members, square
 
 
-def _beside_changes(before: Members, after: Members, shape: tuple[int, int]) -> BoolArray:
-    """Pixels (pixel,) that see another neighbourhood than before: the others are of what they were of."""
+def _near_changes(before: Members, after: Members, shape: tuple[int, int], reach: int) -> BoolArray:
+    """Pixels (pixel,) whose neighbourhood has changed: the others keep their hypothesis."""
     changed = np.zeros(len(before.middle), bool)
     for old, new in zip(before, after, strict=True):
         differs = old != new
         changed |= differs if differs.ndim == 1 else differs.any(axis=1)
     changed &= before.is_member | after.is_member
-    side = 2 * REACH + 1
+    side = 2 * reach + 1
     return np.asarray(ndimage.binary_dilation(changed.reshape(shape), np.ones((side, side), bool)).ravel())
 
 
-def _agreeing(image: PhasorImage, seeds: Seeds, mask: BoolArray) -> tuple[BoolArray, BoolArray]:
+def _agreeing(
+    image: PhasorImage, seeds: Seeds, mask: BoolArray, settings: LabelSettings
+) -> tuple[BoolArray, BoolArray]:
     """Which pixels of a mask agree with a neighbour in it, and which do so in blocks of 2 x 2."""
     index = np.arange(image.count).reshape(image.shape)
     range_variance, light_variance = image.range_variance, image.light_variance
 
     def agree(one: IntArray, other: IntArray) -> BoolArray:
-        step = (_SLOPE * image.pitch[one] * image.range_mm[one]) ** 2
+        step = (settings.slope * image.pitch[one] * image.range_mm[one]) ** 2
         error = range_variance[one] + range_variance[other] + 2.0 * seeds.pattern_variance + step
         light = light_variance[one] + light_variance[other] + 2.0 * seeds.texture_variance
-        light = light + (_LIGHT_SLOPE * image.pitch[one] + _LIGHT_STEP) ** 2 + 9.0 * error / image.range_mm[one] ** 2
+        light = (
+            light
+            + (settings.light_slope * image.pitch[one] + settings.light_step) ** 2
+            + 9.0 * error / image.range_mm[one] ** 2
+        )
         ranges = (image.range_mm[one] - image.range_mm[other]) ** 2
         lights = (image.log_light[one] - image.log_light[other]) ** 2
         both = mask[one] & mask[other]
-        return both & (ranges < _AGREE_SIGMAS**2 * error) & (lights < _AGREE_SIGMAS**2 * light)
+        most = settings.agree_sigmas**2
+        return both & (ranges < most * error) & (lights < most * light)
 
-    beside, below = agree(index[:, :-1], index[:, 1:]), agree(index[:-1], index[1:])
+    across, below = agree(index[:, :-1], index[:, 1:]), agree(index[:-1], index[1:])
     any_, square = np.zeros(image.shape, bool), np.zeros(image.shape, bool)
-    any_[:, :-1] |= beside
-    any_[:, 1:] |= beside
+    any_[:, :-1] |= across
+    any_[:, 1:] |= across
     any_[:-1] |= below
     any_[1:] |= below
-    block = beside[:-1] & beside[1:] & below[:, :-1] & below[:, 1:]
+    block = across[:-1] & across[1:] & below[:, :-1] & below[:, 1:]
     rows, cols = block.shape
     for i in (0, 1):
         for j in (0, 1):

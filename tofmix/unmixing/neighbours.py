@@ -1,8 +1,8 @@
-"""The surfaces beside a pixel, continued to it.
+"""The neighbouring surfaces of a pixel, continued to it.
 
 Each one-surface pixel nearby predicts 1 / r at the pixel in question by its own plane. Predictions that agree are of
 one surface; a plane is then fitted to all its pixels in a window of 9 x 9, the pixel in question left out. No surface
-needs to be followed over the image: creases, doors that stand ajar and curved things need no rule of their own.
+is followed over the image, so creases, open doors and curved objects need no special rule.
 """
 
 from dataclasses import dataclass
@@ -12,12 +12,13 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.unmixing.image import ComplexArray, PhasorImage
 from tofmix.unmixing.seeds import Seeds
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, NeighbourSettings
 from tofmix.unmixing.surface_fit import MOST_SURFACES, Members, NeighbourSurfaces, fill_surfaces
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Predictions:
-    """What surfaces would return if they filled a pixel, or part of it. Arrays are (n,), one for each pixel.
+    """Returns of surfaces that fill a pixel, or a part of it. Arrays are (n,), one for each pixel.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ _MOST_LOG = 10.0
 def predict(
     surfaces: NeighbourSurfaces, number: int, rows: FloatArray, cols: FloatArray, *, image: PhasorImage, seeds: Seeds
 ) -> Predictions:
-    """What the surfaces of a number would return from places (n,) that lie `rows` and `cols` beside the pixels."""
+    """Returns of the surfaces of a number from places (n,), `rows` and `cols` off the pixels."""
     at = np.stack([np.ones_like(rows), cols, rows], axis=-1)
 
     def value(coefficients: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -74,8 +75,11 @@ def predict(
     return phasor_of(near, near_variance, light, light_variance, image=image, seeds=seeds)
 
 
-def find_neighbours(image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds) -> NeighbourSurfaces:
-    """Find the surfaces beside pixels (n,)."""
+def find_neighbours(
+    image: PhasorImage, pixels: IntArray, members: Members, seeds: Seeds,
+    settings: NeighbourSettings = DEFAULT_SETTINGS.neighbours,
+) -> NeighbourSurfaces:  # fmt: skip
+    """Find the neighbouring surfaces of pixels (n,)."""
     shape = (len(pixels), MOST_SURFACES)
     vectors, matrices = (*shape, 3), (*shape, 3, 3)
     out = NeighbourSurfaces(
@@ -86,6 +90,14 @@ def find_neighbours(image: PhasorImage, pixels: IntArray, members: Members, seed
         scatter_tangential=np.zeros(shape),
     )  # fmt: skip
     fill_surfaces(
-        pixels, *image.shape, image.beams, image.measured, members, seeds.pattern_variance, seeds.texture_variance, out
+        pixels,
+        *image.shape,
+        image.beams,
+        image.measured,
+        members,
+        seeds.pattern_variance,
+        seeds.texture_variance,
+        out,
+        settings,
     )
     return out

@@ -1,4 +1,4 @@
-"""From the samples of a pixel to its mean phasor: what unmixing needs of the samples.
+"""From the samples of a pixel to its mean phasor, the input of unmixing.
 
 A sample's phasor is z = A exp(i r / K), with the amplitude A and K = d_u / 2 pi. Use `mean_phasors` where the samples
 are in memory; the results travel with the layers of a block until the image is whole.
@@ -11,25 +11,13 @@ from numpy.typing import NDArray
 from scipy import special
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
-from tofmix.ranging import unambiguous_range_mm
+from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.sensor import Sensor
 
 FIELDS = ("real", "imaginary", "variance_real", "variance_imaginary", "covariance", "samples", "turn")
-"""What is kept of each pixel, in the order of the last axis."""
+"""Values of each pixel, in the order of the last axis."""
 
 FIELD_COUNT = len(FIELDS)
-
-_SUSPECT = 8.0
-"""Square of a sample's distance from the mean, over the sum of both variances, from which on outliers are looked for.
-
-Of 1000 Gaussian samples the largest has about 7; one outlier among n samples has n.
-"""
-
-_FAR_SIGMAS = 6.0
-"""Distance from the median, in sigma of the samples about it, of a sample that noise does not explain."""
-
-_RARE = 1.0e-3
-"""Chance below which outliers alone do not explain the number of far samples: these belong to another surface."""
 
 
 def phase_scale_mm(frequency_hz: float) -> float:
@@ -37,7 +25,15 @@ def phase_scale_mm(frequency_hz: float) -> float:
     return unambiguous_range_mm(frequency_hz) / (2.0 * math.pi)
 
 
-def mean_phasors(range_mm: NDArray[np.floating], amplitude: NDArray[np.floating], sensor: Sensor) -> Float32Array:
+def mean_phasors(
+    range_mm: NDArray[np.floating],
+    amplitude: NDArray[np.floating],
+    sensor: Sensor,
+    *,
+    suspect: float = 8.0,
+    far_sigmas: float = 6.0,
+    rare: float = 1.0e-3,
+) -> Float32Array:
     """Mean, covariance and number of the phasors of each pixel.
 
     Outliers are left out: samples far from the others, if they are no more than the sensor's p(c_r) explains.
@@ -48,6 +44,13 @@ def mean_phasors(range_mm: NDArray[np.floating], amplitude: NDArray[np.floating]
         Samples; a sample without a finite range and amplitude is skipped.
     sensor : Sensor
         Its modulation frequency must be known.
+    suspect : float
+        Square of a sample's distance from the mean, over the sum of both variances, from which on outliers are looked
+        for. Of 1000 Gaussian samples the largest has about 7; one outlier among n samples has n.
+    far_sigmas : float
+        Distance from the median, in sigma of the samples about it, of a sample that noise does not explain.
+    rare : float
+        Chance below which outliers alone do not explain the number of far samples: these belong to another surface.
 
     Returns
     -------
@@ -73,10 +76,10 @@ def mean_phasors(range_mm: NDArray[np.floating], amplitude: NDArray[np.floating]
     count, mean, parts = _moments(real, imaginary, valid)
     away = (real - mean.real) ** 2 + (imaginary - mean.imag) ** 2
     most = np.where(valid, away, 0.0).max(axis=0, initial=0.0)
-    suspects = np.flatnonzero(most > _SUSPECT * (parts[0] + parts[1]))
+    suspects = np.flatnonzero(most > suspect * (parts[0] + parts[1]))
     if suspects.size:
         kept = valid[:, suspects] & ~_outliers(
-            real[:, suspects], imaginary[:, suspects], valid[:, suspects], sensor.outlier_probability
+            real[:, suspects], imaginary[:, suspects], valid[:, suspects], sensor.outlier_probability, far_sigmas, rare
         )
         some = _moments(real[:, suspects], imaginary[:, suspects], kept)
         count[suspects], mean[suspects], parts[:, suspects] = some
@@ -108,11 +111,13 @@ def _median(values: Float32Array, valid: BoolArray) -> FloatArray:
     return np.where(np.isfinite(found), found, 0.0).astype(np.float64)
 
 
-def _outliers(real: Float32Array, imaginary: Float32Array, valid: BoolArray, probability: float) -> BoolArray:
+def _outliers(
+    real: Float32Array, imaginary: Float32Array, valid: BoolArray, probability: float, far_sigmas: float, rare: float
+) -> BoolArray:
     """Samples (frame, pixel) that are random values: far from the median phasor, and as few as those are."""
     away = np.hypot(real - _median(real, valid), imaginary - _median(imaginary, valid))
     # The median distance of a two-dimensional Gaussian is sqrt(2 ln 2) sigma.
     sigma = _median(away.astype(np.float32), valid) / math.sqrt(2.0 * math.log(2.0))
-    far = valid & (away > _FAR_SIGMAS * sigma)
-    most = np.ceil(special.bdtrik(1.0 - _RARE, valid.sum(axis=0), probability))
+    far = valid & (away > far_sigmas * sigma)
+    most = np.ceil(special.bdtrik(1.0 - rare, valid.sum(axis=0), probability))
     return np.asarray(far & (far.sum(axis=0) <= most))

@@ -3,8 +3,8 @@
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing
-from tofmix.normal_equations import solve
+from tofmix.compiled.jit import borrowing
+from tofmix.compiled.plane import solve
 
 TINY = 1.0e-12
 """Part of the sum of weights that is added to the normal matrix: a window without slopes stays regular."""
@@ -23,7 +23,7 @@ def fit_plane(
     Parameters
     ----------
     x, y, values : (place,) float64
-        Places and what was measured there.
+        Places and measured values.
     weights : (place,) float64
         One over the variances; 0 leaves a place out.
     slope_weight : float

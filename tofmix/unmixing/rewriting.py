@@ -1,4 +1,4 @@
-"""From labels to layers: what unmixing writes over the layers of mixed pixels."""
+"""From labels to layers: unmixed layers replace those of mixed pixels."""
 
 from dataclasses import dataclass
 
@@ -13,13 +13,7 @@ from tofmix.unmixing.hypotheses import Kind
 from tofmix.unmixing.image import PhasorImage
 from tofmix.unmixing.labels import Labels
 from tofmix.unmixing.law import Law
-
-LEAST_PROBABILITY = 0.5
-"""Posterior from which on a mixed pixel is decided."""
-
-_FRESH = 0.9
-"""Most probability of a layer that rests on a surface which no pixel surely sees alone: pixels that agree with their
-neighbours may be equal mixtures. In a fence of pales two pixels wide 84 to 100 % of such layers are right."""
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, UnmixSettings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,19 +25,19 @@ class Rewritten:
     layers : Layers
         Of the leading shape (row, col), with `mixing`.
     phasor_share : float
-        q, share of the samples at edges that are phasor sums; NaN if no pixel tells it.
-    telling_pixels : int
-        Pixels that tell it.
+        q, share of the samples at edges that are phasor sums; NaN if no pixel determines it.
+    informative_pixels : int
+        Pixels that determine it.
     """
 
     layers: Layers
     phasor_share: float
-    telling_pixels: int
+    informative_pixels: int
 
 
 def rewrite(
     layers: Layers, image: PhasorImage, labels: Labels, law: Law, sensor: Sensor, *, insist: bool,
-    circle_mm: float | None = None,
+    circle_mm: float | None = None, settings: UnmixSettings = DEFAULT_SETTINGS,
 ) -> Rewritten:  # fmt: skip
     """Write the surfaces of mixed pixels over layers.
 
@@ -56,9 +50,11 @@ def rewrite(
     sensor : Sensor
         Its noise curve gives sigma.
     insist : bool
-        Whether all samples at edges are taken for phasor sums, whatever the law.
+        Whether all samples at edges are taken as phasor sums, for any measured q.
     circle_mm : float, optional
         Length of the circle that ranges are on, mm.
+    settings : UnmixSettings
+        Thresholds.
 
     Returns
     -------
@@ -76,20 +72,23 @@ def rewrite(
     if sums.any():
         mixed = np.isin(labels.kind, (Kind.PAIR, Kind.TRIPLE)) & image.valid
         ends = np.isfinite(labels.range_mm).sum(axis=1)
-        decided = mixed & labels.is_known & (labels.probability > LEAST_PROBABILITY) & (ends <= layers.max_layers)
+        decided = (
+            mixed & labels.is_known & (labels.probability > settings.least_probability) & (ends <= layers.max_layers)
+        )
         flat = out.reshaped((image.count,))
-        _write(flat, decided & sums, image, labels, sensor, circle_mm)
+        _write(flat, decided & sums, image, labels, sensor, circle_mm, settings.most_fresh_probability)
         # One surface, says the mean; several, say the samples, as surfaces that move do, or chance.
         contradicted = labels.is_surface & several & (count > 1)
         _doubt(flat, image.valid & ~decided & sums & (count > 0) & (~labels.is_surface | contradicted))
         fresh = labels.is_surface & (labels.kind == Kind.NEW) & sums
-        flat.probability[fresh] = np.minimum(flat.probability[fresh], _FRESH)
-    return Rewritten(layers=out, phasor_share=law.phasor_share, telling_pixels=law.pixels)
+        flat.probability[fresh] = np.minimum(flat.probability[fresh], settings.most_fresh_probability)
+    return Rewritten(layers=out, phasor_share=law.phasor_share, informative_pixels=law.pixels)
 
 
 def _write(
-    flat: Layers, pixels: BoolArray, image: PhasorImage, labels: Labels, sensor: Sensor, circle_mm: float | None
-) -> None:
+    flat: Layers, pixels: BoolArray, image: PhasorImage, labels: Labels, sensor: Sensor, circle_mm: float | None,
+    most_fresh: float,
+) -> None:  # fmt: skip
     """Write the surfaces of decided pixels."""
     chosen = np.flatnonzero(pixels)
     if not chosen.size:
@@ -110,7 +109,7 @@ def _write(
     share = np.where(np.isnan(share), 0.0, share)
     share = share / share.sum(axis=1, keepdims=True)
     returned = 1.0 - sensor.outlier_probability
-    sure = np.where(labels.is_fresh, np.minimum(labels.probability, _FRESH), labels.probability)[chosen]
+    sure = np.where(labels.is_fresh, np.minimum(labels.probability, most_fresh), labels.probability)[chosen]
     width = 1.0 if flat.noise_width is None else np.nan_to_num(flat.noise_width[chosen], nan=1.0)[:, np.newaxis]
     curve = sensor.noise
     sigma = (
@@ -135,6 +134,6 @@ def _write(
 
 
 def _doubt(flat: Layers, pixels: BoolArray) -> None:
-    """Mark pixels in which the surfaces cannot be told."""
+    """Mark undecided pixels."""
     flat.probability[pixels] = np.minimum(flat.probability[pixels], MOST_UNDECIDED)
     flat.mixing[pixels] = int(Mixing.UNDECIDED)  # type: ignore[index]  # it was just made

@@ -1,7 +1,7 @@
 """Pixels that surely see one surface: those in 3 x 3 windows in which range and light are those of a plane.
 
-The scatter about such planes is measured too: what it has beyond noise is fixed pattern, in range, and texture, in
-light. Both belong to the errors of everything that follows.
+The scatter about such planes is measured too: beyond noise it is fixed pattern, in range, and texture, in light. Both
+belong to the errors of everything that follows.
 """
 
 from dataclasses import dataclass
@@ -10,30 +10,16 @@ import numpy as np
 from scipy import special
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.unmixing.image import Beams, Measured, PhasorImage, places, window
 from tofmix.unmixing.plane_fit import fit_plane
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, SeedSettings
 
 _FREE = 6
 """Degrees of freedom of a plane through 3 x 3 pixels."""
 
-_RARE = 1.0e-3
-"""Chance that a window of one surface is passed over."""
-
-_QUANTILES = 0.1, 0.25
-"""Parts of the windows that are taken to be of one surface each: the smaller scatter of both counts."""
-
-_LEAST_WINDOWS = 20
-"""Windows from which on a scatter beyond noise is measured."""
-
 _HALVINGS = 24
 """Halvings of the interval in which a scatter is looked for: to a ten millionth of it."""
-
-_UNLIKE = 2.5
-"""Standard errors from a plane beside it, beyond which a pixel at a border is judged again: more than by chance."""
-
-_BETWEEN, _DIFFERENT = 1.0, 5.0
-"""Standard errors that a pixel is off both sides, and that these differ by, where it may be a mixture of both."""
 
 _CONTINUED = 1.0 / 9.0 + 4.0 / 6.0
 """Variance of a plane through 3 x 3 pixels, two pixels from its middle, in units of a pixel's own."""
@@ -44,16 +30,15 @@ _BLOCK = 1 << 14
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Seeds:
-    """What 3 x 3 windows tell.
+    """Results of 3 x 3 windows.
 
     Parameters
     ----------
     plane : (pixel, 3) float64
         m of the plane 1 / r = m . d of the best window that holds the pixel, 1 / mm; 0 where there is none.
     middle : (pixel,) int64
-        The middle of that window.
-    has_plane : (pixel,) bool
-        Whether there is one, in a block of at least 4 x 4 pixels.
+        The middle of that window. has_plane : (pixel,) bool Whether there is a plane, in a block of at least 4 x 4
+        pixels.
     certain : (pixel,) bool
         Whether light, too, is that of one surface: such a pixel sees nothing else.
     pattern_variance : float
@@ -70,14 +55,15 @@ class Seeds:
     texture_variance: float
 
 
-def find_seeds(image: PhasorImage) -> Seeds:
+def find_seeds(image: PhasorImage, settings: SeedSettings = DEFAULT_SETTINGS.seeds) -> Seeds:
     """Fit a plane to each 3 x 3 window, in range and in light."""
     around = window(1, middle=True)
     planes, scatters = np.zeros((image.count, 3)), np.zeros((image.count, 4))
     pixels = _fit_windows(*image.shape, image.valid, image.beams, image.measured, planes, scatters)
     range_scatter, range_noise, light_scatter, light_noise = scatters[pixels].T
-    pattern, texture = _excess(range_scatter, range_noise), _excess(light_scatter, light_noise)
-    limit = float(special.chdtri(_FREE, _RARE)) / _FREE
+    pattern = _excess(range_scatter, range_noise, settings)
+    texture = _excess(light_scatter, light_noise, settings)
+    limit = float(special.chdtri(_FREE, settings.rare)) / _FREE
     excess = range_scatter / np.maximum(range_noise + pattern, np.finfo(float).tiny)
     of_plane = excess < limit
     of_surface = of_plane & (light_scatter < limit * (light_noise + texture))
@@ -94,7 +80,7 @@ def find_seeds(image: PhasorImage) -> Seeds:
         middle[own] = others[np.arange(len(own)), best]
         has_plane[own] = np.isfinite(scores.min(axis=1)) & image.valid[own]
         certain[own] = (inside & surely[others]).any(axis=1) & has_plane[own]
-    unlike = _unlike(image, np.flatnonzero(certain & ~surely), planes, surely, pattern)
+    unlike = _unlike(image, np.flatnonzero(certain & ~surely), planes, surely, pattern, settings)
     has_plane[unlike] = certain[unlike] = False
     return Seeds(
         plane=np.where(has_plane[:, np.newaxis], planes[middle], 0.0), middle=middle, has_plane=has_plane,
@@ -103,13 +89,14 @@ def find_seeds(image: PhasorImage) -> Seeds:
 
 
 def _unlike(
-    image: PhasorImage, pixels: IntArray, planes: FloatArray, surely: BoolArray, pattern: float
+    image: PhasorImage, pixels: IntArray, planes: FloatArray, surely: BoolArray, pattern: float,
+    settings: SeedSettings,
 ) -> IntArray:  # fmt: skip
-    """Pixels at the border of a surface that are not surely of it, by the planes of the windows beside them.
+    """Pixels at the border of a surface that may not belong to it, by the planes of neighbouring windows.
 
-    A slope takes up a column of mixed pixels at a window's side. The windows beside that, two pixels away from it, do
-    not know the column. A pixel is unlike where, along an axis, it has the range of neither side, or lies between
-    two sides that differ.
+    A slope takes up a column of mixed pixels at a window's side. The neighbouring windows, two pixels away, do not
+    include the column. A pixel is unlike where, along an axis, it has the range of neither side, or lies between two
+    sides that differ.
     """
     row, col = np.divmod(pixels, image.shape[1])
     near = 1.0 / image.range_mm[pixels]
@@ -129,8 +116,9 @@ def _unlike(
                 total, count = total + np.where(known, miss, 0.0), count + known
             ends.append(np.where(count > 0, total / np.maximum(count, 1.0), np.nan))
         low, high = np.fmin(*ends), np.fmax(*ends)
-        between = (low < -_BETWEEN) & (high > _BETWEEN) & (high - low > _DIFFERENT)
-        unlike |= (np.isfinite(least) & (least > _UNLIKE)) | between
+        off = settings.between_sigmas
+        between = (low < -off) & (high > off) & (high - low > settings.different_sigmas)
+        unlike |= (np.isfinite(least) & (least > settings.unlike_sigmas)) | between
     return pixels[unlike]
 
 
@@ -201,11 +189,11 @@ def plane_vector(image: PhasorImage, pixels: IntArray, coefficients: FloatArray)
     )
 
 
-def _excess(scatter: FloatArray, noise: FloatArray) -> float:
-    """Variance to be added to the noise of windows so that the quieter ones scatter as chi-squared says."""
-    if len(scatter) < _LEAST_WINDOWS:
+def _excess(scatter: FloatArray, noise: FloatArray, settings: SeedSettings) -> float:
+    """Variance to be added to the noise of windows so that the scatter of the quieter ones follows chi-squared."""
+    if len(scatter) < settings.least_windows:
         return 0.0
-    return min(_excess_at(scatter, noise, part) for part in _QUANTILES)
+    return min(_excess_at(scatter, noise, part) for part in settings.quantiles)
 
 
 def _excess_at(scatter: FloatArray, noise: FloatArray, part: float) -> float:

@@ -1,8 +1,8 @@
-"""The surfaces beside a pixel, from the one-surface pixels in a window around it. Compiled.
+"""The neighbouring surfaces of a pixel, from the one-surface pixels in a window around it. Compiled.
 
 Each one-surface pixel predicts 1 / r at the pixel in question by its own plane. Predictions that agree are of one
-surface; a plane is then fitted to all its pixels, and another one to their light. `tofmix.unmixing.neighbours` says
-what is done with them.
+surface; a plane is then fitted to all its pixels, and another one to their light. `tofmix.unmixing.neighbours` uses
+them.
 """
 
 import math
@@ -11,38 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.plane import dot
 from tofmix.unmixing.image import Beams, Measured
 from tofmix.unmixing.plane_fit import fit_plane
+from tofmix.unmixing.settings import NeighbourSettings
 
 MOST_SURFACES = 4
-"""Surfaces that are looked at beside a pixel, the largest first."""
-
-REACH, NEAR = 4, 3
-"""Reach of the window, pixels, and distance within which a surface must have a pixel."""
-
-_PLACES = (2 * REACH + 1) ** 2 - 1
-"""Pixels of a window, its middle left out."""
-
-_APART_SIGMAS, _APART = 4.0, 0.01
-"""Standard errors, and part of 1 / r, that lie between the predictions of two surfaces."""
-
-_OUTLIER = 16.0
-"""Square of a residual over its variance, of a pixel that belongs to another surface after all."""
-
-_FREE_SLOPE, _KNOWN_SLOPE = 2.0, 0.25
-"""Standard deviation of a slope, in units of pitch / r, before it is measured: 2 is a surface seen at 27 degrees from
-grazing; where pixels bring planes of their own, these are right to a few degrees."""
-
-_LIGHT_SLOPE, _LIGHT_SLOPE_LEAST = 2.0, 0.005
-"""Standard deviation of a slope of u, a pixel: 2 pitches, as the light of a lamp falls towards the image's corners, and
-half a percent."""
-
-_LIGHT_REACH = 2.0
-"""Standard deviation, pixels, of the weights that u is fitted with: light varies where ranges do not."""
-
-_CHANCE = 2.0
-"""Standard deviations of a mean square of residuals that are chance."""
+"""Most neighbouring surfaces of a pixel, the largest first."""
 
 _TINY = 1.0e-30
 """Least divisor."""
@@ -63,9 +39,10 @@ class Members(NamedTuple):
     is_member : bool
         Whether the pixel is one.
     has_plane : bool
-        Whether it predicts by a plane of its own; else by its own range, as a surface that is seen head-on.
+        Whether it predicts by its plane; else by its range, as a surface that faces the beam.
     has_light : bool
-        Whether its amplitude is that of the surface: beside open space a part of it has the range, and less light.
+        Whether its amplitude is that of the surface: next to open space a pixel has the range of the surface, and less
+        light.
     is_known : bool
         Whether it surely sees one surface; else it only agrees with its neighbours.
     is_trusted : bool
@@ -89,7 +66,7 @@ class Members(NamedTuple):
 
 
 class NeighbourSurfaces(NamedTuple):
-    """Surfaces beside pixels (n,), at most `MOST_SURFACES` each. Arrays are (n, surface) unless said otherwise.
+    """Neighbouring surfaces of pixels (n,), up to `MOST_SURFACES` each. Arrays are (n, surface) unless said otherwise.
 
     Parameters
     ----------
@@ -130,34 +107,30 @@ class NeighbourSurfaces(NamedTuple):
 @jit
 def fill_surfaces(
     pixels: IntArray, rows: int, cols: int, beams: Beams, measured: Measured, members: Members,
-    pattern_variance: float, texture_variance: float, out: NeighbourSurfaces,
+    pattern_variance: float, texture_variance: float, out: NeighbourSurfaces, settings: NeighbourSettings,
 ) -> None:  # fmt: skip
-    """Fill the surfaces beside pixels (n,) of an image of `rows` x `cols`; `out` holds zeros before.
+    """Fill the neighbouring surfaces of pixels (n,) of an image of `rows` x `cols`; `out` holds zeros before.
 
     The variances are those of ranges (mm^2) and of ln A from pixel to pixel, beyond noise.
     """
-    numbers, indices = np.empty((_NUMBERS, _PLACES)), np.empty((_INDICES, _PLACES), np.int64)
+    places = (2 * settings.reach + 1) ** 2 - 1  # the middle left out
+    numbers, indices = np.empty((_NUMBERS, places)), np.empty((_INDICES, places), np.int64)
     normal = np.empty((4, 3))
     for at in range(len(pixels)):
         pixel = pixels[at]
-        count = _gather(pixel, rows, cols, beams, measured, members, pattern_variance, numbers, indices)
-        groups = _sort(count, numbers, indices)
-        _measure(count, groups, indices)
+        count = _gather(pixel, rows, cols, beams, measured, members, pattern_variance, numbers, indices, settings)
+        groups = _sort(count, numbers, indices, settings)
+        _measure(count, groups, indices, settings.near)
         for number in range(MOST_SURFACES):
-            group = _next_largest(groups, indices)
+            group = _next_largest(groups, indices, places)
             if group < 0:
                 break
             out.found[at, number] = True
             size = _collect(count, group, indices)
-            _fit_ranges(pixel, at, number, size, beams, members, numbers, indices, normal, out)
+            _fit_ranges(pixel, at, number, size, beams, members, numbers, indices, normal, out, settings)
             _fit_light(pixel, at, number, size, texture_variance, beams, measured, members, numbers, indices, normal,
-                       out)  # fmt: skip
+                       out, settings)  # fmt: skip
             _describe(at, number, size, measured, members, indices, out)
-
-
-@borrowing
-def _dot(one: FloatArray, other: FloatArray) -> float:
-    return float(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
 
 
 @borrowing
@@ -169,30 +142,30 @@ def _pitch(pixel: int, beams: Beams) -> float:
 @borrowing
 def _gather(
     pixel: int, rows: int, cols: int, beams: Beams, measured: Measured, members: Members, pattern_variance: float,
-    numbers: FloatArray, indices: IntArray,
+    numbers: FloatArray, indices: IntArray, settings: NeighbourSettings,
 ) -> int:  # fmt: skip
     """Collect the members around a pixel: where they are, and their prediction of 1 / r there with its variance."""
     row, col = pixel // cols, pixel % cols
     own = beams.direction[pixel]
-    free = (_FREE_SLOPE * _pitch(pixel, beams)) ** 2
+    free = (settings.free_slope * _pitch(pixel, beams)) ** 2
     count = 0
-    for r in range(max(row - REACH, 0), min(row + REACH + 1, rows)):
-        for c in range(max(col - REACH, 0), min(col + REACH + 1, cols)):
+    for r in range(max(row - settings.reach, 0), min(row + settings.reach + 1, rows)):
+        for c in range(max(col - settings.reach, 0), min(col + settings.reach + 1, cols)):
             other = r * cols + c
             if other == pixel or not members.is_member[other]:
                 continue
             way, inverse = beams.direction[other], 1.0 / measured.range_mm[other]
-            cosine = _dot(way, own)
+            cosine = dot(way, own)
             square = inverse * inverse
             variance = (measured.range_variance[other] + pattern_variance) * square * square
             indices[_OTHER, count], indices[_DOWN, count], indices[_RIGHT, count] = other, r - row, c - col
             numbers[_COSINE, count], numbers[_INVERSE, count], numbers[_VARIANCE, count] = cosine, inverse, variance
-            numbers[_X, count] = _dot(way, beams.across[pixel]) / cosine / beams.pitch_across[pixel]
-            numbers[_Y, count] = _dot(way, beams.down[pixel]) / cosine / beams.pitch_down[pixel]
+            numbers[_X, count] = dot(way, beams.across[pixel]) / cosine / beams.pitch_across[pixel]
+            numbers[_Y, count] = dot(way, beams.down[pixel]) / cosine / beams.pitch_down[pixel]
             if members.has_plane[other]:
                 middle = members.middle[other]
                 down, right = middle // cols - row, middle % cols - col
-                numbers[_VALUE, count] = _dot(members.plane[other], own)
+                numbers[_VALUE, count] = dot(members.plane[other], own)
                 # A plane through 3 x 3 points has the variance 1 / 9 in its middle, and a slope the variance 1 / 6.
                 numbers[_ERROR, count] = variance * (1.0 / 9.0 + (down * down + right * right) / 6.0)
             else:
@@ -204,7 +177,7 @@ def _gather(
 
 
 @borrowing
-def _sort(count: int, numbers: FloatArray, indices: IntArray) -> int:
+def _sort(count: int, numbers: FloatArray, indices: IntArray, settings: NeighbourSettings) -> int:
     """Number the surfaces that members belong to, from far to near, and return how many there are.
 
     Predictions are put in order; where the step to the next is larger than their errors, a new surface begins.
@@ -221,15 +194,15 @@ def _sort(count: int, numbers: FloatArray, indices: IntArray) -> int:
         here = order[k]
         if k > 0:
             before = order[k - 1]
-            apart = _APART_SIGMAS * math.sqrt(2.0 * min(error[here], error[before]))
-            if value[here] - value[before] > max(apart, _APART * abs(value[before])):
+            apart = settings.apart_sigmas * math.sqrt(2.0 * min(error[here], error[before]))
+            if value[here] - value[before] > max(apart, settings.apart * abs(value[before])):
                 number += 1
         group[here] = number
     return number + 1 if count > 0 else 0
 
 
 @borrowing
-def _measure(count: int, groups: int, indices: IntArray) -> None:
+def _measure(count: int, groups: int, indices: IntArray, near: int) -> None:
     """Count the members of each surface, and those nearby."""
     size, close = indices[_SIZE], indices[_CLOSE]
     for number in range(groups):
@@ -237,18 +210,18 @@ def _measure(count: int, groups: int, indices: IntArray) -> None:
     for k in range(count):
         number = indices[_GROUP, k]
         size[number] += 1
-        if max(abs(indices[_DOWN, k]), abs(indices[_RIGHT, k])) <= NEAR:
+        if max(abs(indices[_DOWN, k]), abs(indices[_RIGHT, k])) <= near:
             close[number] += 1
 
 
 @borrowing
-def _next_largest(groups: int, indices: IntArray) -> int:
+def _next_largest(groups: int, indices: IntArray, places: int) -> int:
     """Take the surface with most pixels nearby, then with most pixels; -1: those left are of one pixel, or farther."""
     size, close = indices[_SIZE], indices[_CLOSE]
     best = -1
     for number in range(groups):
         if close[number] > 0 and size[number] > 1 and (
-            best < 0 or close[number] * _PLACES + size[number] > close[best] * _PLACES + size[best]
+            best < 0 or close[number] * places + size[number] > close[best] * places + size[best]
         ):  # fmt: skip
             best = number
     if best >= 0:
@@ -270,9 +243,9 @@ def _collect(count: int, group: int, indices: IntArray) -> int:
 @borrowing
 def _fit_ranges(
     pixel: int, at: int, number: int, size: int, beams: Beams, members: Members, numbers: FloatArray,
-    indices: IntArray, normal: FloatArray, out: NeighbourSurfaces,
+    indices: IntArray, normal: FloatArray, out: NeighbourSurfaces, settings: NeighbourSettings,
 ) -> None:  # fmt: skip
-    """Fit a plane to the ranges of a surface: what they are beside the mean of its pixels' own planes."""
+    """Fit a plane to the ranges of a surface, relative to the mean of the planes of its pixels."""
     x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
         numbers[_OWN_WEIGHT, :size]  # fmt: skip
     variance, residual = numbers[_OWN_VARIANCE, :size], numbers[_RESIDUAL, :size]
@@ -293,31 +266,32 @@ def _fit_ranges(
     for k in range(size):
         place = indices[_OWN, k]
         x[k], y[k], variance[k] = numbers[_X, place], numbers[_Y, place], numbers[_VARIANCE, place]
-        expected = _dot(beams.direction[indices[_OTHER, place]], plane)
+        expected = dot(beams.direction[indices[_OTHER, place]], plane)
         value[k], weight[k] = (numbers[_INVERSE, place] - expected) / numbers[_COSINE, place], 1.0 / variance[k]
     m0, m1, m2 = plane[0], plane[1], plane[2]
-    slope = (_KNOWN_SLOPE if known > 0 else _FREE_SLOPE) * _pitch(pixel, beams) * level
+    slope = (settings.known_slope if known > 0 else settings.free_slope) * _pitch(pixel, beams) * level
     slope_weight = 1.0 / (slope * slope)
     fit_plane(x, y, value, weight, slope_weight, normal, coefficients, covariance, residual)
     left = 0
     for k in range(size):
-        left += residual[k] * residual[k] * weight[k] <= _OUTLIER
+        left += residual[k] * residual[k] * weight[k] <= settings.outlier
     if left < size and 2 * left >= size:
         for k in range(size):
-            if residual[k] * residual[k] * weight[k] > _OUTLIER:
+            if residual[k] * residual[k] * weight[k] > settings.outlier:
                 weight[k] = 0.0
         fit_plane(x, y, value, weight, slope_weight, normal, coefficients, covariance, residual)
     right, down = beams.across[pixel], beams.down[pixel]
     coefficients[0] += m0 * beams.direction[pixel, 0] + m1 * beams.direction[pixel, 1] + m2 * beams.direction[pixel, 2]
     coefficients[1] += (m0 * right[0] + m1 * right[1] + m2 * right[2]) * beams.pitch_across[pixel]
     coefficients[2] += (m0 * down[0] + m1 * down[1] + m2 * down[2]) * beams.pitch_down[pixel]
-    _widen(size, residual, weight, variance, covariance)
+    _widen(size, residual, weight, variance, covariance, settings.chance_sigmas)
 
 
 @borrowing
 def _fit_light(
     pixel: int, at: int, number: int, size: int, texture_variance: float, beams: Beams, measured: Measured,
     members: Members, numbers: FloatArray, indices: IntArray, normal: FloatArray, out: NeighbourSurfaces,
+    settings: NeighbourSettings,
 ) -> None:  # fmt: skip
     """Fit u = ln A + 3 ln r of a surface, over its pixels that were not left out of its plane."""
     x, y, value, weight = numbers[_OWN_X, :size], numbers[_OWN_Y, :size], numbers[_OWN_VALUE, :size], \
@@ -337,28 +311,28 @@ def _fit_light(
         )  # fmt: skip
         used = weight[k] > 0.0 and (members.has_light[other] or not lit)
         away = indices[_DOWN, place] ** 2 + indices[_RIGHT, place] ** 2
-        weight[k] = math.exp(-away / (2.0 * _LIGHT_REACH**2)) / variance[k] if used else 0.0
+        weight[k] = math.exp(-away / (2.0 * settings.light_reach**2)) / variance[k] if used else 0.0
         value[k] = measured.log_light[other]
         level += value[k] * weight[k]
         total += weight[k]
     level /= total
     for k in range(size):
         value[k] = value[k] - level if weight[k] > 0.0 else 0.0
-    slope = _LIGHT_SLOPE * _pitch(pixel, beams) + _LIGHT_SLOPE_LEAST
+    slope = settings.light_slope * _pitch(pixel, beams) + settings.least_light_slope
     fit_plane(x, y, value, weight, 1.0 / (slope * slope), normal, coefficients, covariance, residual)
     coefficients[0] += level
-    _widen(size, residual, weight, variance, covariance)
+    _widen(size, residual, weight, variance, covariance, settings.chance_sigmas)
 
 
 @borrowing
 def _widen(
-    size: int, residual: FloatArray, weight: FloatArray, variance: FloatArray, covariance: FloatArray
+    size: int, residual: FloatArray, weight: FloatArray, variance: FloatArray, covariance: FloatArray,
+    chance_sigmas: float,
 ) -> None:  # fmt: skip
     """Widen a fit's covariance where its residuals scatter more than noise.
 
     All of it by the excess, at least 1. That of its value by what a surface is, beside its plane: of a crease, or of
-    one that is curved. It is what residuals scatter beyond noise and more than by chance, and more pixels do not lessen
-    it.
+    one that is curved. It is the scatter of residuals beyond noise and chance, and does not decrease with more pixels.
     """
     used, square, total, squares, level = 0, 0.0, 0.0, 0.0, 0.0
     for k in range(size):
@@ -375,7 +349,7 @@ def _widen(
             covariance[i, j] *= inflation
     total = max(total, _TINY)
     free = max(total * total / max(squares, _TINY) - 3.0, 1.0)
-    excess = square / total - 1.0 - _CHANCE * math.sqrt(2.0 / free)
+    excess = square / total - 1.0 - chance_sigmas * math.sqrt(2.0 / free)
     covariance[0, 0] += max(excess, 0.0) * level / total
 
 
@@ -383,7 +357,7 @@ def _widen(
 def _describe(
     at: int, number: int, size: int, measured: Measured, members: Members, indices: IntArray, out: NeighbourSurfaces
 ) -> None:  # fmt: skip
-    """Fill what most pixels of a surface are, and the means over them."""
+    """Fill the properties of most pixels of a surface, and the means over the pixels."""
     known, trusted, fresh, part = 0, 0, 0, 1.0 / size
     for k in range(size):
         place = indices[_OWN, k]

@@ -1,8 +1,8 @@
-"""Ranges that fold: which surfaces stand beyond the fold, one turn farther than their folded ranges say.
+"""Ranges that fold: which surfaces lie beyond the fold, one turn farther than their folded ranges.
 
 On a folded axis a surface beyond the fold is no plane: 1 / r is linear in the beam for the true range alone, and so is
-ln A + 3 ln r a constant. Use `unfolded` before planes are fitted. Only the first turn is told from the second; ranges
-in the farther half of a turn stay as they are.
+ln A + 3 ln r a constant. Use `unfolded` before planes are fitted. Only the first and second turn are distinguished;
+ranges in the farther half of a turn stay as they are.
 """
 
 import numpy as np
@@ -11,25 +11,12 @@ from scipy.sparse.csgraph import connected_components
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.unmixing.image import PhasorImage
-
-_LEAST_PIXELS = 12
-"""Pixels of a surface that is unfolded; fewer may be mixtures, whose range is none of a surface."""
-
-_SIGMAS, _PITCHES = 4.0, 4.0
-"""Standard errors, and steps of a pixel's width, between neighbours of one surface: 76 degrees of incidence."""
-
-_CROSSED = 0.2
-"""Pairs of neighbours across the fold, as a part of the square root of a surface's pixels, from which on it is crossed:
-a fifth of one side."""
-
-_STRIDES = 4, 16
-"""Pixels from one to the other of two whose light is compared: the farther, the more it tells of a wide surface."""
-
-_BETTER = 0.7
-"""Ratio of the scatter of light with the turn to that without it, from which on the turn is taken."""
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, UnfoldingSettings
 
 
-def unfolded(image: PhasorImage, circle_mm: float) -> FloatArray:
+def unfolded(
+    image: PhasorImage, circle_mm: float, settings: UnfoldingSettings = DEFAULT_SETTINGS.unfolding
+) -> FloatArray:
     """Ranges (pixel,), mm, with a turn more for the surfaces beyond the fold.
 
     Parameters
@@ -38,11 +25,13 @@ def unfolded(image: PhasorImage, circle_mm: float) -> FloatArray:
         Of folded ranges.
     circle_mm : float
         Length of the circle that they are on, mm.
+    settings : UnfoldingSettings
+        Thresholds.
     """
     near = image.valid & (image.range_mm < 0.5 * circle_mm)
     one, other = _neighbours(image, 1)
-    reach = _SIGMAS * np.sqrt(image.range_variance[one] + image.range_variance[other])
-    reach = reach + _PITCHES * image.pitch[one] * (image.range_mm[one] + circle_mm)
+    reach = settings.link_sigmas * np.sqrt(image.range_variance[one] + image.range_variance[other])
+    reach = reach + settings.link_pitches * image.pitch[one] * (image.range_mm[one] + circle_mm)
     gap = image.range_mm[other] - image.range_mm[one]
     both = image.valid[one] & image.valid[other]
     linked = both & near[one] & near[other] & (np.abs(gap) < reach)
@@ -52,9 +41,9 @@ def unfolded(image: PhasorImage, circle_mm: float) -> FloatArray:
     across = both & (near[one] != near[other]) & (np.abs(circle_mm - np.abs(gap)) < reach)
     at = np.where(near[one], one, other)[across]
     crossings = np.bincount(number[at], minlength=len(size))
-    farther = crossings > _CROSSED * np.sqrt(np.maximum(size, 1.0))
-    farther |= _is_smoother(image, number, near, circle_mm)
-    farther &= size >= _LEAST_PIXELS
+    farther = crossings > settings.crossed * np.sqrt(np.maximum(size, 1.0))
+    farther |= _is_smoother(image, number, near, circle_mm, settings)
+    farther &= size >= settings.least_pixels
     return np.asarray(image.range_mm + circle_mm * (near & farther[number]))
 
 
@@ -65,15 +54,17 @@ def _neighbours(image: PhasorImage, step: int) -> tuple[IntArray, IntArray]:
             np.concatenate([index[:, step:].ravel(), index[step:].ravel()]))  # fmt: skip
 
 
-def _is_smoother(image: PhasorImage, number: IntArray, near: BoolArray, circle_mm: float) -> BoolArray:
+def _is_smoother(
+    image: PhasorImage, number: IntArray, near: BoolArray, circle_mm: float, settings: UnfoldingSettings
+) -> BoolArray:
     """Surfaces (number,) over which ln A + 3 ln r varies less with a turn more, in units of its errors."""
-    return np.asarray(
-        np.any([_is_smoother_over(image, number, near, circle_mm, stride) for stride in _STRIDES], axis=0)
-    )
+    over = [_is_smoother_over(image, number, near, circle_mm, stride, settings) for stride in settings.strides]
+    return np.asarray(np.any(over, axis=0))
 
 
 def _is_smoother_over(
-    image: PhasorImage, number: IntArray, near: BoolArray, circle_mm: float, stride: int
+    image: PhasorImage, number: IntArray, near: BoolArray, circle_mm: float, stride: int,
+    settings: UnfoldingSettings,
 ) -> BoolArray:  # fmt: skip
     """Likewise, between pixels that are `stride` apart."""
     one, other = _neighbours(image, stride)
@@ -89,5 +80,5 @@ def _is_smoother_over(
         # The logarithm: a large misfit is an edge of reflectance, and tells nothing.
         total.append(np.bincount(number[one], np.log1p(square), minlength=count))
     pairs = np.bincount(number[one], minlength=count)
-    better = (total[1] - total[0]) / np.maximum(pairs, 1) < np.log(_BETTER)
-    return np.asarray(better & (pairs >= _LEAST_PIXELS))
+    better = (total[1] - total[0]) / np.maximum(pairs, 1) < np.log(settings.better)
+    return np.asarray(better & (pairs >= settings.least_pixels))

@@ -7,26 +7,26 @@ import numpy as np
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
 from tofmix.flags import Status
 from tofmix.layers import Layers
-from tofmix.pinhole import Pinhole
-from tofmix.projection import beam_directions_of
+from tofmix.optics.pinhole import Pinhole
+from tofmix.optics.projection import beam_directions_of
 from tofmix.sensor import Sensor
 from tofmix.unmixing.image import make_image
 from tofmix.unmixing.labels import label
 from tofmix.unmixing.law import measure_law
 from tofmix.unmixing.phasors import phase_scale_mm
 from tofmix.unmixing.rewriting import Rewritten, rewrite
+from tofmix.unmixing.settings import DEFAULT_SETTINGS, UnmixSettings
 from tofmix.unmixing.unfolding import unfolded
-
-_NARROW_PITCH = 0.005
-"""Tangent of the angle between pixels of a camera whose optics are not known: 0.3 degrees. Planes in windows of a few
-pixels do not depend on it."""
-
-_OPEN_SHARE = 0.5
-"""Least share without a return of a pixel that sees no surface at all."""
 
 
 def unmix(
-    layers: Layers, phasors: Float32Array, sensor: Sensor, *, insist: bool = False, circle_mm: float | None = None
+    layers: Layers,
+    phasors: Float32Array,
+    sensor: Sensor,
+    *,
+    insist: bool = False,
+    circle_mm: float | None = None,
+    settings: UnmixSettings = DEFAULT_SETTINGS,
 ) -> Rewritten:
     """Find the surfaces in the mixed pixels of one window.
 
@@ -37,11 +37,13 @@ def unmix(
     phasors : (row, col, 7) float32
         From `tofmix.unmixing.phasors.mean_phasors`, of the same window.
     sensor : Sensor
-        Its modulation frequency must be known; its optics and its noise curve are used where they are.
+        Its modulation frequency must be known; its optics and noise curve are used if known.
     insist : bool
-        Whether all samples at edges are taken for phasor sums, whatever their scatter says.
+        Whether all samples at edges are taken as phasor sums, for any scatter.
     circle_mm : float, optional
         Length of the circle that ranges are on, mm.
+    settings : UnmixSettings
+        Thresholds.
 
     Returns
     -------
@@ -57,27 +59,27 @@ def unmix(
     if sensor.modulation_frequency_hz is None:
         raise ValueError("unmixing needs the modulation frequency")
     rows, cols = layers.shape
-    image = make_image(
-        phasors, _directions(sensor, (rows, cols)), scale_mm=phase_scale_mm(sensor.modulation_frequency_hz),
-        open_space=_sees_nothing(layers),
-    )  # fmt: skip
+    directions = _directions(sensor, (rows, cols), settings.unknown_pitch)
+    scale_mm, open_space = phase_scale_mm(sensor.modulation_frequency_hz), _sees_nothing(layers, settings.open_share)
+    image = make_image(phasors, directions, scale_mm=scale_mm, open_space=open_space, settings=settings.image)
     if circle_mm is not None:
-        image = replace(image, range_mm=unfolded(image, circle_mm))
-    labels = label(image)
-    return rewrite(layers, image, labels, measure_law(image, labels), sensor, insist=insist, circle_mm=circle_mm)
+        image = replace(image, range_mm=unfolded(image, circle_mm, settings.unfolding))
+    labels = label(image, settings)
+    law = measure_law(image, labels, settings.law)
+    return rewrite(layers, image, labels, law, sensor, insist=insist, circle_mm=circle_mm, settings=settings)
 
 
-def _directions(sensor: Sensor, shape: tuple[int, int]) -> FloatArray:
+def _directions(sensor: Sensor, shape: tuple[int, int], unknown_pitch: float) -> FloatArray:
     """Unit vectors (row, col, 3) along the beams."""
     optics = sensor.optics
     if optics is None:
-        focal = 1.0 / _NARROW_PITCH
+        focal = 1.0 / unknown_pitch
         optics = Pinhole(fx=focal, fy=focal, cx=(shape[1] - 1) / 2, cy=(shape[0] - 1) / 2)
     return beam_directions_of(optics, shape)
 
 
-def _sees_nothing(layers: Layers) -> BoolArray:
-    """Pixels (row, col) without any surface: c_0 explains their samples, or hardly any sample is valid."""
-    empty = (layers.n_modes == 0) & (np.nan_to_num(layers.weight_no_return) > _OPEN_SHARE)
+def _sees_nothing(layers: Layers, open_share: float) -> BoolArray:
+    """Pixels (row, col) without any surface: c_0 explains their samples, or too few samples are valid."""
+    empty = (layers.n_modes == 0) & (np.nan_to_num(layers.weight_no_return) > open_share)
     lost = layers.status == int(Status.TOO_FEW_SAMPLES)
     return np.asarray(empty | lost)

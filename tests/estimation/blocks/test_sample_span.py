@@ -68,7 +68,7 @@ def test_invalid_samples_do_not_extend_the_range() -> None:
 
 
 @pytest.mark.parametrize("circle", [None, 7495.0])
-def test_camera_of_known_range_or_ranges_on_a_circle_need_no_look(circle: float | None) -> None:
+def test_known_range_or_circle_reads_no_samples(circle: float | None) -> None:
     recording = Stored(np.full((4, 2, 1), 900.0, dtype=np.float32), (1, 1))
     if circle is None:
         recording = recording.with_sensor(replace(ENDLESS, range_max_mm=6000.0))  # type: ignore[assignment]
@@ -88,7 +88,9 @@ def test_camera_of_known_range_or_ranges_on_a_circle_need_no_look(circle: float 
         ({}, (0.0, 3000.0)),
     ],
 )
-def test_interval_of_random_values(known: dict[str, float], interval: tuple[float, float]) -> None:
+def test_random_values_spread_over_the_working_range_or_the_extreme_samples(
+    known: dict[str, float], interval: tuple[float, float]
+) -> None:
     sensor = replace(ENDLESS, **known)  # type: ignore[arg-type]  # all numbers
     assert outlier_interval(sensor, CURVE) == interval
     assert beam_of(sensor).outlier_density == pytest.approx(1e-4 / (interval[1] - interval[0]))

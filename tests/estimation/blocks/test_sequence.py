@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawing import draw
-from sizes import sized
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.arrays import Float32Array
 from tofmix.estimation.blocks.reading import MemoryTooSmallError, ReadPlan, plan_reading, read_groups, working_bytes
@@ -109,7 +109,7 @@ def test_only_the_frames_of_wanted_cells_are_read(recording: ArrayRecording) -> 
     assert set(counting.chunks) == {(1, 2), (2, 2)} | {(2, 1), (3, 1), (4, 1)}
 
 
-def test_chunks_over_several_bands_are_told(recording: ArrayRecording) -> None:
+def test_chunks_over_several_bands_are_reported(recording: ArrayRecording) -> None:
     class Framed(ArrayRecording):
         row_step = 23
 
@@ -166,6 +166,6 @@ def test_an_error_in_a_worker_reaches_the_caller(recording: ArrayRecording) -> N
         estimate_layers(blind)
 
 
-def test_no_worker_is_refused(recording: ArrayRecording) -> None:
+def test_zero_workers_are_refused(recording: ArrayRecording) -> None:
     with pytest.raises(ValueError, match="workers: 0"):
         estimate_layers(recording, workers=0)

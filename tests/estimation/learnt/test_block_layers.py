@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learnt_pixels import SIGMA_MM, camera_with, flat, pixel_noise, surfaces
+from support.learnt_pixels import SIGMA_MM, camera_with, flat, pixel_noise, surfaces
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.layering import layer_pixels
@@ -25,7 +25,7 @@ PLAIN = Sensor(name="plain", range_max_mm=6000.0, noise=NoiseCurve(np.array([100
         ({"refine": Refine.NONE}, False), ({"paper": True}, False),
     ],
 )  # fmt: skip
-def test_the_papers_ways_know_a_gaussian_alone(options: dict[str, Any], counts: bool) -> None:
+def test_paper_options_use_a_gaussian_alone(options: dict[str, Any], counts: bool) -> None:
     assert counts_with_learnt(WIDE, EstimateOptions(**options)) is counts
     assert not counts_with_learnt(PLAIN, EstimateOptions(**options))
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from learnt_pixels import CAMERA, SIGMA_MM, camera_with, pixel_noise, surfaces
+from support.learnt_pixels import CAMERA, SIGMA_MM, camera_with, pixel_noise, surfaces
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.estimation.beam import Beam, beam_of

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from learnt_pixels import (
+from scipy import interpolate
+from support.learnt_pixels import (
     CAMERA,
     KNOWN,
     LOW_MM,
@@ -13,7 +14,6 @@ from learnt_pixels import (
     pixel_noise,
     surfaces,
 )
-from scipy import interpolate
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
+from support.learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.curve_check import doubts
@@ -50,7 +50,7 @@ def test_where_no_cluster_stands_clear_differences_tell(rng: np.random.Generator
     assert _doubts(close, 0.1 * SIGMA_MM) == ["width"]
 
 
-def test_few_pixels_doubt_nothing_that_they_cannot_tell(rng: np.random.Generator) -> None:
+def test_few_pixels_raise_no_doubt(rng: np.random.Generator) -> None:
     assert _doubts(surfaces(rng, (30, 5), (2000.0,))) == []
     assert _doubts(np.full((30, 5), np.nan)) == []
 

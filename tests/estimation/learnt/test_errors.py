@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learnt_pixels import KNOWN, SIGMA_MM, camera_with, pixel_noise, surfaces
+from support.learnt_pixels import KNOWN, SIGMA_MM, camera_with, pixel_noise, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from learnt_pixels import KNOWN, LOW_MM, TOP_MM, camera_with, pixel_noise, surfaces
 from scipy import integrate, stats
+from support.learnt_pixels import KNOWN, LOW_MM, TOP_MM, camera_with, pixel_noise, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import beam_of

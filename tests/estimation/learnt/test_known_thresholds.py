@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learnt_pixels import camera_with, pixel_noise
+from support.learnt_pixels import camera_with, pixel_noise
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import beam_of

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from learnt_pixels import KNOWN
 from scipy import integrate, stats
+from support.learnt_pixels import KNOWN
 
 from tofmix.estimation.learnt.law import REACH, STEPS, TAIL_DEGREES, at_table, law_of, log_prior_t, precision_of_t
 from tofmix.noise_shape import NoiseShape

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
 from scipy import signal
+from support.learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.learning import (
@@ -143,7 +143,7 @@ def test_sigma_is_right_where_no_cluster_stands_clear_in_any_pixel(
 
 
 @pytest.mark.parametrize("name", ["gaussian", "skewed"])
-def test_few_pixels_tell_one_sigma_and_a_gaussian(name: str, rng: np.random.Generator) -> None:
+def test_few_pixels_give_one_sigma_and_a_gaussian(name: str, rng: np.random.Generator) -> None:
     lesson = _lesson(surfaces(rng, (30, 12), (2000.0,), errors=KNOWN[name].draw))
     assert lesson.noise.is_gaussian
     assert len(lesson.noise.curve.sigma_mm) == 1
@@ -160,7 +160,7 @@ def test_forbidden_parts_are_skipped_and_required_parts_are_learnt(rng: np.rando
     assert _parts(insisted) <= {"widths", "background"}
 
 
-def test_the_same_pixels_teach_the_same(rng: np.random.Generator) -> None:
+def test_same_pixels_give_the_same_noise(rng: np.random.Generator) -> None:
     samples = surfaces(rng, (40, 60), (2000.0,), background=0.2)
     one, other = _lesson(samples, shape=False), _lesson(samples.copy(), shape=False)
     np.testing.assert_array_equal(one.noise.curve.sigma_mm, other.noise.curve.sigma_mm)
@@ -176,7 +176,7 @@ def test_a_given_curve_holds_where_nothing_predicts_better(sigma: float, holds: 
 
 
 @pytest.mark.parametrize("samples", [np.full((40, 30), 2000.0), np.full((40, 30), np.nan)], ids=["constant", "none"])
-def test_samples_without_a_spread_teach_nothing(samples: FloatArray) -> None:
+def test_samples_without_a_spread_give_no_noise(samples: FloatArray) -> None:
     with pytest.raises(ValueError, match="no two samples of a pixel differ, or none is valid"):
         _lesson(samples)
 
@@ -201,7 +201,7 @@ def test_prior_of_background_is_the_beta_density_that_shares_were_drawn_from(
     np.testing.assert_allclose(beta_prior(share, n), [near, far], rtol=0.1)
 
 
-def test_one_odd_pixel_decides_nothing(rng: np.random.Generator) -> None:
+def test_single_deviating_pixel_adds_no_part(rng: np.random.Generator) -> None:
     one = rng.normal(0.0, 1.0, 400)
     other = one - 0.2 + rng.normal(0.0, 0.1, 400)
     gain, error = better_by(one, other)

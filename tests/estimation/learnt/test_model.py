@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learnt_pixels import CAMERA, camera_with, flat, pixel_noise
+from support.learnt_pixels import CAMERA, camera_with, flat, pixel_noise
 
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
 from tofmix.estimation.learnt.model import SURE_SAMPLES, PixelNoise, follows_drift, thresholds_of

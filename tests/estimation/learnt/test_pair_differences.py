@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from learnt_pixels import KNOWN, LOW_MM, TOP_MM, surfaces
+from support.learnt_pixels import KNOWN, LOW_MM, TOP_MM, surfaces
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
@@ -72,7 +72,7 @@ def test_equal_samples_give_no_sigma(samples: Float32Array) -> None:
     assert sigma_from_differences(np.ascontiguousarray(samples, dtype=np.float32)) is None
 
 
-def test_nothing_but_background_tells_no_sigma(rng: np.random.Generator) -> None:
+def test_background_alone_gives_no_sigma(rng: np.random.Generator) -> None:
     for _ in range(5):
         samples = rng.uniform(LOW_MM, TOP_MM, (200, 80)).astype(np.float32)
         assert sigma_from_differences(samples) is None

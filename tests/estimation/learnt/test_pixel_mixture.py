@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from learnt_noises import ALL, SIGMA_MM, SPAN_MM, Parts, camera, made
 from scipy.integrate import trapezoid
+from support.learnt_noises import ALL, SIGMA_MM, SPAN_MM, Parts, camera, made
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.law import log_prior_t

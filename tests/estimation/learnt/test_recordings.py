@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, pixel_noise, surfaces
+from support.learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, pixel_noise, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels
@@ -47,7 +47,7 @@ def _learnt(samples: FloatArray) -> tuple[FoundNoise, Layers]:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("few_draws")
-def test_line_says_what_was_found(rng: np.random.Generator) -> None:
+def test_line_describes_the_learnt_noise(rng: np.random.Generator) -> None:
     share = rng.uniform(0.1, 0.6, 300)
     samples = surfaces(rng, (80, 300), (2000.0,), errors=KNOWN["skewed"].draw, background=share)
     found, layers = _learnt(samples)
@@ -80,7 +80,7 @@ def test_gaussian_noise_needs_no_thresholds_and_is_counted_as_ever(rng: np.rando
     assert re.fullmatch(r"sigma [\d.]+( to [\d.]+)? mm, Gaussian, widths alike; learnt from 300 pixels", found.line())
 
 
-def test_few_pixels_tell_one_sigma(rng: np.random.Generator) -> None:
+def test_few_pixels_give_one_sigma(rng: np.random.Generator) -> None:
     samples = surfaces(rng, (30, 12), (2000.0,))
     found = learn_noise(ArrayRecording(samples.reshape(30, 3, 4), CAMERA), window_frames=30)
     assert re.fullmatch(r"sigma [\d.]+ mm, Gaussian, widths alike; learnt from 12 pixels", found.line())
@@ -218,7 +218,7 @@ def test_a_curve_that_states_parts_gets_the_gains_of_its_own_noise(rng: np.rando
 
 
 @pytest.mark.parametrize("rows", [1, 2, 3])
-def test_images_of_few_rows_teach_as_well(rows: int, rng: np.random.Generator) -> None:
+def test_images_of_few_rows_are_learnt_from(rows: int, rng: np.random.Generator) -> None:
     samples = surfaces(rng, (20, 20_000 // rows * rows), (2000.0,)).reshape(20, rows, -1)
     source = ArrayRecording(samples.astype(np.float32), CAMERA)
     assert len(pixels_of(source, 20, 20, most=100).samples) >= 50

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from learnt_pixels import KNOWN
 from scipy import stats
+from support.learnt_pixels import KNOWN
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.shape_fit import CENTRES, REACH, STEP, fit_shape, histogram

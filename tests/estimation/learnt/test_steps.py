@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from learnt_pixels import SIGMA_MM, camera_with, flat, pixel_noise
+from support.learnt_pixels import SIGMA_MM, camera_with, flat, pixel_noise
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from learnt_pixels import KNOWN, LOW_MM, TOP_MM, camera_with, pixel_noise, surfaces
+from support.learnt_pixels import KNOWN, LOW_MM, TOP_MM, camera_with, pixel_noise, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import beam_of
@@ -91,7 +91,7 @@ def _background(noise: PixelNoise, pixels: int, rng: np.random.Generator) -> Flo
 @pytest.mark.slow
 @pytest.mark.compiled("tens of thousands of pixels")
 @pytest.mark.parametrize("name", HELD)
-def test_false_alarms_are_as_rare_as_promised_on_fresh_pixels(name: str, rng: np.random.Generator) -> None:
+def test_false_alarms_on_fresh_pixels_have_the_requested_rate(name: str, rng: np.random.Generator) -> None:
     noise, pixels = HELD[name], 12000
     sensor = camera_with(noise, _calibrated(noise, (60, 100), 4000))
     shape = name if name in KNOWN else ("gaussian" if noise.curve.shape is None else "skewed")

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from drawing import draw
-from sizes import sized
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.mixture.acceleration import maximise_likelihood

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-import naive
 import numpy as np
 import pytest
-from drawing import draw
-from sizes import sized
+from support import naive
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.mixture.counting import CERTAIN_SIGMAS, CERTAIN_SUPPORT
@@ -140,7 +140,7 @@ def test_without_refinement_the_peaks_are_the_surfaces(rng: np.random.Generator,
     assert np.all(layer_pixels(samples, sensor).n_modes[layers.n_peaks > 3] <= 3)
 
 
-def test_probability_tells_strong_layers_from_weak_ones(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_probability_is_higher_for_strong_layers(rng: np.random.Generator, sensor: Sensor) -> None:
     samples = draw(rng, sensor, ranges_mm=[1500, 1570], shares=[0.5, 0.5], n=100, pixels=sized(300, 40))
     layers = layer_pixels(samples, sensor, EstimateOptions(false_alarm=0.05))
     found = layers.probability[np.isfinite(layers.probability)]

@@ -1,9 +1,9 @@
 """EM on equation (1) against its naive twin, and the properties of its fixed points."""
 
-import naive
 import numpy as np
 import pytest
-from drawing import draw
+from support import naive
+from support.drawing import draw
 
 from tofmix.estimation.mixture.em import FREE_SIGMA_FLOOR, fit_mixture
 from tofmix.estimation.settings import EstimateOptions, SigmaMode

@@ -31,7 +31,7 @@ def test_chance_is_the_inverse_of_gain(n: int, chance: float) -> None:
     assert chance_of(least_gain(chance, row), row) == pytest.approx(chance)
 
 
-def test_the_table_is_met_at_its_columns() -> None:
+def test_gain_table_is_exact_at_its_columns() -> None:
     row = gain_table(100)[100]
     for chance, gain in zip(FALSE_ALARMS, row, strict=True):
         assert least_gain(chance, row) == pytest.approx(gain)
@@ -46,6 +46,6 @@ def test_chance_falls_from_one() -> None:
 
 
 @pytest.mark.parametrize("false_alarm", [0.0, 0.2, -1.0, math.nan])
-def test_chances_out_of_reach_are_refused(false_alarm: float) -> None:
+def test_false_alarm_rates_out_of_bounds_are_refused(false_alarm: float) -> None:
     with pytest.raises(ValueError, match="false_alarm"):
         check_false_alarm(false_alarm)

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from drawing import draw
-from sizes import sized
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.mixture.components import MEAN, SIGMA, WEIGHT

@@ -1,10 +1,10 @@
 """The gradient bounds every gain, and matches finite differences."""
 
-import naive
 import numpy as np
 import pytest
-from drawing import draw
-from sizes import sized
+from support import naive
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.mixture.components import MEAN, SIGMA, TOTAL, WEIGHT, new_components, new_scratch

@@ -1,11 +1,11 @@
 """Standard errors against numeric derivatives, and by how often they cover the truth."""
 
-import naive
 import numpy as np
 import pytest
-from drawing import draw
 from numpy.typing import NDArray
-from sizes import sized
+from support import naive
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.settings import EstimateOptions, SigmaMode

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sizes import sized
+from support.sizes import sized
 
 from tofmix.estimation.blocks.sequence import estimate_layers
 from tofmix.estimation.layering import layer_pixels
@@ -65,7 +65,7 @@ def test_sigma_by_range_and_amplitude_is_measured(rng: np.random.Generator, expo
 
 @pytest.mark.slow
 @pytest.mark.parametrize("multi", [0.0, 0.4])
-def test_amplitude_that_says_nothing_changes_nothing(rng: np.random.Generator, multi: float) -> None:
+def test_amplitude_without_effect_changes_no_curve(rng: np.random.Generator, multi: float) -> None:
     recording, _, _ = reflective(rng, 0.0, multi=multi)
     measured = measure_noise(recording)
     assert measured.curve.law is None
@@ -160,7 +160,7 @@ def test_windows_read_their_own_amplitudes(rng: np.random.Generator) -> None:
     assert np.nanmedian(found.sigma[0]) > 5 * np.nanmedian(found.sigma[1])
 
 
-def test_shapes_that_do_not_go_together_are_refused() -> None:
+def test_mismatched_shapes_are_refused() -> None:
     with pytest.raises(ValueError, match="differs from range"):
         layer_pixels(np.ones((5, 4)), CAMERA, amplitude=np.ones((5, 3)))
     with pytest.raises(ValueError, match="differs from range"):
@@ -175,8 +175,8 @@ def test_shapes_that_do_not_go_together_are_refused() -> None:
 def test_smoothing_pools_a_line_and_keeps_a_kink(rng: np.random.Generator) -> None:
     x = np.linspace(0.0, 2.0, 40)
     error = np.full(40, 0.03)
-    line = np.array([smooth(x, 2.0 * x + error * rng.standard_normal(40), error) - 2.0 * x for _ in range(50)])
+    line = np.array([smooth(x, 2.0 * x + error * rng.standard_normal(40), error, 4) - 2.0 * x for _ in range(50)])
     assert line.std() < 0.012  # a line through 40 points has 0.03 / sqrt(20) = 0.007
     kink = np.where(x < 1.0, 0.0, 5.0 * (x - 1.0))
-    assert np.abs(smooth(x, kink, error) - kink).max() < 0.05
-    np.testing.assert_array_equal(smooth(x[:3], kink[:3], error[:3]), kink[:3])
+    assert np.abs(smooth(x, kink, error, 4) - kink).max() < 0.05
+    np.testing.assert_array_equal(smooth(x[:3], kink[:3], error[:3], 4), kink[:3])

@@ -1,11 +1,11 @@
 """The measured curve against the one that samples were drawn with, and its parts against slow references."""
 
-import noise_twins
 import numpy as np
 import pytest
-from drawing import draw
 from numpy.typing import NDArray
-from sizes import sized
+from support import noise_twins
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.estimation.noise import series as noise_series
 from tofmix.estimation.noise.measurement import MeasuredNoise, disagreement, measure_noise
@@ -19,6 +19,7 @@ from tofmix.estimation.noise.series import (
     series_statistics,
     shaped_as_one,
 )
+from tofmix.estimation.noise.settings import CurveSettings, NoiseSettings
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor
 
@@ -80,7 +81,7 @@ def test_200_pixels_are_enough(rng: np.random.Generator, sensor: Sensor) -> None
 
 
 @pytest.mark.slow
-def test_drift_pattern_outliers_stuck_and_invalid_samples_do_no_harm(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_drift_pattern_outliers_stuck_and_invalid_samples_leave_sigma(rng: np.random.Generator, sensor: Sensor) -> None:
     seen = rng.uniform(600.0, 5000.0, 6000)
     samples = pixels_at(rng, sensor, seen, multi=0.3)
     samples += 40.0 * (1.0 - np.exp(-np.arange(100) / 40.0))[:, None] + rng.normal(0.0, 20.0, 6000)
@@ -105,7 +106,7 @@ def test_noise_that_remembers_is_measured(rng: np.random.Generator, sensor: Sens
 
 
 @pytest.mark.slow
-def test_samples_without_a_return_tell_sigma_at_range_max(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_samples_without_a_return_give_sigma_at_range_max(rng: np.random.Generator, sensor: Sensor) -> None:
     seen = np.concatenate([rng.uniform(1000.0, 1100.0, 1600), np.full(400, 6000.0)])
     samples = pixels_at(rng, sensor, seen, multi=0.0)
     measured = measure_noise(recording(samples))
@@ -224,7 +225,7 @@ def test_memory_is_corrected_as_simulated(rng: np.random.Generator, coefficient:
 
 @pytest.mark.parametrize("degrees", [95])
 @pytest.mark.parametrize("factor", [1.12, 1.4, 3.0])
-def test_a_minority_of_wider_series_is_seen_through(rng: np.random.Generator, degrees: int, factor: float) -> None:
+def test_minority_of_wider_series_leaves_sigma(rng: np.random.Generator, degrees: int, factor: float) -> None:
     log_sigma = 0.5 * np.log(rng.chisquare(degrees, 1000) / degrees)
     log_sigma[:400] += np.log(factor)
     # The hardest: 40 % wider by less than one series can tell.
@@ -234,7 +235,7 @@ def test_a_minority_of_wider_series_is_seen_through(rng: np.random.Generator, de
     assert single[400:].mean() > single[:400].mean()
 
 
-def test_groups_share_what_they_tell_of_wider_series(rng: np.random.Generator) -> None:
+def test_bins_share_their_estimate_of_wider_series(rng: np.random.Generator) -> None:
     def errors(together: bool) -> float:
         groups = []
         for _ in range(40):
@@ -248,7 +249,7 @@ def test_groups_share_what_they_tell_of_wider_series(rng: np.random.Generator) -
     assert errors(together=True) < 0.9 * errors(together=False)
 
 
-def test_the_step_of_stored_ranges(rng: np.random.Generator) -> None:
+def test_step_of_stored_ranges_is_found(rng: np.random.Generator) -> None:
     values = rng.normal(2000.0, 50.0, 20_000)
     for step in (1.0, 2.5, 10.0):
         stored = np.rint(np.rint(values / step) * step).astype(np.float32)
@@ -271,7 +272,7 @@ def test_series_are_the_samples_in_any_bands(rng: np.random.Generator, sensor: S
     assert few.pixel.tolist() == [c + 5 * r for r in (0, 2, 4, 6) for c in range(5)]
 
 
-def test_the_files_own_curve_is_not_looked_at(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_measurement_ignores_the_curve_of_the_file(rng: np.random.Generator, sensor: Sensor) -> None:
     samples = draw(rng, sensor, ranges_mm=[1500.0], shares=[1.0], n=40, pixels=400)
     wrong = Sensor(name="wrong", range_min_mm=300.0, range_max_mm=6000.0, noise=NoiseCurve(np.ones(1), np.ones(1)))
     one, other = (measure_noise(ArrayRecording(samples.reshape(40, 20, 20), s)) for s in (BARE, wrong))
@@ -289,7 +290,17 @@ def test_the_files_own_curve_is_not_looked_at(rng: np.random.Generator, sensor: 
         ((30, 5, 5), "within 12 %"),
     ],
 )
-def test_too_little_is_refused(rng: np.random.Generator, shape: tuple[int, int, int], reason: str) -> None:
+def test_too_few_samples_are_refused_with_the_required_number(
+    rng: np.random.Generator, shape: tuple[int, int, int], reason: str
+) -> None:
     seen = np.geomspace(400.0, 5900.0, shape[1] * shape[2]).reshape(shape[1:])
     with pytest.raises(ValueError, match=reason):
         measure_noise(ArrayRecording(seen + rng.normal(0.0, 5.0, shape), BARE))
+
+
+def test_settings_bound_the_series_of_a_bin(rng: np.random.Generator, sensor: Sensor) -> None:
+    samples = pixels_at(rng, sensor, np.full(400, 1000.0), multi=0.0, n=20)
+    assert measure_noise(recording(samples)).pixels.sum() > 0
+    many = NoiseSettings(curve=CurveSettings(least_in_bin=401))
+    with pytest.raises(ValueError, match="at least 401 are needed"):
+        measure_noise(recording(samples), settings=many)

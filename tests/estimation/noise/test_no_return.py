@@ -41,7 +41,7 @@ def test_walls_beside_the_constant_do_not_hide_it(rng: np.random.Generator) -> N
     assert no_return_constant(scene(rng, mixed)) == 6000.0
 
 
-def test_too_few_samples_or_an_unknown_end_of_the_range_tell_nothing(rng: np.random.Generator) -> None:
+def test_too_few_samples_or_an_unknown_range_max_give_no_constant(rng: np.random.Generator) -> None:
     few = scene(rng, 6000.0).read_range(slice(0, 9), slice(None))
     assert no_return_constant(ArrayRecording(few, CAMERA)) is None
     endless = Sensor(name="endless", noise=CAMERA.noise)

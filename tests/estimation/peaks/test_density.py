@@ -1,12 +1,12 @@
 """Equation (4) against SciPy's normal density, and as a density."""
 
-import naive
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import trapezoid
+from support import naive
 
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.peaks.density import density

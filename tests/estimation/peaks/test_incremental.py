@@ -1,13 +1,13 @@
 """The incremental density against SciPy and against the batch search, however the frames come."""
 
-import naive
 import numpy as np
 import pytest
-from drawing import draw
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import trapezoid
-from sizes import sized
+from support import naive
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.circle import circular_noise, fold
 from tofmix.estimation.beam import beam_of

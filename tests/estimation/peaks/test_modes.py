@@ -1,10 +1,10 @@
 """Test (5) against a fine-grid twin, and its promises."""
 
-import naive
 import numpy as np
 import pytest
-from drawing import draw
-from sizes import sized
+from support import naive
+from support.drawing import draw
+from support.sizes import sized
 
 from tofmix.estimation.peaks.modes import find_modes
 from tofmix.sensor import NoiseCurve, Sensor

@@ -7,12 +7,12 @@ from tofmix.io.atomic.atomic_group import write_atomic_group
 from tofmix.io.atomic.storage import AtomicFile
 
 
-def test_all_files_are_written(tmp_path: Path) -> None:
+def test_atomic_group_writes_all_files(tmp_path: Path) -> None:
     write_atomic_group({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=False)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a": b"1", "b": b"2"}
 
 
-def test_one_that_exists_keeps_all_back(tmp_path: Path) -> None:
+def test_existing_file_keeps_all_files_back(tmp_path: Path) -> None:
     (tmp_path / "b").write_bytes(b"old")
     with pytest.raises(UsageError, match="--overwrite"):
         write_atomic_group({tmp_path / "a": b"1", tmp_path / "b": b"2"}, overwrite=False)
@@ -22,9 +22,7 @@ def test_one_that_exists_keeps_all_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fails_at", [1, 2, 3])
-def test_a_renaming_that_fails_leaves_nothing_new(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails_at: int
-) -> None:
+def test_failed_renaming_leaves_no_new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails_at: int) -> None:
     commits = []
     commit = AtomicFile.commit
 
@@ -40,7 +38,7 @@ def test_a_renaming_that_fails_leaves_nothing_new(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_write_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_write_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> int:
         raise OSError(28, "No space left on device")
 

@@ -52,7 +52,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_the_second_run_is_refused_at_once_and_the_first_is_not_hurt(tmp_path: Path) -> None:
+def test_second_run_is_refused_at_once_and_the_first_continues(tmp_path: Path) -> None:
     path = tmp_path / "out.h5"
     with another_run(path) as first:
         for overwrite in (False, True):
@@ -106,7 +106,7 @@ def test_files_of_users_and_of_other_machines_stay(tmp_path: Path) -> None:
     assert (tmp_path / "a.h5").read_text() == "mine"
 
 
-def test_another_user_s_are_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_of_another_user_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stray = tmp_path / f".a.{locks._machine()}.tofmix-partial"
     stray.write_text("theirs")
     monkeypatch.setattr(os, "geteuid", lambda: stray.stat().st_uid + 1)
@@ -114,7 +114,7 @@ def test_another_user_s_are_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert stray.exists()
 
 
-def test_a_disk_without_locks_refuses_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_disk_without_locks_refuses_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def no_locks(*_: object) -> None:
         raise OSError(errno.ENOLCK, "No locks available")
 
@@ -149,7 +149,7 @@ def test_a_lock_passes_to_the_writer(tmp_path: Path) -> None:
     assert names(tmp_path) == ["a"]
 
 
-def test_a_signal_right_after_a_file_is_made_finds_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_signal_after_the_creation_of_a_file_removes_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = os.open
 
     def stopped(*arguments: Any) -> int:  # noqa: ANN401  what os.open takes
@@ -179,7 +179,7 @@ def test_a_signal_while_another_run_is_met_leaves_that_run_alone(tmp_path: Path)
     assert path.read_text() == "half"
 
 
-def test_a_file_whose_temporary_one_was_taken_is_not_named(tmp_path: Path) -> None:
+def test_output_with_a_missing_temporary_file_gets_no_name(tmp_path: Path) -> None:
     path = tmp_path / "a"
     with AtomicFile(path, overwrite=False) as file:
         (temporary,) = tmp_path.iterdir()

@@ -44,7 +44,7 @@ def test_scratch_folder_is_removed_after_sigterm(tmp_path: Path) -> None:
         assert list(tmp_path.iterdir()) == []
 
 
-def test_a_killed_run_s_is_removed_by_the_next_one_and_a_live_one_s_never(tmp_path: Path) -> None:
+def test_folder_of_a_killed_run_is_removed_and_of_a_live_run_kept(tmp_path: Path) -> None:
     program = [sys.executable, "-c", HOLDER, str(tmp_path)]
     pipe = subprocess.PIPE
     with subprocess.Popen(program, stdin=pipe, stdout=pipe, text=True) as process:
@@ -61,14 +61,14 @@ def test_a_killed_run_s_is_removed_by_the_next_one_and_a_live_one_s_never(tmp_pa
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_a_young_one_may_not_be_locked_yet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_young_folder_without_a_lock_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "YOUNG_S", 60.0)
     (tmp_path / "tofmix-scratch-new").mkdir()
     with scratch_folder():
         assert (tmp_path / "tofmix-scratch-new").exists()
 
 
-def test_no_room_is_a_storage_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_is_a_storage_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", "/none")
     with pytest.raises(StorageError, match="/none: No such file"), scratch_folder():
         pass

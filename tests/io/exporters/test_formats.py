@@ -7,19 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import laspy
-import naive_png
 import numpy as np
 import plyfile
 import pytest
-from made_up import LayersInMemory, made_up_layers
 from PIL import Image
 from pypcd4.pypcd4 import PointCloud
+from support import naive_png
+from support.made_up import LayersInMemory, made_up_layers
 
-from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.exporters import POINT_WRITERS, export_image, export_points
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.las import SCALE_M
+from tofmix.optics.equiangular import Equiangular
 from tofmix.points import POINT_DTYPE, LayerPoints, PointArray
 
 SHAPE, MAX_LAYERS = (3, 6, 7), 4
@@ -74,7 +74,7 @@ def test_csv_reads_back_points_and_shares(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".las", ".laz"])
-def test_las_by_laspy(tmp_path: Path, suffix: str) -> None:
+def test_las_reads_back_with_laspy(tmp_path: Path, suffix: str) -> None:
     expected = written(tmp_path / f"a{suffix}", points_of())
     read = laspy.read(tmp_path / f"a{suffix}")
     assert str(read.header.version) == "1.4"
@@ -89,7 +89,7 @@ def test_las_by_laspy(tmp_path: Path, suffix: str) -> None:
     ]
 
 
-def test_las_by_the_words_of_the_standard(tmp_path: Path) -> None:
+def test_las_bytes_follow_the_standard(tmp_path: Path) -> None:
     expected = written(tmp_path / "a.las", points_of())
     data = (tmp_path / "a.las").read_bytes()
     assert data[:4] == b"LASF"
@@ -121,7 +121,7 @@ def test_the_same_layers_give_the_same_bytes(tmp_path: Path, suffix: str) -> Non
 
 
 @pytest.mark.parametrize("suffix", POINT_WRITERS)
-def test_no_point_is_a_legal_file(tmp_path: Path, suffix: str) -> None:
+def test_file_without_points_is_valid(tmp_path: Path, suffix: str) -> None:
     layers = made_up_layers(SHAPE, MAX_LAYERS)
     layers.range[...] = np.nan
     path = tmp_path / f"a{suffix}"
@@ -137,7 +137,7 @@ def test_no_point_is_a_legal_file(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", POINT_WRITERS)
-def test_a_full_disk_leaves_nothing(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_leaves_no_export(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
@@ -201,7 +201,7 @@ def range_image(scale_mm: float) -> RangeImage:
 
 @pytest.mark.parametrize("scale_mm", [1.0, 0.25])
 @pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff"])
-def test_range_images(tmp_path: Path, suffix: str, scale_mm: float) -> None:
+def test_range_image_reads_back_its_counts(tmp_path: Path, suffix: str, scale_mm: float) -> None:
     image, path = range_image(scale_mm), tmp_path / f"a{suffix}"
     export_image(path, image)
     if suffix == ".png":

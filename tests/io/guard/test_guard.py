@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 import tofmix
 from tofmix.errors import BadInputError, StorageError
@@ -25,7 +25,7 @@ def _calls(module: Path) -> set[str]:
     return {ast.unparse(call) for call in calls}
 
 
-def test_nothing_else_opens_a_file_for_reading() -> None:
+def test_only_the_guard_opens_files_for_reading() -> None:
     openers = {"h5py.File", "h5py.h5f.open", "h5py.is_hdf5", "h5py.h5f.is_hdf5"}
     found = {str(path.relative_to(PACKAGE)): _calls(path) & openers for path in PACKAGE.rglob("*.py")}
     # hdf5.py wraps a new file that it has created, hdf5_memory.py makes empty ones; the child is the one that looks.
@@ -42,7 +42,9 @@ def _checker(program: str) -> StructureChecker:
     return StructureChecker((sys.executable, "-c", program))
 
 
-def test_a_look_that_hangs_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hanging_structure_check_ends_in_time_and_refuses_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("TOFMIX_READ_TIMEOUT", "0.2")
     monkeypatch.setattr("tofmix.io.guard.guard.GRACE_S", 0.1)
     checker = _checker("import sys, time; sys.stdin.readline(); time.sleep(100)")
@@ -50,7 +52,7 @@ def test_a_look_that_hangs_is_given_up(tmp_path: Path, monkeypatch: pytest.Monke
         checker.check({}, tmp_path / "a.h5")
 
 
-def test_the_process_ends_itself_when_the_library_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_checker_ends_itself_when_the_library_hangs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # The true program, with a library that never comes back: only the kernel can end it.
     monkeypatch.setenv("TOFMIX_READ_TIMEOUT", "0.3")
     program = (
@@ -66,7 +68,7 @@ def test_the_process_ends_itself_when_the_library_hangs(tmp_path: Path, monkeypa
         checker.check({"path": str(path)}, path)
 
 
-def test_a_look_that_crashes_is_told_of(tmp_path: Path) -> None:
+def test_crashing_structure_check_refuses_the_file(tmp_path: Path) -> None:
     checker = _checker("import os, sys; sys.stdin.readline(); os.kill(os.getpid(), 11)")
     with pytest.raises(BadInputError, match="the HDF5 library crashed on it"):
         checker.check({}, tmp_path / "a.h5")
@@ -92,7 +94,7 @@ def test_one_process_serves_many_files(tmp_path: Path) -> None:
     checker.close()
 
 
-def test_memory_of_a_look_is_bounded(tmp_path: Path) -> None:
+def test_memory_of_the_structure_check_is_bounded(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     program = (
         f"import sys; sys.path.append({str(PACKAGE.parent)!r})\n"
@@ -106,12 +108,12 @@ def test_memory_of_a_look_is_bounded(tmp_path: Path) -> None:
     checker.close()
 
 
-def test_no_memory_for_a_look_is_no_fault_of_the_file(tmp_path: Path) -> None:
+def test_lack_of_memory_for_the_check_is_a_memory_error(tmp_path: Path) -> None:
     program = (
         f"import sys; sys.path.append({str(PACKAGE.parent)!r})\n"
         "from tofmix.io.guard import structure_process\n"
         "def none():\n    raise MemoryError\n"
-        "structure_process.make_room = none\nstructure_process.main()\n"
+        "structure_process.reserve_memory = none\nstructure_process.main()\n"
     )
     checker = _checker(program)
     with pytest.raises(MemoryError):
@@ -132,18 +134,18 @@ def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path: Path) -> None
         read()
 
 
-def test_once_all_is_read_a_change_hurts_no_more(tmp_path: Path) -> None:
+def test_change_after_the_last_read_is_accepted(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "a.h5", boards())
     with open_recording(path) as source:
         source.read_range(*EVERYTHING)
-        source.settle()
+        source.verify_unchanged()
         path.write_bytes(b"")
     write_recording(path, boards())
     with open_recording(path) as source:
         path.write_bytes(b"")
         with pytest.raises(BadInputError, match="the file changed during reading"):
-            source.settle()
-        source.settled = True  # or the end would say it once more
+            source.verify_unchanged()
+        source.verified = True  # or the end would say it once more
 
 
 def test_a_file_that_is_replaced_is_read_as_it_was(tmp_path: Path) -> None:
@@ -156,14 +158,14 @@ def test_a_file_that_is_replaced_is_read_as_it_was(tmp_path: Path) -> None:
         assert source.sha256() == before
 
 
-def test_another_file_than_was_looked_at_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_replaced_after_the_check_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_recording(tmp_path / "a.h5", boards())
     monkeypatch.setattr(guard._checker, "check", lambda *_: [0, 0, 0, 0])
     with pytest.raises(BadInputError, match="the file was replaced between check and opening"), open_recording(path):
         pass
 
 
-def test_an_image_in_memory_is_looked_at(tmp_path: Path) -> None:
+def test_file_image_in_memory_is_checked(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as root:
         root["elsewhere"] = h5py.ExternalLink("/etc/passwd", "/x")
         root.attrs["x"] = 3

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import h5py
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
-from tofmix.io.guard.hdf5_memory import make_room
+from tofmix.io.guard.hdf5_memory import reserve_memory
 
 EATS_ALL = """
 import resource, sys
@@ -65,11 +65,11 @@ def test_caches_of_closed_files_are_kept_for_the_next() -> None:
 
     with ExitStack() as stack:
         for _ in range(6):
-            make_room()
+            reserve_memory()
             before = structures()
             stack.enter_context(h5py.File(io.BytesIO(), "w"))
             assert structures() - before < 100_000
         after = structures()
     assert structures() > after - 100_000
-    make_room()
+    reserve_memory()
     assert structures() < after + 100_000

@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError
 from tofmix.io.guard import unpacking
@@ -34,7 +34,7 @@ def _every_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("_every_chunk")
-def test_a_chunk_that_bursts_is_refused_and_its_neighbours_are_read(tmp_path: Path) -> None:
+def test_chunk_over_its_declared_size_is_refused_and_its_neighbours_are_read(tmp_path: Path) -> None:
     with open_recording(bomb(tmp_path / "a.h5", 3 << 20)) as recording:
         np.testing.assert_array_equal(recording.read_range(slice(0, 25), slice(None)), boards(50)[:25])
         with pytest.raises(BadInputError, match=r"range: .*chunk at \(25, 0, 0\) unpacks to more than the 1200 bytes"):
@@ -42,7 +42,7 @@ def test_a_chunk_that_bursts_is_refused_and_its_neighbours_are_read(tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_memory_stays_small(tmp_path: Path) -> None:
+def test_memory_of_unpacking_stays_small(tmp_path: Path) -> None:
     # 600 MB from a chunk that declares 0.9 MB.
     path = tmp_path / "a.h5"
     samples = np.zeros((300, 24, 60), "u2")
@@ -66,7 +66,7 @@ def test_memory_stays_small(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("_every_chunk")
 @pytest.mark.parametrize("settings", [{}, {"fletcher32": True}, {"shuffle": True, "fletcher32": True}])
-def test_honest_chunks_are_read_in_every_way(tmp_path: Path, settings: dict[str, Any]) -> None:
+def test_valid_chunks_are_read_in_every_way(tmp_path: Path, settings: dict[str, Any]) -> None:
     samples = boards(40, 10)
     path = write_recording(tmp_path / "a.h5", samples, chunks=(7, 3, 4), compression="gzip", **settings)
     with h5py.File(path) as root:
@@ -80,7 +80,7 @@ def test_honest_chunks_are_read_in_every_way(tmp_path: Path, settings: dict[str,
 
 
 @pytest.mark.usefixtures("_every_chunk")
-def test_chunks_that_are_not_packed_are_left_alone(tmp_path: Path) -> None:
+def test_chunks_stored_without_compression_are_read(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "a.h5", boards(50), chunks=(25, 4, 6), compression="gzip")
     with h5py.File(path, "r+") as root:
         root["range"].id.write_direct_chunk((25, 0, 0), boards(50)[25:].tobytes(), 1)

@@ -6,7 +6,7 @@ import threading
 from pathlib import Path
 
 import pytest
-from measured import coverage_environment
+from support.measured import coverage_environment
 
 from tofmix.errors import ExitCode
 from tofmix.io.guard.watchdog import Watchdog, limit_s, watched

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from naive import beam_directions
 from numpy.typing import NDArray
+from support.naive import beam_directions
 
-from tofmix.geometry import ray_over_depth
 from tofmix.io.importers.conversion import Conversion
-from tofmix.pinhole import Pinhole
-from tofmix.projection import beam_directions_of
+from tofmix.optics.geometry import ray_over_depth
+from tofmix.optics.pinhole import Pinhole
+from tofmix.optics.projection import beam_directions_of
 
 
 @pytest.mark.parametrize("dtype", ["u1", "u2", ">u2"])

@@ -60,18 +60,20 @@ def test_ascending_frames_are_never_held_together(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(csv_long, "MOST_WHOLE_BYTES", 0)
     lines = _lines(30, 2, 2)
     assert len(_read(tmp_path / "a.csv", lines)[2]) == 30
-    with pytest.raises(BadInputError, match=r"longer than 0 GB, and its frames do not ascend.*sort its lines by frame"):
+    with pytest.raises(
+        BadInputError, match=r"longer than 0 GB, and its frames are not in order.*sort its lines by frame"
+    ):
         _read(tmp_path / "a.csv", lines[::-1])
 
 
-def test_twins_in_two_pieces_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_duplicate_samples_in_two_pieces_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(csv_long, "PIECE_LINES", 3)
     lines = ["0,0,0,0,10,1,0", "1,0,0,0,10,1,0", "1,0,1,0,10,1,0", "1,1,0,0,10,1,0", "1,0,1,0,11,1,0"]
     with pytest.raises(BadInputError, match="frame 1 has two samples of row 0, column 1, target 0"):
         _read(tmp_path / "a.csv", lines)
 
 
-def test_a_cell_that_is_no_number_is_told_with_the_samples_before_it(
+def test_invalid_cell_is_refused_with_the_number_of_samples_before_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(csv_long, "PIECE_LINES", 4)

@@ -4,13 +4,13 @@ import sys
 from pathlib import Path
 from typing import Any, Literal
 
-import naive_png
 import numpy as np
 import pytest
 import tifffile
 from numpy.typing import NDArray
 from PIL import Image
-from reading import depths, read_source
+from support import naive_png
+from support.reading import depths, read_source
 
 from tofmix.errors import BadInputError, UsageError
 
@@ -40,7 +40,9 @@ def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path, suffix: st
 @pytest.mark.parametrize("dtype", ["u1", "u2", "i4", "f4", "f8"])
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("compression", [None, "zlib"])
-def test_a_stack_of_pages(tmp_path: Path, dtype: str, order: Literal["<", ">"], compression: str | None) -> None:
+def test_stack_of_pages_is_read_as_frames(
+    tmp_path: Path, dtype: str, order: Literal["<", ">"], compression: str | None
+) -> None:
     path = tmp_path / "a.tif"
     tifffile.imwrite(path, images(dtype), byteorder=order, compression=compression, photometric="minisblack")
     read = depths(path)
@@ -48,7 +50,7 @@ def test_a_stack_of_pages(tmp_path: Path, dtype: str, order: Literal["<", ">"], 
     assert read.dtype == np.dtype(dtype)
 
 
-def test_a_stack_that_another_program_wrote(tmp_path: Path) -> None:
+def test_stack_of_another_program_is_read(tmp_path: Path) -> None:
     first, *rest = (Image.fromarray(image) for image in images())
     first.save(tmp_path / "a.tiff", save_all=True, append_images=rest)
     np.testing.assert_array_equal(depths(tmp_path / "a.tiff"), images())
@@ -127,7 +129,7 @@ def test_a_cut_stack_is_refused_and_never_shorter(
     assert capfd.readouterr().err == ""  # what the library logs is the error
 
 
-def test_folders_that_hold_nothing_or_too_much(tmp_path: Path) -> None:
+def test_empty_and_mixed_folders_are_refused(tmp_path: Path) -> None:
     (tmp_path / "f").mkdir()
     with pytest.raises(BadInputError, match=r"no \.png, \.tif, \.tiff in this folder"):
         read_source(tmp_path / "f")
@@ -147,7 +149,7 @@ def test_an_image_larger_than_a_camera_is_refused(tmp_path: Path) -> None:
         read_source(tmp_path / "a.tif")
 
 
-def test_unknown_kinds_and_options_that_do_not_go_with_one(tmp_path: Path) -> None:
+def test_unknown_kinds_and_unfit_options_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.xyz").write_text("")
     with pytest.raises(UsageError, match=r"not a known source; .*\.mcap"):
         read_source(tmp_path / "a.xyz")
@@ -155,7 +157,7 @@ def test_unknown_kinds_and_options_that_do_not_go_with_one(tmp_path: Path) -> No
         read_source(tmp_path / "none.tif")
     folder = folder_of(tmp_path / "f", images(), ".png")
     for option, name in (("topic", "dataset"), ("camera_info", "camera-info"), ("axes", "axes"), ("shape", "shape")):
-        with pytest.raises(UsageError, match=f"--{name} does not go with"):
+        with pytest.raises(UsageError, match=f"--{name} does not apply to"):
             read_source(folder, **{option: "frame,row,col"})
 
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bags import AMPLITUDE, DEPTH, INFO, KINDS, new_bag
 from numpy.typing import NDArray
-from reading import depths, read_source
+from support.bags import AMPLITUDE, DEPTH, INFO, KINDS, new_bag
+from support.reading import depths, read_source
 
 from tofmix.errors import BadInputError, UsageError
-from tofmix.pinhole import Pinhole
+from tofmix.optics.pinhole import Pinhole
 
 SECOND = 10**9
 FRAMES = 5
@@ -41,7 +41,7 @@ def test_depths_come_back_exactly(tmp_path: Path, kind: str, dtype: str, unit_mm
 
 
 @pytest.mark.parametrize("dtype", ["u2", "f4"])
-def test_padded_rows_and_either_byte_order(tmp_path: Path, dtype: str) -> None:
+def test_padded_rows_and_either_byte_order_are_read(tmp_path: Path, dtype: str) -> None:
     with new_bag(tmp_path, "mcap") as (bag, path):
         for number, image in enumerate(images(dtype)):
             bag.image(DEPTH, image, stamp_ns=number * SECOND + 1, padding=3 * number, big_endian=number % 2 == 1)
@@ -65,7 +65,7 @@ def test_the_bags_time_stands_in_for_a_stamp_of_zero(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_amplitudes_go_with_their_stamps(tmp_path: Path, late: bool) -> None:
+def test_amplitudes_are_matched_by_time_stamp(tmp_path: Path, late: bool) -> None:
     # Before or after the depths in the bag, and one is missing.
     with new_bag(tmp_path, "mcap") as (bag, path):
         for number, image in enumerate(images()):
@@ -104,7 +104,7 @@ def test_intrinsics_come_from_the_topic_beside_the_depths(tmp_path: Path) -> Non
         read_source(path, camera_info="/none")
 
 
-def test_an_uncalibrated_camera_is_pointed_out(tmp_path: Path) -> None:
+def test_uncalibrated_camera_is_noted(tmp_path: Path) -> None:
     with new_bag(tmp_path, "ros1") as (bag, path):
         bag.info(INFO, (4, 6), (0.0, 0.0, 0.0, 0.0))
         bag.image(DEPTH, images()[0], stamp_ns=SECOND)
@@ -134,7 +134,7 @@ def test_raw_images_take_the_lens_and_rectified_ones_the_projection(tmp_path: Pa
     assert source.notes == ()
 
 
-def test_equidistant_lenses_are_refused_by_name_unless_rectified_or_said_otherwise(tmp_path: Path) -> None:
+def test_equidistant_lenses_are_refused_unless_rectified_or_overridden(tmp_path: Path) -> None:
     for name in ("image_raw", "image_rect"):
         folder = tmp_path / name
         folder.mkdir()
@@ -178,7 +178,7 @@ def test_a_bag_without_depths_lists_its_images(tmp_path: Path) -> None:
         read_source(path)
 
 
-def test_mono16_is_depth_where_it_is_asked_for(tmp_path: Path) -> None:
+def test_mono16_is_depth_if_its_topic_is_requested(tmp_path: Path) -> None:
     with new_bag(tmp_path, "mcap") as (bag, path):
         bag.image(DEPTH, images()[0], stamp_ns=SECOND, encoding="mono16")
     np.testing.assert_array_equal(depths(path, topic=DEPTH)[0], images()[0])
@@ -188,7 +188,11 @@ def test_mono16_is_depth_where_it_is_asked_for(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "reason"),
-    [("size", "3 x 6 pixels, the first frame has 4 x 6"), ("type", "first frame has"), ("short", "are no image of")],
+    [
+        ("size", "3 x 6 pixels, the first frame has 4 x 6"),
+        ("type", "first frame has"),
+        ("short", "do not make an image of"),
+    ],
 )
 def test_images_that_differ_are_refused(tmp_path: Path, change: str, reason: str) -> None:
     with new_bag(tmp_path, "mcap") as (bag, path):
@@ -234,7 +238,7 @@ def test_damaged_bytes_are_refused_or_read(tmp_path: Path, kind: str) -> None:
     assert not any("\n" in text for text in refused)
 
 
-def test_a_bag_folder_with_broken_metadata(tmp_path: Path) -> None:
+def test_bag_folder_with_broken_metadata_is_refused(tmp_path: Path) -> None:
     path = simple_bag(tmp_path, "sqlite3")
     (path / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
     with pytest.raises(BadInputError, match="bag_sqlite3"):
@@ -242,7 +246,7 @@ def test_a_bag_folder_with_broken_metadata(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("count", ["[[1.0]]", "9" * 30, "text"])
-def test_counts_that_cannot_be_are_refused(tmp_path: Path, count: str) -> None:
+def test_impossible_counts_are_refused(tmp_path: Path, count: str) -> None:
     path = simple_bag(tmp_path, "sqlite3")
     metadata = path / "metadata.yaml"
     metadata.write_text(re.sub(r"message_count: \d+", f"message_count: {count}", metadata.read_text()))

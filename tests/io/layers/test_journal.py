@@ -22,7 +22,7 @@ def path(tmp_path: Path) -> Path:
     return journal_path(tmp_path / "a.layers.h5")
 
 
-def test_cells_are_there_when_it_is_opened_again(path: Path) -> None:
+def test_reopened_journal_has_its_cells(path: Path) -> None:
     with open_journal(path, b"header") as journal:
         for k in (5, 2):
             journal.add(k, encoded(k))
@@ -50,7 +50,7 @@ def test_a_killed_process_loses_nothing_that_was_added(path: Path) -> None:
         assert sorted(journal.done()) == list(range(40))
 
 
-def test_two_processes_never_have_it_at_once(path: Path) -> None:
+def test_journal_is_open_in_one_process_at_a_time(path: Path) -> None:
     with open_journal(path, b"header"), pytest.raises(UsageError, match="another run is using it"):
         open_journal(path, b"header")
     open_journal(path, b"header").close()
@@ -76,7 +76,7 @@ def test_a_part_that_cannot_be_published_keeps_its_cells(path: Path, tmp_path: P
         assert journal.cell(1) == encoded(1)
 
 
-def test_a_published_part_leaves_nothing_of_sqlite_s_behind(path: Path, tmp_path: Path) -> None:
+def test_published_part_leaves_no_sqlite_files(path: Path, tmp_path: Path) -> None:
     with open_journal(path, b"header") as journal:
         journal.add(1, encoded(1))
         path.with_name(path.name + "-journal").write_bytes(b"")  # what it could not remove
@@ -84,14 +84,14 @@ def test_a_published_part_leaves_nothing_of_sqlite_s_behind(path: Path, tmp_path
     assert [p.name for p in tmp_path.iterdir()] == ["a.part"]
 
 
-def test_shards_share_the_cells_out() -> None:
+def test_shards_divide_the_cells() -> None:
     for total in (0, 1, 7, 100):
         for count in (1, 2, 3, 8):
             cells = [k for n in range(count) for k in Shard(number=n + 1, count=count).cells(total)]
             assert cells == list(range(total))
 
 
-def test_damage_is_noticed(path: Path) -> None:
+def test_damaged_journal_is_noticed(path: Path) -> None:
     with open_journal(path, b"header") as journal:
         journal.add(1, EncodedCell((1,), (b"needle in the hay" * 999,) * 14))
     data = path.read_bytes()
@@ -110,7 +110,7 @@ def test_other_files_are_refused_as_journal(path: Path) -> None:
     open_journal(path, b"header").close()
 
 
-def test_an_empty_file_becomes_one(path: Path) -> None:
+def test_empty_file_becomes_a_journal(path: Path) -> None:
     # A process killed while it made the journal leaves this.
     path.touch()
     with open_journal(path, b"header") as journal:

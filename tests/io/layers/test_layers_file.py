@@ -87,7 +87,7 @@ def test_provenance_reads_back(path: Path) -> None:
     np.testing.assert_array_equal(read.sensor.noise.sigma_mm, [3.0, 4.0])
 
 
-def test_the_contract_holds(path: Path) -> None:
+def test_layers_file_passes_the_format_checker(path: Path) -> None:
     if not CONTRACT.exists():
         pytest.skip("the contract's checker is not beside this checkout")
     subprocess.run([sys.executable, CONTRACT, path], check=True)
@@ -171,11 +171,11 @@ def test_a_changed_byte_in_the_options_is_noticed(path: Path) -> None:
     for text in texts:
         place = data.index(text) + len(text) // 2
         path.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
-        with pytest.raises(BadInputError, match="is damaged: its checksum differs"), open_layers(path):
+        with pytest.raises(BadInputError, match="is damaged: their checksum differs"), open_layers(path):
             pass
 
 
-def test_a_recording_is_no_layers_file(path: Path) -> None:
+def test_recording_is_refused_as_layers_file(path: Path) -> None:
     with h5py.File(path, "r+") as root:
         del root.attrs["format"]
     with pytest.raises(BadInputError, match="expected a tofmix-layers file"), open_layers(path):

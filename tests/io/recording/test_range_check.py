@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError
 from tofmix.io.recording.range_check import look
@@ -40,12 +40,12 @@ def test_without_limits_the_check_is_by_the_median_alone(tmp_path: Path) -> None
         pass
 
 
-def test_floats_that_say_mm_are_read_whatever_they_are(tmp_path: Path) -> None:
+def test_floats_marked_as_mm_are_read_unchecked(tmp_path: Path) -> None:
     with open_recording(_floats(tmp_path / "a.h5", boards() * 1e-3, units="mm")) as recording:
         assert recording.remarks == ()
 
 
-def test_integers_are_not_looked_at(tmp_path: Path) -> None:
+def test_integers_are_not_checked(tmp_path: Path) -> None:
     with open_recording(write_recording(tmp_path / "a.h5", (boards() // 1000).astype("u2"))) as recording:
         assert look(recording) is None
 
@@ -74,7 +74,7 @@ def test_many_zeros_without_fill_are_counted(tmp_path: Path) -> None:
     samples[:25, 1, 1] = 0
     with open_recording(_floats(tmp_path / "many.h5", samples)) as recording:
         (line,) = recording.remarks
-    assert "45 of 2,400 samples looked at are exactly 0" in line
+    assert "45 of 2,400 checked samples are exactly 0" in line
     assert "--invalid 0" in line
     assert "_FillValue" in line
     with open_recording(_floats(tmp_path / "filled.h5", samples, fill=0.0)) as recording:

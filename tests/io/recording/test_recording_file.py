@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.errors import BadInputError, UsageError
 from tofmix.io.recording.recording_file import file_sha256, open_recording
@@ -125,7 +125,7 @@ def _attribute(item: str, name: str, value: Any) -> Callable[[h5py.File], None]:
         (_put("sensor/noise_sigma", [10.0, -5.0]), "sensor: noise curve: sigma is -5 mm at 5000 mm"),
         (_put("sensor/noise_sigma", [10.0, np.nan]), "sensor: noise curve: sigma is nan"),
         (_put("sensor/noise_sigma", [10.0]), "sensor: noise curve"),
-        (_put("sensor/noise_sigma", None), "noise_range without its twin"),
+        (_put("sensor/noise_sigma", None), "noise_range alone"),
         (_put("sensor/noise_range", [5000.0, 500.0]), "do not ascend"),
         (_put("sensor/noise_range", ["a", "b"]), "sensor/noise_range: expected numbers"),
         (_attribute("sensor", "range_max_mm", -4.0), "sensor: range_max_mm"),
@@ -229,7 +229,7 @@ def test_a_flipped_bit_is_noticed(tmp_path: Path) -> None:
         recording.read_range(*EVERYTHING)
 
 
-def test_file_sha256(tmp_path: Path) -> None:
+def test_file_sha256_equals_hashlib(tmp_path: Path) -> None:
     path = tmp_path / "x"
     path.write_bytes(b"abc" * 1000)
     assert file_sha256(path) == hashlib.sha256(b"abc" * 1000).hexdigest()
@@ -270,7 +270,7 @@ def test_a_written_recording_reads_back(tmp_path: Path) -> None:
         np.testing.assert_array_equal(recording.sensor.noise.sigma_mm, [10.0, 80.0])
 
 
-def test_a_temperature_that_is_none_a_frame_is_refused(tmp_path: Path) -> None:
+def test_temperature_of_wrong_length_is_refused(tmp_path: Path) -> None:
     _write(tmp_path / "r.h5", boards(12))
     with h5py.File(tmp_path / "r.h5", "r+") as root:
         del root["temperature"]
@@ -309,7 +309,7 @@ def test_an_unfinished_recording_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_older_file_stands_until_the_new_one_is_whole(tmp_path: Path) -> None:
+def test_old_file_stays_until_the_new_one_is_complete(tmp_path: Path) -> None:
     path = tmp_path / "r.h5"
     path.write_text("old")
     with pytest.raises(UsageError, match="pass --overwrite"):

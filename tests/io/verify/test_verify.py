@@ -9,7 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from files import boards, write_recording
+from support.files import boards, write_recording
 
 from tofmix.io.layers.layers_file import LayersFile, LayersWriter
 from tofmix.io.recording.recording_writer import RecordingWriter
@@ -25,7 +25,7 @@ CAMERA = Sensor(name="camera", range_max_mm=7500.0, noise=NoiseCurve(np.array([5
 
 @pytest.fixture
 def layers(tmp_path: Path) -> Path:
-    from made_up import made_up_layers
+    from support.made_up import made_up_layers
 
     path = tmp_path / "a.layers.h5"
     provenance = Provenance(
@@ -125,7 +125,7 @@ def emptied(root: h5py.File) -> None:
     new.attrs["units"] = "1"
 
 
-def test_whole_files_have_no_fault(layers: Path, recording: Path) -> None:
+def test_valid_files_have_no_fault(layers: Path, recording: Path) -> None:
     for path, kind, datasets in ((layers, "layers", 16), (recording, "recording", 8)):
         findings = verify(path)
         assert findings.lines() == []
@@ -146,13 +146,13 @@ def test_whole_files_have_no_fault(layers: Path, recording: Path) -> None:
         (without_checksum, "weight: 1 stored chunks have no checksum, the others have"),
         (emptied, "n_samples: 5 stored chunks are missing"),
         (attribute("/", "format_version", "9.0"), "format_version '9.0'"),
-        (attribute("/", "options", "["), "attribute options, .*: its checksum differs"),
+        (attribute("/", "options", "["), "attribute options .*: their checksum differs"),
         (options("["), "attribute options: not JSON"),
         (options('{"window": 7}'), "window_stop: windows are not of 7 frames"),
         (lambda root: root.move("sigma", "sigmas"), "no dataset sigma"),
     ],
 )
-def test_faults_of_layers(layers: Path, change: Change, line: str) -> None:
+def test_each_fault_of_layers_is_named(layers: Path, change: Change, line: str) -> None:
     with h5py.File(layers, "r+") as root:
         change(root)
     findings = verify(layers)
@@ -177,12 +177,12 @@ def test_faults_of_layers(layers: Path, change: Change, line: str) -> None:
         (flip("truth/n_modes"), "truth/n_modes: cannot be read"),
         (attribute("sensor", "range_max_mm", -1.0), "sensor: range_max_mm"),
         (reshaped("temperature", (7,)), r"temperature: expected one number a frame, got float32 of shape \(7,\)"),
-        (reshaped("truth/n_modes", (16, 21)), r"truth/n_modes: shape \(16, 21\) does not go with range"),
-        (reshaped("truth/range_true", (16, 20)), r"truth/range_true: shape \(16, 20\) does not go with range"),
+        (reshaped("truth/n_modes", (16, 21)), r"truth/n_modes: shape \(16, 21\) does not match range"),
+        (reshaped("truth/range_true", (16, 20)), r"truth/range_true: shape \(16, 20\) does not match range"),
         (reshaped("truth/weight_true", (16, 20, 3)), r"truth/weight_true: shape \(16, 20, 3\) differs from range_true"),
     ],
 )  # fmt: skip
-def test_faults_of_recordings(recording: Path, change: Change, line: str) -> None:
+def test_each_fault_of_recordings_is_named(recording: Path, change: Change, line: str) -> None:
 
     with h5py.File(recording, "r+") as root:
         change(root)
@@ -191,7 +191,7 @@ def test_faults_of_recordings(recording: Path, change: Change, line: str) -> Non
     assert any(re.search(line, found) for found in findings.lines()), findings.lines()
 
 
-def test_foreign_recordings_are_told_what_they_lack(tmp_path: Path) -> None:
+def test_foreign_recordings_get_notes_of_missing_features(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "a.h5", np.zeros((4, 5, 6), "u2"), noise=None)
     findings = verify(path)
     assert findings.ok
@@ -239,7 +239,7 @@ GAP = {
         ("[" * 100_000, "not JSON"),
     ],
 )
-def test_folders_of_reconcile(tmp_path: Path, gap: object, line: str | None) -> None:
+def test_folders_of_reconcile_are_checked(tmp_path: Path, gap: object, line: str | None) -> None:
     from tofmix.simulation.builtin import builtin_text
 
     folder = tmp_path / "gap"

@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_up import LayersInMemory, made_up_layers
+from support.made_up import LayersInMemory, made_up_layers
 
 from tofmix.errors import BadInputError
 from tofmix.flags import Status
 from tofmix.layers import LAYER_FIELDS, Layers, Provenance
-from tofmix.report.comparison.comparison import SHOWN_PIXELS, Comparison, compare
+from tofmix.report.comparison.comparison import Comparison, compare
 from tofmix.report.comparison.page import headline, render_comparison
 from tofmix.report.comparison.table import format_comparison
 from tofmix.report.comparison.window_difference import compare_windows
@@ -109,7 +109,7 @@ def test_more_room_for_layers_is_no_difference() -> None:
 def test_the_most_different_pixels_come_first() -> None:
     a = made_up_layers(SHAPE, MAX_LAYERS)
     found = compare(Source(a), Source(disturbed(a)), tolerance=0.5)
-    assert len(found.pixels_shown) == min(SHOWN_PIXELS, found.different)
+    assert len(found.pixels_shown) == min(20, found.different)
     ranks = [
         (-abs(p.surfaces[0] - p.surfaces[1]), -(p.gap_errors or math.inf if p.surfaces[0] == p.surfaces[1] else 0.0))
         for p in found.pixels_shown
@@ -171,7 +171,7 @@ def test_the_page_stands_alone_and_is_the_same_each_time() -> None:
     assert f"The pictures show window {most} of 0 to 1" in page
 
 
-def test_a_page_without_any_layer() -> None:
+def test_page_without_any_layer_is_made() -> None:
     layers = Layers.empty((1, 3, 3), 2)
     a = Source(layers)
     found = compare(a, a)

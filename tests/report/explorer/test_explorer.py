@@ -4,23 +4,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learnt_noises import ALL, Parts, camera
-from unpacking import samples_of, unpack
+from support.learnt_noises import ALL, Parts, camera
+from support.unpacking import samples_of, unpack
 
 from tofmix.layers import Layers
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import average_layers
 from tofmix.report.explorer.explorer import Explorer, make_explorer, windows_around
+from tofmix.report.explorer.limits import DEFAULT_LIMITS, PageLimits
 from tofmix.report.sources import LayersSource
 
 
 def made(
-    source: LayersSource, recording: SampleSource | None = None, window: int = 0, **limits: int
+    source: LayersSource, recording: SampleSource | None = None, window: int = 0, limits: PageLimits = DEFAULT_LIMITS
 ) -> Explorer | None:
     layers = source.read_window(window)
     return make_explorer(
         source, recording=recording, window=window, layers=layers, averaged=average_layers(layers), scale=(700, 7000),
-        **limits,
+        limits=limits,
     )  # fmt: skip
 
 
@@ -72,15 +73,15 @@ def test_large_pages_hold_the_windows_around_the_chosen_one(
 ) -> None:
     source = make_source(*(make_layers() for _ in range(9)))
     three = 3 * 99 + 50
-    chosen = [list(windows_around(source, k, with_samples=False, most_pixels=three)) for k in (0, 4, 8)]
+    chosen = [list(windows_around(source, k, with_samples=False, limits=PageLimits(pixels=three))) for k in (0, 4, 8)]
     assert chosen == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
-    found = made(source, window=4, most_pixels=three)
+    found = made(source, window=4, limits=PageLimits(pixels=three))
     assert found is not None
     assert found.note.startswith("This page holds windows 3 to 5 of 0 to 8; --window chooses others.")
-    assert list(windows_around(source, 5, with_samples=False, most_pixels=1)) == [5]
+    assert list(windows_around(source, 5, with_samples=False, limits=PageLimits(pixels=1))) == [5]
     many = make_source(*[make_layers()] * 80)
-    assert list(windows_around(many, 5, with_samples=False, most_pixels=10_000)) == list(range(50))
-    assert list(windows_around(source, 5, with_samples=True, most_samples=2 * 50 * 99)) == [4, 5]
+    assert list(windows_around(many, 5, with_samples=False, limits=PageLimits(pixels=10_000))) == list(range(50))
+    assert list(windows_around(source, 5, with_samples=True, limits=PageLimits(samples=2 * 50 * 99))) == [4, 5]
 
 
 def test_explorer_states_omitted_samples(
@@ -90,10 +91,10 @@ def test_explorer_states_omitted_samples(
 ) -> None:
     source, recording = make_source(make_layers()), make_recording()
     for most, expected in ((30 * 99, "Of the 50 frames of a window, 30 are shown."), (99, "too large for samples")):
-        found = made(source, recording, most_samples=most)
+        found = made(source, recording, limits=PageLimits(samples=most))
         assert found is not None
         assert expected in found.note
-    assert made(source, recording, largest_image=98) is None
+    assert made(source, recording, limits=PageLimits(image_pixels=98)) is None
 
 
 def test_names_cannot_end_the_script(
@@ -124,7 +125,7 @@ def test_drift_of_pixels_is_said_where_there_are_samples(
     make_source: Callable[..., LayersSource],
     make_recording: Callable[..., SampleSource],
 ) -> None:
-    note = "Where a pixel's ranges drift within the window"
+    note = "If the ranges of a pixel drift within the window"
     for parts, recording, expected in (
         (ALL, make_recording(), True),
         (ALL, None, False),

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chromium import Tab, chromium, tab
-from learnt_noises import ALL, camera
+from support.chromium import Tab, chromium, tab
+from support.learnt_noises import ALL, camera
 
 from tofmix.estimation.peaks.density import density
 from tofmix.layers import Layers

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from unpacking import unpack
+from support.unpacking import unpack
 
 from tofmix.report.explorer.packing import pack_numbers
 
@@ -19,7 +19,7 @@ def test_numbers_come_back_to_half_a_unit(unit: float) -> None:
     np.testing.assert_allclose(found, values[known], rtol=0, atol=0.5001 * unit)
 
 
-def test_they_round_as_text_does() -> None:
+def test_packed_numbers_round_like_text() -> None:
     rng = np.random.default_rng(2)
     values = np.append(rng.uniform(0, 8000, 3000), [0.125, 0.375, 2.5, 1000.005]).astype(np.float32)
     specs, text = pack_numbers({"mm": (values, 0.01)})

@@ -1,9 +1,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from unpacking import samples_of
+from support.unpacking import samples_of
 
 from tofmix.recording import ArrayRecording
+from tofmix.report.explorer.limits import PageLimits
 from tofmix.report.explorer.packing import pack_numbers
 from tofmix.report.explorer.sample_packing import PackedSamples, pack_samples
 from tofmix.sensor import NoiseCurve, Sensor
@@ -24,7 +25,7 @@ def test_whole_millimetres_come_back_exactly() -> None:
     samples = rng.normal(4000, 900, (40, 3, 4)).round()
     samples[rng.random(samples.shape) < 0.2] = np.nan
     samples[:, 0, 1] = np.nan
-    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=5, stop=35, noise=CURVE, room=10**6)
+    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=5, stop=35, noise=CURVE, characters=10**6)
     assert packed is not None
     assert (packed.step_mm, packed.frames_kept, packed.frames) == (1.0, 30, 30)
     for pixel in range(12):
@@ -34,7 +35,7 @@ def test_whole_millimetres_come_back_exactly() -> None:
 
 def test_fractions_and_negative_values_are_rounded_far_below_sigma() -> None:
     samples = np.random.default_rng(4).normal(10, 30, (50, 2, 2))
-    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=50, noise=CURVE, room=10**6)
+    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=50, noise=CURVE, characters=10**6)
     assert packed is not None
     assert packed.step_mm == 0.1
     for pixel in range(4):
@@ -44,7 +45,7 @@ def test_fractions_and_negative_values_are_rounded_far_below_sigma() -> None:
 
 def test_very_long_ranges_are_rounded_more_roughly() -> None:
     samples = np.array([10.0, 400_000.0]).repeat(8).reshape(16, 1, 1)
-    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=16, noise=None, room=10**6)
+    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=16, noise=None, characters=10**6)
     assert packed is not None
     assert packed.step_mm == 8.0
     np.testing.assert_allclose(unpacked(packed, 0, 1), np.sort(samples.ravel()), atol=4.0)
@@ -53,10 +54,10 @@ def test_very_long_ranges_are_rounded_more_roughly() -> None:
 def test_samples_take_no_more_room_than_they_may() -> None:
     samples = np.random.default_rng(5).normal(4000, 400, (60, 5, 6)).round()
     recording = ArrayRecording(samples, Sensor(name="x"))
-    whole = pack_samples(recording, start=0, stop=60, noise=CURVE, room=10**6)
+    whole = pack_samples(recording, start=0, stop=60, noise=CURVE, characters=10**6)
     assert whole is not None
     room = len(whole.text) // 2
-    packed = pack_samples(recording, start=0, stop=60, noise=CURVE, room=room)
+    packed = pack_samples(recording, start=0, stop=60, noise=CURVE, characters=room)
     assert packed is not None
     assert packed.step_mm > 1
     assert len(packed.text) <= room + 3  # base64 fills up to fours
@@ -68,7 +69,8 @@ def test_frames_of_long_windows_are_thinned_evenly(make_recording: Callable[...,
     samples = np.arange(100.0)[:, None, None] + np.ones((100, 2, 3))
     for block in (1 << 21, 7):
         packed = pack_samples(
-            ArrayRecording(samples, Sensor(name="x")), start=0, stop=100, noise=None, room=10**6, most_samples=20 * 6,
+            ArrayRecording(samples, Sensor(name="x")), start=0, stop=100, noise=None, characters=10**6,
+            limits=PageLimits(samples=20 * 6),
             block_samples=block,
         )  # fmt: skip
         assert packed is not None
@@ -77,11 +79,13 @@ def test_frames_of_long_windows_are_thinned_evenly(make_recording: Callable[...,
         assert (found[0], found[-1]) == (1.0, 100.0)
         assert set(np.diff(found)) == {5.0, 6.0}
     large = make_recording((50, 9, 11))
-    assert pack_samples(large, start=0, stop=50, noise=None, room=10**6, most_samples=20 * 6) is None
+    assert (
+        pack_samples(large, start=0, stop=50, noise=None, characters=10**6, limits=PageLimits(samples=20 * 6)) is None
+    )
 
 
-def test_no_room_at_all_still_ends() -> None:
+def test_packing_without_room_ends() -> None:
     samples = np.random.default_rng(6).normal(4000, 400, (20, 2, 2)).round()
-    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=20, noise=None, room=1)
+    packed = pack_samples(ArrayRecording(samples, Sensor(name="x")), start=0, stop=20, noise=None, characters=1)
     assert packed is not None
     assert packed.step_mm > 2000

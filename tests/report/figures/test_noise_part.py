@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learnt_noises import ALL, SIGMA_MM, Parts, made
 from matplotlib.figure import Figure
-from noise_parts import skewed
 from PIL import Image
+from support.learnt_noises import ALL, SIGMA_MM, Parts, made
+from support.noise_parts import skewed
 
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording

@@ -4,7 +4,7 @@ import re
 from dataclasses import replace
 
 import pytest
-from recordings import reconciled
+from support.recordings import reconciled
 
 from tofmix.reconciliation.words import in_words
 from tofmix.reconciliation.workflow import Reconciliation
@@ -40,7 +40,7 @@ def _titles(page: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_page_tells_the_missing_effect_and_where_it_shows(page: str) -> None:
+def test_page_names_the_missing_effect_and_its_place(page: str) -> None:
     assert "my &lt;recording&gt;.h5" in page
     assert "<board>" not in page
     for words in ("Verdict: explained", "What was missing", "Where they disagree", "Candidates", "Panel"):
@@ -64,7 +64,7 @@ def test_pictures_show_the_largest_disagreements_and_each_statistic(page: str, e
     shown = {title.split(" against ")[0] for title in curves}
     assert {"bias", "spread", "skew", "tails", "trend", "common mode", "memory"} <= shown
     assert "discreteness against period" in curves
-    assert re.search(rf'alt="{curves[0]}: \d+\.\d times chance before, \d\.\d after"', page) is not None
+    assert re.search(rf'alt="{curves[0]}: \d+\.\d times noise alone before, \d\.\d after"', page) is not None
 
 
 def test_residual_maps_are_drawn_before_and_after(page: str) -> None:

@@ -134,7 +134,7 @@ def test_names_are_escaped(make_layers: Callable[..., Layers], make_source: Call
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("shape", "max_layers"), [((1, 1), 1), ((1, 20), 4), ((20, 1), 2)])
-def test_images_of_any_shape(
+def test_page_of_images_of_any_shape_is_made(
     shape: tuple[int, int],
     max_layers: int,
     make_layers: Callable[..., Layers],
@@ -148,7 +148,7 @@ def test_images_of_any_shape(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("status", [Status.NO_SURFACE, Status.TOO_FEW_SAMPLES])
-def test_no_surface_anywhere(status: Status, make_source: Callable[..., LayersSource]) -> None:
+def test_page_without_any_surface_is_made(status: Status, make_source: Callable[..., LayersSource]) -> None:
     layers = Layers.empty((5, 6), 3)
     layers.status[...] = status
     page = check_page(render_page(make_source(layers)))
@@ -156,7 +156,7 @@ def test_no_surface_anywhere(status: Status, make_source: Callable[..., LayersSo
     assert "0 % see more than one surface, 100 % see none." in page.text
 
 
-def test_a_sensor_of_which_nothing_is_known(
+def test_page_of_an_unknown_sensor_is_made(
     make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
 ) -> None:
     page = check_page(render_page(make_source(make_layers(), sensor=Sensor(name="bare"), options={})))
@@ -197,7 +197,7 @@ def test_another_recording_is_refused(
 
 
 @pytest.mark.parametrize("module", ["matplotlib", "jinja2"])
-def test_a_missing_extra_is_told(
+def test_missing_extra_is_named(
     module: str,
     make_layers: Callable[..., Layers],
     make_source: Callable[..., LayersSource],
@@ -209,7 +209,7 @@ def test_a_missing_extra_is_told(
 
 
 @pytest.mark.slow
-def test_a_full_page_is_small_and_soon_done(
+def test_full_page_is_small_and_fast(
     make_layers: Callable[..., Layers],
     make_source: Callable[..., LayersSource],
     make_recording: Callable[..., SampleSource],
@@ -224,7 +224,7 @@ def test_a_full_page_is_small_and_soon_done(
 LAW = MixingLaw(phasor_share=0.97, pixels=1234)
 
 
-def test_a_file_that_says_what_samples_are_of_has_a_map_of_it(
+def test_file_with_mixing_has_a_map_of_it(
     make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
 ) -> None:
     kinds = np.zeros((9, 11), np.uint8)
@@ -252,7 +252,7 @@ def test_a_file_that_says_what_samples_are_of_has_a_map_of_it(
         assert len(pairs) == 4  # each kind has a colour of its own
 
 
-def test_a_file_that_does_not_say_it_has_no_part_about_mixing(
+def test_file_without_mixing_has_no_part_about_it(
     make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
 ) -> None:
     assert "Mixing" not in check_page(render_page(make_source(make_layers()))).text
@@ -272,11 +272,13 @@ def test_legend_and_map_of_mixing_have_the_kinds_that_occur(
     ("share", "text"),
     [(0.0, "0 %"), (0.001, "less than 1 %"), (0.134, "13 %"), (0.999, "more than 99 %"), (1.0, "100 %")],
 )
-def test_shares_in_words(share: float, text: str) -> None:
+def test_small_and_full_shares_are_written_in_words(share: float, text: str) -> None:
     assert percent(share) == text
 
 
-def test_headline(make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]) -> None:
+def test_headline_counts_pixels_windows_and_surfaces(
+    make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
+) -> None:
     summary = replace(
         summarise(make_source(make_layers())), rows=144, cols=176, share_several_surfaces=0.13, share_no_surface=0.0
     )

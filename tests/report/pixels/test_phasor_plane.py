@@ -8,11 +8,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from lock_in import Scene, small
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from matplotlib.text import Text
+from support.lock_in import Scene, small
 
 from tofmix.estimation.blocks.sequence import estimate_windows
 from tofmix.flags import Mixing
@@ -78,7 +78,7 @@ def test_neighbours_within_three_pixels_are_shown_without_the_pixel_itself(
     assert np.abs(plane.neighbours - plane.mean).min() > 0
 
 
-def test_neighbours_of_one_surface_are_those_that_mixing_says(sums: Scene, layers: Layers) -> None:
+def test_neighbours_of_one_surface_follow_the_mixing_flag(sums: Scene, layers: Layers) -> None:
     row, col = pixel_of(layers, Mixing.PHASOR, 2)
     plane = plane_of(sums, layers, row, col)
     assert layers.mixing is not None
@@ -177,7 +177,7 @@ def test_open_space_is_an_end_at_the_origin() -> None:
     assert empty.phasor == 0
 
 
-def test_layers_that_do_not_say_what_samples_are_of_are_refused(sums: Scene, layers: Layers) -> None:
+def test_layers_without_mixing_are_refused(sums: Scene, layers: Layers) -> None:
     samples = read_around(sums.recording, row=1, col=1, start=0, stop=10)
     assert samples is not None
     with pytest.raises(ValueError, match="mixing"):
@@ -269,7 +269,7 @@ def test_labels_of_ends_stand_inside_the_axes_and_apart(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_figure_says_what_the_pixel_is_and_writes_the_shares() -> None:
+def test_figure_names_the_kind_of_mixing_and_the_shares() -> None:
     axes = main_axes(drawn(made_plane(Mixing.PHASOR, CHORDS["open space"])))
     assert axes.get_title(loc="left") == "row 3, column 5, complex plane: phasor sums"
     assert sorted(text.get_text() for text in axes.texts) == ["1.500 m\nshare 0.50", "open space\nshare 0.50"]

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learnt_noises import ALL, SIGMA_MM, Parts, camera
 from matplotlib.axes import Axes
 from scipy.integrate import trapezoid
+from support.learnt_noises import ALL, SIGMA_MM, Parts, camera
 
 from tofmix.arrays import FloatArray
 from tofmix.layers import Layers, Provenance

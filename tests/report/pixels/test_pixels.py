@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up import LayersInMemory, made_up_layers
 from matplotlib.axes import Axes
 from scipy.integrate import trapezoid
 from scipy.stats import norm
+from support.made_up import LayersInMemory, made_up_layers
 
 from tofmix.estimation.peaks.modes import find_modes
 from tofmix.report.figures.figures import pixel_figure
@@ -44,11 +44,11 @@ def test_neighbours_are_the_nearest_columns(cols: int, neighbours: int, data: st
     assert chosen == sorted(nearest)
 
 
-def test_the_papers_four_pixels() -> None:
+def test_neighbour_columns_give_the_four_pixels_of_the_paper() -> None:
     assert neighbour_columns(92, cols=176, neighbours=3) == [91, 92, 93, 94]
 
 
-def test_views_hold_what_the_layers_hold() -> None:
+def test_views_hold_the_values_of_the_layers() -> None:
     for view in views():
         count = int(LAYERS.n_modes[1, view.col])
         for name, field in (("range_mm", "range"), ("range_stderr_mm", "range_stderr"), ("weight", "weight")):
@@ -139,7 +139,7 @@ def test_the_figure_draws_components_density_and_samples() -> None:
         assert axes.get_title(loc="left").startswith(view.name)
 
 
-def test_figures_of_pixels_that_show_nothing() -> None:
+def test_figures_of_empty_pixels_are_drawn() -> None:
     empty = made_up_layers((3, 6), 2)
     empty.n_modes[...] = 0
     shown = view_pixels(empty, row=0, cols=[0], samples=np.full((4, 6), np.nan), noise=None)

@@ -1,6 +1,7 @@
 import pytest
 
-from tofmix.report.summary.findings import DRIFT_SIGMAS, Remedy, count_findings, sample_findings, sigma_findings
+from tofmix.report.summary.findings import Remedy, count_findings, sample_findings, sigma_findings
+from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 
 REMEDY = Remedy(recording="a b.h5", window_frames=40, windows=2)
 
@@ -8,19 +9,19 @@ REMEDY = Remedy(recording="a b.h5", window_frames=40, windows=2)
 @pytest.mark.parametrize(
     ("median", "codes"), [(1.0, []), (1.09, []), (1.2, ["sigma_off_curve"]), (0.8, ["sigma_off_curve"]), (None, [])]
 )
-def test_sigma_off_the_curve_is_said(median: float | None, codes: list[str]) -> None:
+def test_sigma_off_the_curve_is_reported(median: float | None, codes: list[str]) -> None:
     assert [f.code for f in sigma_findings(count=1000, median=median, has_curve=True, remedy=REMEDY)] == codes
 
 
-def test_few_components_say_nothing() -> None:
+def test_few_components_give_no_finding() -> None:
     assert sigma_findings(count=29, median=2.0, has_curve=True, remedy=REMEDY) == []
 
 
-def test_missing_curve_is_said() -> None:
+def test_missing_curve_is_reported() -> None:
     assert [f.code for f in sigma_findings(count=0, median=None, has_curve=False, remedy=REMEDY)] == ["no_noise_curve"]
 
 
-def test_all_well_says_nothing() -> None:
+def test_sound_layers_give_no_finding() -> None:
     assert count_findings(pixels=100, by_status={"ok": 100}, by_surfaces=[0, 96, 4], max_layers=2, remedy=REMEDY) == []
 
 
@@ -37,7 +38,7 @@ def test_one_layer_files_are_not_told_to_have_more() -> None:
     assert count_findings(pixels=10, by_status={}, by_surfaces=[0, 10], max_layers=1, remedy=REMEDY) == []
 
 
-def test_no_surface_anywhere_is_said() -> None:
+def test_file_without_surfaces_is_reported() -> None:
     found = count_findings(pixels=10, by_status={}, by_surfaces=[10, 0], max_layers=1, remedy=REMEDY)
     assert [f.code for f in found] == ["no_surface_anywhere"]
 
@@ -70,13 +71,25 @@ def test_close_layers_of_the_papers_procedure_name_the_default_one() -> None:
     ("scatter", "drift", "codes"),
     [
         (None, None, []),
-        (0.51, 0.9 * DRIFT_SIGMAS, []),
+        (0.51, 0.9 * DEFAULT_THRESHOLDS.drift_sigmas, []),
         (1.9, None, []),
         (0.49, None, ["scatter_off_curve"]),
-        (2.1, 1.1 * DRIFT_SIGMAS, ["scatter_off_curve", "drift"]),
+        (2.1, 1.1 * DEFAULT_THRESHOLDS.drift_sigmas, ["scatter_off_curve", "drift"]),
     ],
 )
-def test_samples_against_their_curve_are_said(scatter: float | None, drift: float | None, codes: list[str]) -> None:
+def test_contradiction_of_the_curve_is_reported(scatter: float | None, drift: float | None, codes: list[str]) -> None:
     found = sample_findings(scatter_over_curve=scatter, drift_sigmas=drift, remedy=REMEDY)
     assert [f.code for f in found] == codes
     assert all(f.commands for f in found)
+
+
+def test_thresholds_set_when_close_layers_are_a_finding() -> None:
+    def codes(thresholds: Thresholds) -> list[str]:
+        found = count_findings(
+            pixels=100, by_status={}, by_surfaces=[0, 90, 10], max_layers=6, close=10, remedy=Remedy(recording="a.h5"),
+            thresholds=thresholds,
+        )  # fmt: skip
+        return [finding.code for finding in found]
+
+    assert codes(Thresholds()) == ["close_layers"]
+    assert codes(Thresholds(close_share=0.1)) == []

@@ -105,7 +105,7 @@ def test_sigma_is_compared_where_a_layer_dominates(
     assert "sigma_off_curve" in [w.code for w in summary.warnings]
 
 
-def test_sigma_of_a_law_of_amplitude_is_not_held_against_the_reference(
+def test_sigma_under_a_law_of_amplitude_is_not_compared_with_the_reference(
     make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
 ) -> None:
     source = make_source(make_layers((20, 20), seed=5))
@@ -172,7 +172,7 @@ def test_layers_on_both_sides_of_the_fold_are_close(make_source: Callable[..., L
 CURVE = NoiseCurve(np.array([500.0, 3000.0, 7500.0]), np.array([9.0, 70.0, 430.0]))
 
 
-def test_sigma_is_held_against_the_circle(make_source: Callable[..., LayersSource]) -> None:
+def test_sigma_is_compared_with_the_curve_on_the_circle(make_source: Callable[..., LayersSource]) -> None:
     layers = Layers.empty((1, 1), 2)
     layers.n_modes[:], layers.weight[..., 0] = 1, 1.0
     layers.range[..., 0], layers.sigma[..., 0] = 3.0, CURVE.sigma(7000.0)

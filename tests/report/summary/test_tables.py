@@ -56,7 +56,7 @@ def test_table_without_fitted_pixels_shows_dashes(make_source: Callable[..., Lay
     assert "warning: No pixel shows a surface." in text
 
 
-def test_tied_sigma_is_told(make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]) -> None:
+def test_tied_sigma_is_noted(make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]) -> None:
     assert "tied" in format_table(summarise(make_source(make_layers(), options={"sigma": "tied"})))
 
 
@@ -66,5 +66,5 @@ def test_names_cannot_drive_the_terminal() -> None:
     assert len(printable("x" * 100, 20)) == 20
 
 
-def test_ordinals() -> None:
+def test_ordinals_have_their_suffixes() -> None:
     assert [ordinal(k) for k in (1, 3, 7)] == ["first", "third", "layer 7"]

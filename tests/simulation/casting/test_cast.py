@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import cast_twin
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sizes import sized
+from support import cast_twin
+from support.sizes import sized
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.casting import cast, cast_kernel
@@ -98,7 +98,7 @@ def test_random_boards_agree_with_the_twin(make_model: MakeModel, cast_twin: Cas
     np.testing.assert_allclose(ranges[seen], expected_range[seen], atol=3.0)
 
 
-def test_a_crease_between_intersecting_boards(make_model: MakeModel, cast_twin: CastTwin) -> None:
+def test_crease_of_intersecting_boards_agrees_with_the_twin(make_model: MakeModel, cast_twin: CastTwin) -> None:
     a = Surface(name="a", center_mm=(2.0, 0, 2000), size_mm=(1000, 1000), yaw_deg=50)
     b = Surface(name="b", center_mm=(2.0, 0, 2000), size_mm=(1000, 1000), yaw_deg=-40, pitch_deg=5)
     model = make_model(a, b)
@@ -130,7 +130,7 @@ def test_signs_of_yaw_and_pitch_in_the_image(make_model: MakeModel) -> None:
     assert (np.diff(pitched, axis=0) > 0).all()  # the lower side goes away
 
 
-def test_corners_stand_where_center_and_size_say(make_model: MakeModel) -> None:
+def test_corners_follow_from_center_and_size(make_model: MakeModel) -> None:
     """A board over columns 6 and 7 and rows 1 to 3 alone: right and up of the centre."""
     x = 2000 * np.tan(np.array([0.5, 2.5]) * PIXEL)
     y = 2000 * np.tan(np.array([-3.4, -0.6]) * ROW)
@@ -216,7 +216,7 @@ def test_an_edge_on_board_and_an_empty_scene_return_nothing(make_model: MakeMode
         np.testing.assert_allclose(truth.weight_no_return, 1 - P_R, rtol=1e-6)
 
 
-def test_outlier_probability_takes_its_share_of_all(make_model: MakeModel) -> None:
+def test_outlier_probability_reduces_all_shares(make_model: MakeModel) -> None:
     truth = cast_scene(make_model(WALL, outlier_probability=0.25))
     np.testing.assert_allclose(truth.weight_true, 0.75)
 

@@ -3,16 +3,15 @@
 from dataclasses import replace
 from typing import Any
 
-import cast_twin
-import lens
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from recordings import MAKE
-from sizes import sized
+from support import cast_twin, lens
+from support.recordings import MAKE
+from support.sizes import sized
 
-from tofmix.pinhole import Pinhole
-from tofmix.projection import cell_nodes
+from tofmix.optics.pinhole import Pinhole
+from tofmix.optics.projection import cell_nodes
 from tofmix.sensors import SensorProfile, load_profile
 from tofmix.simulation.casting import cast_cells
 from tofmix.simulation.casting.cast import MovingCaster, cast_scene

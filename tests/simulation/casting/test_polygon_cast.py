@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tofmix.pinhole import Pinhole
+from tofmix.optics.pinhole import Pinhole
 from tofmix.sensors import SensorProfile, load_profile
 from tofmix.simulation.casting.cast import cast_scene
 from tofmix.simulation.casting.polygon_cast import PolygonCaster

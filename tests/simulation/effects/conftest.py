@@ -1,7 +1,7 @@
 """Where effects are tried."""
 
 import pytest
-from effect_bench import Bench, Recorded
+from support.effect_bench import Bench, Recorded
 
 
 @pytest.fixture(scope="session")

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Floats, Recorded, effect
+from support.effect_bench import Bench, Floats, Recorded, effect
 
-from tofmix.ranging import unambiguous_range_mm
+from tofmix.optics.ranging import unambiguous_range_mm
 from tofmix.simulation.effects import PixelMap
 
 TURN = unambiguous_range_mm(20e6)

@@ -5,9 +5,9 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from effect_bench import Bench, effect
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.effect_bench import Bench, effect
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.casting.cast import MovingCaster, cast_scene
@@ -61,7 +61,7 @@ def test_a_turned_pose_gives_the_cast_of_the_model_with_the_edited_surface(
 
 def test_turn_is_said_only_where_there_is_one() -> None:
     shifted = effect("surface_pose", surface="near", shift_mm=12.0)
-    assert shifted.explain() == '"near" stands +12 mm along its normal from where the model puts it'
+    assert shifted.explain() == '"near" lies +12 mm along its normal from its position in the model'
     turned = effect("surface_pose", surface="near", shift_mm=12.0, pitch_deg=-1.5)
     assert turned.explain() == shifted.explain() + ", turned by -1.5 degrees in pitch"
 
@@ -137,7 +137,7 @@ def test_a_surface_that_leaves_the_world_is_refused(bench: Bench) -> None:
         render_blocks(model, cast_scene(model), n_frames=200, seed=1)
 
 
-def test_a_surface_that_moves_through_the_sensor(bench: Bench) -> None:
+def test_surface_behind_the_sensor_is_not_seen(bench: Bench) -> None:
     wall = Surface(name="wall", center_mm=(0, 0, 50), size_mm=(4000, 4000))
     one = effect("motion", surface="wall", velocity_mm_s=-100.0)
     model = replace(bench.wall(frames=1).model, surfaces=(wall,), effects=(one,))

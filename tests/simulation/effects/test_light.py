@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Recorded, effect
 from numpy.typing import ArrayLike, NDArray
+from support.effect_bench import Bench, Recorded, effect
 
-from tofmix.ranging import unambiguous_range_mm
+from tofmix.optics.ranging import unambiguous_range_mm
 
 Complex = NDArray[np.complex128]
 TURN = unambiguous_range_mm(20e6)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Recorded, effect
+from support.effect_bench import Bench, Recorded, effect
 
 
 @pytest.mark.parametrize("factor", [1.0, 1.3, 4.0])

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Recorded, effect, light_alone, neutral_values
+from support.effect_bench import Bench, Recorded, effect, light_alone, neutral_values
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.casting.cast import cast_scene
@@ -38,7 +38,7 @@ def test_zero_magnitude_changes_no_byte(bench: Bench, kind: str) -> None:
     np.testing.assert_array_equal(other.amplitude, plain.amplitude)
 
 
-def test_a_bias_of_each_exposure_is_one_of_the_mean(bench: Bench) -> None:
+def test_bias_of_each_exposure_is_the_bias_of_the_mean(bench: Bench) -> None:
     plain, other = averaged(bench), averaged(bench, effect("range_offset", offset_mm=80.0))
     lit = plain.amplitude > 0
     full = np.broadcast_to((plain.truth.weight_no_return == 0).ravel(), lit.shape)

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Recorded, effect
 from scipy import stats
-from transform import pit
+from support.effect_bench import Bench, Recorded, effect
+from support.transform import pit
 
 from tofmix.simulation.distribution import Prediction
 from tofmix.simulation.effects import EFFECTS, Effect, PixelMap

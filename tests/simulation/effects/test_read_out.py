@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from effect_bench import Bench, Recorded, effect
 from scipy import stats
+from support.effect_bench import Bench, Recorded, effect
 
 from tofmix.simulation.effects import PixelMap
 
@@ -32,7 +32,7 @@ def test_truth_counts_all_outliers(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("probability", [0.0, 0.1, 1.0])
-def test_dropout_by_chance(bench: Bench, probability: float) -> None:
+def test_dropout_loses_the_given_share_at_random(bench: Bench, probability: float) -> None:
     plain, other = bench.boards(frames=300), bench.boards(effect("dropout", probability=probability), frames=300)
     lost = other.stored == 0
     np.testing.assert_array_equal(other.stored[~lost], plain.stored[~lost])
@@ -40,7 +40,7 @@ def test_dropout_by_chance(bench: Bench, probability: float) -> None:
 
 
 @pytest.mark.parametrize(("threshold", "noise"), [(0.0, 0.0), (60.0, 0.0), (60.0, 15.0), (200.0, 50.0)])
-def test_dropout_of_the_dark(bench: Bench, threshold: float, noise: float) -> None:
+def test_dropout_threshold_loses_dark_samples(bench: Bench, threshold: float, noise: float) -> None:
     one = effect("dropout", threshold=threshold, threshold_noise=noise)
     other = bench.wall(one, frames=400)
     lost = (other.stored == 0).mean(axis=0)
@@ -56,7 +56,7 @@ def test_dropout_of_the_dark(bench: Bench, threshold: float, noise: float) -> No
 
 
 @pytest.mark.parametrize("well", [1e9, 150.0, 40.0])
-def test_saturation_loses_the_bright(bench: Bench, plain_wall: Recorded, well: float) -> None:
+def test_saturation_loses_bright_samples(bench: Bench, plain_wall: Recorded, well: float) -> None:
     other = bench.wall(effect("saturation", full_well_amplitude=well))
     lost = other.true_amplitude > well
     assert np.array_equal((other.stored == 0), np.broadcast_to(lost, other.stored.shape))
@@ -108,7 +108,7 @@ def test_ranges_are_multiples_of_the_step(bench: Bench, step: float) -> None:
 
 
 @pytest.mark.parametrize("period", [1e6, 3000.0, 1400.0])
-def test_ranges_fold(bench: Bench, plain_wall: Recorded, period: float) -> None:
+def test_ranges_fold_at_the_given_length(bench: Bench, plain_wall: Recorded, period: float) -> None:
     other = bench.wall(effect("phase_wrapping", unambiguous_range_mm=period))
     folded = np.mod(plain_wall.range_mm, period)
     error = np.minimum(abs(other.range_mm - folded), period - abs(other.range_mm - folded))
@@ -127,7 +127,7 @@ def test_folding_takes_bias_and_noise_along_and_leaves_no_return(bench: Bench) -
     np.testing.assert_array_equal(other.stored[~lit], plain.stored[~lit])
 
 
-def test_without_a_period_the_sensors_own_is_taken(bench: Bench) -> None:
+def test_fold_length_defaults_to_that_of_the_sensor(bench: Bench) -> None:
     other = bench.wall(effect("phase_wrapping"), modulation_frequency_hz=50e6)
     same = bench.wall(effect("phase_wrapping", unambiguous_range_mm=2997.92458), modulation_frequency_hz=50e6)
     np.testing.assert_array_equal(other.stored, same.stored)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tofmix.ranging import SPEED_OF_LIGHT_MM_S, unambiguous_range_mm
+from tofmix.optics.ranging import SPEED_OF_LIGHT_MM_S, unambiguous_range_mm
 from tofmix.simulation.effects import EFFECTS
 from tofmix.simulation.effects.reference import COMMAND, reference
 
@@ -13,7 +13,7 @@ DOCS = Path(__file__).parents[3] / "docs"
 TURN = unambiguous_range_mm(20e6)
 
 
-def test_the_page_is_in_step() -> None:
+def test_effects_page_is_what_the_command_prints() -> None:
     assert (DOCS / "reference/effects.md").read_text(encoding="utf-8") == reference(), f"run: {COMMAND}"
 
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import pytest
-from effect_bench import Bench, effect, neutral_values
+from support.effect_bench import Bench, effect, neutral_values
 
 from tofmix.errors import BadInputError
 from tofmix.simulation.echoes import Echoes
@@ -60,14 +60,14 @@ def table(kind: str, **values: object) -> str:
     return f'[[effect]]\nkind = "{kind}"\n' + "".join(f"{key} = {value}\n" for key, value in shown.items())
 
 
-def test_the_contracts_kinds_and_parameters() -> None:
+def test_registry_has_the_kinds_and_parameters_of_the_contract() -> None:
     text = "add the kind to CONTRACT, with its parameters; to NOT_ZERO, where a needed one may not be 0 or has no unit"
     assert set(EFFECTS) == set(CONTRACT), text
     assert {kind: " ".join(cls.parameters()) for kind, cls in EFFECTS.items()} == CONTRACT
 
 
 @pytest.mark.parametrize("kind", CONTRACT)
-def test_an_effect_says_what_it_is(kind: str) -> None:
+def test_each_effect_describes_itself_and_its_parameters(kind: str) -> None:
     effect = EFFECTS[kind]
     assert effect.kind == kind
     assert len(effect.__doc__ or "") > 300
@@ -190,7 +190,7 @@ def test_every_effect_is_explained_with_its_values() -> None:
     assert list(dict.fromkeys(levels)) == ["geometry", "light", "correlation", "range", "read-out"]
 
 
-def test_one_file_an_effect() -> None:
+def test_each_effect_has_its_own_file() -> None:
     import tofmix.simulation.effects as package
 
     folder = Path(package.__file__).parent

@@ -14,19 +14,17 @@ import numpy as np
 
 from tofmix.arrays import Float32Array
 from tofmix.grid import Cell, Grid
-from tofmix.recording import DECODED_SAMPLES, SampleSource, wanted_amplitudes
-
-SAMPLE_BYTES = 4
-"""A sample of a slab, float32; where its amplitude is read too, twice that."""
+from tofmix.recording import DECODED_SAMPLES, SAMPLE_BYTES, SampleSource, wanted_amplitudes
 
 _DECODING_BYTES = 10
 """A sample while it is decoded: as it is stored, and whether it is valid."""
 
 _WORKING_BYTES = 24
-"""A sample while it is worked on, beside the slabs: in the kernels' order and precision, and its layers."""
+"""Bytes of a sample during computation, in addition to the slabs: in the order and precision of the kernels, with its
+layers."""
 
 PIECE_SAMPLES = 1 << 20
-"""Most samples that the kernels get at once, where one pixel has not more: what they set aside for them stays small."""
+"""Most samples for one call of the kernels, unless one pixel has more: this limits their scratch memory."""
 
 _SLAB_BYTES = 8 << 20, 1 << 18, 0
 """About a slab's size where stored chunks are smaller, in the order of preference."""
@@ -114,7 +112,7 @@ def plan_reading(
     workers : int
         Threads that work on cells.
     phasors : bool
-        Whether amplitudes are read beside the samples, whatever the noise curve asks for.
+        Whether amplitudes are read too, even if the noise curve does not need them.
 
     Returns
     -------
@@ -176,7 +174,7 @@ def _slab_frames(grid: Grid, band: int, frame_step: int, slab_bytes: int) -> int
 
 
 def _needed(grid: Grid, plan: ReadPlan, chunk: tuple[int, int], workers: int) -> int:
-    """Most memory that a plan takes: slabs of the groups in flight, what is being decoded, and the workers."""
+    """Most memory of a plan: slabs of the groups in memory, decoding buffers, and the workers."""
     # At the end of a band its last groups and the first of the next are in memory together.
     frames = _held(grid, plan, plan.ahead) if plan.band == grid.image[0] else plan.ahead * _held(grid, plan, 1)
     cols = grid.image[1]

@@ -1,8 +1,8 @@
 """The extreme samples of a recording whose camera has no known end of its working range.
 
 Random values spread over the working range. Where its end is not known, they spread between the extreme valid samples:
-use `sensor_with_span` before an estimate. The whole recording counts, so that the result is the same whatever is
-estimated of it, in whatever blocks.
+use `sensor_with_span` before an estimate. The whole recording is read, so the result does not depend on the estimated
+part or on the blocks.
 """
 
 from collections.abc import Iterator

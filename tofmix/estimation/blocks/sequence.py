@@ -1,9 +1,8 @@
 """Layers of a whole recording: cells of windows and rows, worker threads, one reader.
 
-One thread reads slabs (`reading`) while others work on the cells of earlier ones, as
-the kernels hold no lock; a group of cells is read only when an earlier one has been
-taken, so that memory stays bounded. Cells come out in the order in which they were
-read, each as soon as it is done.
+One thread reads slabs (`reading`) while others work on the cells of earlier ones, as the kernels hold no lock; a group
+of cells is read only after an earlier one was taken, so memory stays bounded. Cells come out in the order in which they
+were read, each as soon as it is done.
 """
 
 import threading
@@ -33,10 +32,10 @@ from tofmix.windows import Windows
 T = TypeVar("T")
 
 DEFAULT_BUFFER_BYTES = 800_000_000
-"""Memory for samples where nobody says otherwise."""
+"""Default of the memory for samples, bytes."""
 
 
-def settled_mixing(options: EstimateOptions, source: SampleSource) -> EstimateOptions:
+def resolved_mixing(options: EstimateOptions, source: SampleSource) -> EstimateOptions:
     """The same options with the law of mixing that can be measured: ``events`` where samples are no phasors.
 
     Raises
@@ -74,9 +73,9 @@ def estimate_cells(
     options : EstimateOptions
         The estimator's.
     finish : callable
-        What becomes of a cell's layers, of the leading shape (window, row, col), as samples of one surface each give
-        them; called in the worker. With `phasors`, its second argument are the mean phasors (window, row, col, 7)
-        float32 of `tofmix.unmixing.phasors`, which `tofmix.unmixing.unmix` takes when a window is whole.
+        Called in the worker with the layers of a cell, of the leading shape (window, row, col), under equation (1).
+        With `phasors`, its second argument are the mean phasors (window, row, col, 7) float32 of
+        `tofmix.unmixing.phasors`, which `tofmix.unmixing.unmix` takes when a window is whole.
     workers : int
         Threads, at least 1. It changes no value.
     buffer_bytes : int
@@ -158,20 +157,20 @@ class _Item(NamedTuple, Generic[T]):
 
 
 class _Run(Generic[T]):
-    """The reader, the workers, and the queue of what they do."""
+    """The reader, the workers, and the queue of their tasks."""
 
     def __init__(self, groups: Iterator[Group], plan: ReadPlan, work: _Work[T], workers: int) -> None:
         self._groups, self._work = groups, work
         self._workers = ThreadPoolExecutor(workers, thread_name_prefix="tofmix")
-        self._room = threading.Semaphore(plan.ahead)
+        self._free_slots = threading.Semaphore(plan.ahead)
         self._queue: SimpleQueue[_Item[T] | BaseException | None] = SimpleQueue()
         self._stop = threading.Event()
         self._reader = threading.Thread(target=self._read, name="tofmix-reader", daemon=True)
 
     def _read(self) -> None:
-        """Read group by group; an error goes the way of the results."""
+        """Read group by group; an error is passed on like a result."""
         try:
-            while self._room.acquire() and not self._stop.is_set():
+            while self._free_slots.acquire() and not self._stop.is_set():
                 group = next(self._groups, None)
                 if group is None:
                     break
@@ -183,7 +182,7 @@ class _Run(Generic[T]):
             self._queue.put(error)
 
     def results(self) -> Generator[tuple[Cell, T], None, None]:
-        """Yield what the workers made, in order."""
+        """Yield the results of the workers, in order."""
         self._reader.start()
         try:
             while (item := self._queue.get()) is not None:
@@ -191,11 +190,11 @@ class _Run(Generic[T]):
                     raise item
                 result = item.future.result()
                 if item.last:
-                    self._room.release()
+                    self._free_slots.release()
                 yield item.cell, result
         finally:
             self._stop.set()
-            self._room.release()
+            self._free_slots.release()
             self._workers.shutdown(wait=False, cancel_futures=True)
             self._reader.join()
             self._workers.shutdown(wait=True, cancel_futures=True)
@@ -210,9 +209,8 @@ class EstimatedWindows:
     layers : Layers
         Of the leading shape (window, row, col).
     phasor_share : (window,) float32 or None
-        Share of the samples at edges that are phasor sums, NaN where no pixel tells it; None: not measured.
-    phasor_pixels : (window,) uint32 or None
-        Pixels that tell it.
+        Share of the samples at edges that are phasor sums, NaN if no pixel determines it; None: not measured.
+    phasor_pixels : (window,) uint32 or None Pixels that determine it.
     """
 
     layers: Layers
@@ -237,7 +235,7 @@ def estimate_windows(
     ValueError
         As `estimate_cells`.
     """
-    options = settled_mixing(options or EstimateOptions(), source)
+    options = resolved_mixing(options or EstimateOptions(), source)
     measured = options.mixing is not MixingChoice.EVENTS
     frames, rows, cols = source.shape
     windows = windows or Windows(length=frames, stride=frames, count=1, frames_left_out=0)
@@ -260,7 +258,7 @@ def estimate_windows(
         part = Layers(**{spec.name: getattr(out, spec.name)[window] for spec in layer_fields(source.sensor)})
         insist, circle_mm = options.mixing is MixingChoice.PHASOR, options.unambiguous_range_mm
         unmixed = unmix(part, means, source.sensor, insist=insist, circle_mm=circle_mm)
-        shares[window], pixels[window] = unmixed.phasor_share, unmixed.telling_pixels
+        shares[window], pixels[window] = unmixed.phasor_share, unmixed.informative_pixels
         for spec in out.fields:
             getattr(out, spec.name)[window] = getattr(unmixed.layers, spec.name)
     return EstimatedWindows(layers=out, phasor_share=shares, phasor_pixels=pixels)

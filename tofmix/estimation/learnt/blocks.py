@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace, read_gains, remove
 from tofmix.estimation.learnt.errors import standard_errors
@@ -31,7 +32,6 @@ from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.estimation.settings import KernelOptions
 from tofmix.flags import Status
-from tofmix.jit import jit
 
 _CHANCES = len(FALSE_ALARMS)
 _OK = int(Status.OK)

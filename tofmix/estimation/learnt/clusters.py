@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray, IntArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import CLOSE, new_workspace, try_one_more
@@ -34,7 +35,6 @@ from tofmix.estimation.learnt.fitting import (
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
-from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
 
 WINDOW = 16.0

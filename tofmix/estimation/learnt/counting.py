@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.vector import log_of, product_of, total_of
 from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
@@ -51,9 +53,7 @@ from tofmix.estimation.mixture.counting import COUNT_ITER, COUNT_TOL, LEAST_BOUN
 from tofmix.estimation.mixture.false_alarms import least_gain
 from tofmix.estimation.mixture.share_step import LARGEST_SHARE, LEAST_BEND, next_share
 from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
-from tofmix.vector import log_of, product_of, total_of
 
 CLOSE = 1.2
 """Half the width, in sigmas, of the window in which most samples lie together: it holds 77 % of a surface's."""

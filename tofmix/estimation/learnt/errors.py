@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.cholesky import scaled_cholesky
 from tofmix.estimation.learnt.fitting import (
@@ -35,7 +36,6 @@ from tofmix.estimation.learnt.fitting import (
     still_row,
 )
 from tofmix.estimation.learnt.law import Law, precision_of_t
-from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
 
 _NOTHING = 1.0e-12

@@ -21,13 +21,13 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.vector import log_of, product_of, total_of
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, REACH, STEPS, Law, log_prior_t, precision_of_t
 from tofmix.estimation.mixture.em import gaussians
 from tofmix.estimation.noise.kernel import sigma_at
-from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
-from tofmix.vector import log_of, product_of, total_of
 
 MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, DRIFT = 0, 1, 2, 3, 4, 5
 OWN, PLACE, FIRST = DRIFT + DRIFTS, DRIFT + DRIFTS + 1, DRIFT + DRIFTS + 2

@@ -3,6 +3,7 @@
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace
@@ -19,7 +20,6 @@ from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
-from tofmix.jit import borrowing, jit
 
 PARTS = 4
 """Parts of a pixel's frames, each predicted from the others: a fit to half of a few samples predicts badly under the

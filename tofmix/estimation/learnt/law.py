@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing
+from tofmix.compiled.jit import borrowing
 from tofmix.learnt_noise import DRIFTS
 from tofmix.noise_shape import NoiseShape
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray
+from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_clusters, fit_clusters
 from tofmix.estimation.learnt.held_out import LEAST_GAIN, flat_thresholds, held_out_scores
@@ -26,7 +27,6 @@ from tofmix.estimation.learnt.shape_fit import fit_shape, histogram, shapes_diff
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
 from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.learnt_noise import DRIFTS
-from tofmix.robust import MAD_TO_SIGMA
 from tofmix.sensor import NoiseCurve, Sensor
 
 SURE = 3.0

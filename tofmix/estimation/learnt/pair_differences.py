@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 
 MEDIAN_OF_DIFFERENCE = 0.6744897501960817 * math.sqrt(2.0)
 """Median of |x_i - x_j| of a Gaussian, in sigmas."""

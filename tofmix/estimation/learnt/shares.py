@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace
@@ -25,7 +26,6 @@ from tofmix.estimation.learnt.fitting import (
 from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
 from tofmix.estimation.learnt.law import Law
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
-from tofmix.jit import jit
 
 
 @jit

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.fitting import (
     BACKGROUND,
@@ -23,7 +24,6 @@ from tofmix.estimation.learnt.fitting import (
     background_density,
 )
 from tofmix.estimation.learnt.law import Law, at_table
-from tofmix.jit import borrowing, jit
 from tofmix.learnt_noise import DRIFTS
 
 NEAR_SIGMAS = 5.0

@@ -20,6 +20,7 @@ from itertools import product
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.counting import (
@@ -34,7 +35,6 @@ from tofmix.estimation.learnt.fitting import Samples, copy_fit, fill_times
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
-from tofmix.jit import jit
 from tofmix.learnt_noise import DRIFTS
 
 DRAWS = 6000, 20_000

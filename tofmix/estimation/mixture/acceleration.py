@@ -1,9 +1,8 @@
 """EM that arrives: squared extrapolation on top of `mixture`'s E and M steps.
 
-Where surfaces overlap, EM creeps: a hundred iterations may leave a mean a good
-part of its standard error away. Two steps of EM tell how fast it creeps; the
-extrapolation jumps ahead by that, and a jump that lowers the likelihood is taken
-back. The end is a fixed point of EM, as without it.
+Where surfaces overlap, EM creeps: a hundred iterations may leave a mean a good part of its standard error away. Two
+steps of EM give the rate of convergence, and the extrapolation uses this rate. A step that lowers the likelihood is
+undone. The end is a fixed point of EM, as without it.
 
 References
 ----------
@@ -12,13 +11,13 @@ Varadhan and Roland, Scandinavian J. Statistics 35(2), 2008, doi:10.1111/j.1467-
 
 import math
 
+from tofmix.compiled.jit import borrowing
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.mixture.components import MEAN, SIGMA, STEPS, UNIT, WEIGHT, Components, Scratch
 from tofmix.estimation.mixture.em import PRIOR_SAMPLES, em_step, expect, maximise
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
-from tofmix.jit import borrowing
 
 _LONGEST_JUMP = 64.0  # most EM steps that one extrapolation stands for
 _LEAST_SHARE = 1.0e-9  # an extrapolation that leaves less of a share is taken back
@@ -40,7 +39,7 @@ def _pack(k: int, fit: Components, row: int) -> None:
 
 @borrowing
 def _unpack(k: int, fit: Components, row: int, beam: Beam, mode: int) -> bool:
-    """Set the components from what `_pack` writes; false, and nothing is set, where a share is not above 0."""
+    """Set the components from the vector of `_pack`; return false, and set nothing, if a share is not above 0."""
     total, no_return = 0.0, fit[row + 2, k]
     for i in range(k):
         if fit[row + 2, i] < _LEAST_SHARE:
@@ -62,7 +61,7 @@ def _unpack(k: int, fit: Components, row: int, beam: Beam, mode: int) -> bool:
 
 @borrowing
 def _penalty(k: int, fit: Components, beam: Beam, mode: int) -> float:
-    """Log density of the prior of the sigmas, which EM climbs beside the likelihood."""
+    """Log density of the prior of the sigmas, which EM maximises together with the likelihood."""
     out = 0.0
     if mode == MODE_PRIOR:
         for i in range(k):
@@ -77,8 +76,8 @@ def maximise_likelihood(
 ) -> int:
     """Run accelerated EM on `k` surfaces from the values in `fit`.
 
-    Return its EM iterations, negative if it did not converge. It has converged when what is left to go, by the
-    rate at which the steps shrink, is below `tol`, in sigmas and in shares.
+    Return its EM iterations, negative if it did not converge. It has converged when the remaining change, by the rate
+    at which the steps shrink, is below `tol`, in sigmas and in shares.
     """
     iterations = 0
     while iterations + 2 <= max_iter:

@@ -4,20 +4,19 @@ Both are plain arrays with a row for each quantity, because fits are copied, sor
 extrapolated as wholes. A structure of four arrays would be as fast: 0.34 and 0.33 us a
 round of EM (`tests/benchmarks/fit_layout.py`).
 
-`Components` (ROWS, capacity + 1): rows MEAN and SIGMA in mm, WEIGHT, SUPPORT (the sum of
-a surface's responsibilities, in samples), GAIN (what the likelihood loses without it,
-nat), and rows to work in. The last column is that of c_0: its WEIGHT is p(c_0).
+`Components` (ROWS, capacity + 1): rows MEAN and SIGMA in mm, WEIGHT, SUPPORT (the sum of a surface's responsibilities,
+in samples), GAIN (loss of likelihood without the surface, nat), and scratch rows. The last column is that of c_0: its
+WEIGHT is p(c_0).
 
-`Scratch` (rows, values): TOTAL is p(r_j), SHARE the count of r_j by p(r_j), SPARE and OTHER
-are free for any loop. From DENSITY on stand the normal densities of the surfaces, in
-1/mm, and `no_return_row` is that of c_0. From `gradient_row` on there is room for three
-rows more for each surface.
+`Scratch` (rows, values): TOTAL is p(r_j), SHARE the count of r_j by p(r_j), SPARE and OTHER are free for any loop. From
+DENSITY on follow the normal densities of the surfaces, in 1/mm, and `no_return_row` is that of c_0. From `gradient_row`
+on there is room for three rows more for each surface.
 """
 
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
 
 MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, MOMENT_1, MOMENT_2, UNIT = range(8)
 STEPS = 8

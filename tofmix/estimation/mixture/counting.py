@@ -10,6 +10,8 @@ the likelihood rises most, until none gains enough. "Enough" is the threshold of
 import math
 from typing import NamedTuple
 
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.vector import product_of, total_of
 from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, is_no_return
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
 from tofmix.estimation.mixture.components import (
@@ -39,8 +41,6 @@ from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.reach import within_reach
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_TIED
-from tofmix.jit import borrowing, jit
-from tofmix.vector import product_of, total_of
 
 COUNT_ITER = 60
 """Most EM iterations of one trial: counting compares likelihoods, which settle long before the means."""
@@ -86,9 +86,9 @@ LEAST_BOUND = 0.4
 
 
 class Rules(NamedTuple):
-    """When a surface stands: the least gain, nat, the wanted chance of a false alarm, and the most layers.
+    """Rules for a surface: the least gain, nat, the requested false-alarm probability, and the most layers.
 
-    `no_return_gain`, nat, is what c_0 must gain beside a surface.
+    `no_return_gain`, nat, is the gain that c_0 needs in the presence of a surface.
     """
 
     least_gain: float
@@ -98,7 +98,7 @@ class Rules(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Three fits and their common scratch: `fit` stands, `trial` what is tried, `best` the best of the tries."""
+    """Three fits and their common scratch: `fit` is current, `trial` the present trial, `best` the best trial."""
 
     fit: Components
     trial: Components
@@ -181,8 +181,8 @@ def _gap_sigmas(k: int, index: int, fit: Components, beam: Beam) -> float:
 def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules: Rules) -> bool:
     """Whether outliers alone would give such a surface too often.
 
-    Of N p(c_r) outliers, spread evenly, each finds m - 1 or more others in the `SCAN_SIGMAS` after it with the
-    chance of a Poisson variable; that many times the number of outliers bounds the chance of one such heap.
+    Of N p(c_r) outliers, spread evenly, each finds m - 1 or more others in the `SCAN_SIGMAS` after it with the chance
+    of a Poisson variable; times the number of outliers, this bounds the probability of one such group.
     """
     support = fit[SUPPORT, index]
     if support > MOST_BY_CHANCE or _gap_sigmas(k, index, fit, beam) < ALONE_SIGMAS:
@@ -197,9 +197,9 @@ def _by_chance(n: float, k: int, index: int, fit: Components, beam: Beam, rules:
 
 @borrowing
 def drop_unsupported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> int:
-    """Take out what is no surface: those beyond the working range, the weakest without support, outliers by chance.
+    """Remove false surfaces: those beyond the working range, the weakest without support, and groups of outliers.
 
-    Where peaks are surfaces, the rule for peaks tells those of c_0; else the likelihood does.
+    Where peaks are surfaces, the rule for peaks separates c_0; else the likelihood does.
     """
     for i in range(k - 1, -1, -1):
         by_likelihood = rules.false_alarm < 1.0
@@ -217,7 +217,7 @@ def drop_unsupported(n: float, k: int, fit: Components, beam: Beam, rules: Rules
 
 @borrowing
 def _certain(k: int, index: int, fit: Components, beam: Beam) -> bool:
-    """Whether a surface stands so clear of all others, and of c_0, that its loss need not be computed."""
+    """Whether a surface is so far from all others, and from c_0, that its loss need not be computed."""
     if fit[SUPPORT, index] < CERTAIN_SUPPORT or _may_be_no_return(fit[MEAN, index], CERTAIN_SIGMAS, beam):
         return False
     return _gap_sigmas(k, index, fit, beam) > CERTAIN_SIGMAS
@@ -225,7 +225,7 @@ def _certain(k: int, index: int, fit: Components, beam: Beam) -> bool:
 
 @borrowing
 def _may_be_no_return(range_mm: float, sigmas: float, beam: Beam) -> bool:
-    """Whether c_0 stands within so many of its sigmas."""
+    """Whether c_0 lies within so many of its sigmas."""
     return abs(beam.range_max - range_mm) < sigmas * beam.sigma_max
 
 
@@ -240,7 +240,7 @@ def _leave_out(k: int, index: int, fit: Components, trial: Components, beam: Bea
 
 @borrowing
 def weigh_no_return(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> bool:
-    """Take c_0 out of work.fit where a surface stands beside it and the samples do not need both; say whether it is."""
+    """Remove c_0 from work.fit if a surface is near it and the samples do not need both; return whether it is gone."""
     fit, trial, _, scratch = work
     if k == 0 or fit[WEIGHT, -1] == 0.0:
         return False
@@ -325,7 +325,7 @@ def _supported(n: float, k: int, fit: Components, beam: Beam, rules: Rules) -> b
 
 @borrowing
 def may_gain_more(data: Readings, k: int, work: Workspace, beam: Beam, rules: Rules) -> bool:
-    """Whether one more surface than work.fit has could gain enough; a quick look, true where it cannot tell."""
+    """Whether one more surface than in work.fit could gain enough: a quick bound, true if it is inconclusive."""
     wanted = LEAST_BOUND * rules.least_gain
     return bool(gain_bound_of_clear(data, k, work.fit, beam, work.scratch, wanted) >= wanted)
 
@@ -418,7 +418,7 @@ def count_surfaces(data: Readings, k: int, work: Workspace, beam: Beam, rules: R
 def surface_gains(data: Readings, k: int, work: Workspace, beam: Beam) -> None:
     """Set the gain of each surface of work.fit: the likelihood, nat, lost without it; infinite where it is certain.
 
-    With tied sigmas, as in counting, whatever the sigmas of work.fit are.
+    With tied sigmas, as in counting, for any sigmas of work.fit.
     """
     fit, trial, tied, scratch = work
     full = math.nan

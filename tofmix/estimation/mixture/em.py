@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
 from tofmix.circle import fold
+from tofmix.compiled.jit import borrowing
+from tofmix.compiled.vector import exp_minus, log_of, moments_of, product_of, total_of
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.mixture.components import (
     DENSITY,
@@ -40,9 +42,7 @@ from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings, readings_of
 from tofmix.estimation.settings import MODE_FREE, MODE_PRIOR, MODE_TIED, EstimateOptions, kernel_options
 from tofmix.estimation.unrolling import unrolled_pixel
-from tofmix.jit import borrowing
 from tofmix.sensor import Sensor
-from tofmix.vector import exp_minus, log_of, moments_of, product_of, total_of
 
 PRIOR_SAMPLES = 50.0
 """Weight of the noise curve in the prior of sigma_i, in samples."""
@@ -82,7 +82,7 @@ def mix(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch) -
 
 @borrowing
 def _sum_of_logs(data: Readings, scratch: Scratch) -> float:
-    """Log likelihood, nat, of what `mix` left."""
+    """Log likelihood, nat, from the densities that `mix` stored."""
     count, total, term = data.times, scratch[TOTAL], scratch[SPARE, : len(data.times)]
     for j in range(len(count)):
         term[j] = count[j] * log_of(total[j])

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing
+from tofmix.compiled.jit import borrowing
 
 FALSE_ALARMS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0001)
 """Chances of a false alarm, a column each."""

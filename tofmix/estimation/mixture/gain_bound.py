@@ -1,23 +1,22 @@
-"""Whether one more surface could gain enough, told quickly where surfaces stand clear of each other.
+"""Whether one more surface could gain enough: a quick bound for well-separated surfaces.
 
-Use `gain_bound_of_clear` before `gradient.steepest_place`, which looks everywhere and at
-every overlap, and costs far more. Most pixels see one surface, or a few far apart:
-there, the densities of a surface moved by delta sigma and of the fitted one differ by
-the factor exp(delta z - delta^2 / 2), with z = (r - mu) / sigma. The powers of
-exp(3 z / 4) give them all. What this leaves out, the noise curve's slope and c_r, changes
-a gain bound by a few per cent; it decides only what is tried, not what is found.
+Use `gain_bound_of_clear` before `gradient.steepest_place`, which looks everywhere and at every overlap, and costs far
+more. Most pixels see one surface, or a few far apart: there, the densities of a surface moved by delta sigma and of the
+fitted one differ by the factor exp(delta z - delta^2 / 2), with z = (r - mu) / sigma. The powers of exp(3 z / 4) give
+them all. The bound neglects the slope of the noise curve and c_r, a few per cent; it decides which places are tried,
+not which surfaces are found.
 """
 
 import math
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing
+from tofmix.compiled.vector import exp_minus, log_of, product_of, total_of
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.mixture.components import MEAN, OTHER, SHARE, SIGMA, SPARE, TOTAL, WEIGHT, Components, Scratch
 from tofmix.estimation.mixture.share_step import next_share
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
-from tofmix.jit import borrowing
-from tofmix.vector import exp_minus, log_of, product_of, total_of
 
 SURFACE_SIGMAS = 4.0
 """Samples this near to a surface belong to it alone, where no other surface is within twice that distance."""
@@ -38,7 +37,7 @@ _NEWTON_STEPS = 3  # Newton steps for the best share in a gain bound
 
 @borrowing
 def gain_bound_of_clear(data: Readings, k: int, fit: Components, beam: Beam, scratch: Scratch, least: float) -> float:
-    """Largest gain bound of all places, nat; infinite where the surfaces do not stand clear, or samples lie elsewhere.
+    """Largest gain bound of all places, nat; infinite if surfaces overlap, or samples lie elsewhere.
 
     It is worked out until it reaches `least`.
     """

@@ -1,14 +1,12 @@
 """Place of one more surface of a mixture, and a bound of its gain.
 
-D(theta) = sum_j p(r_j | surface at theta) / p(r_j) - N is the slope of the log
-likelihood as share moves to a surface at theta. No mixture of the same kind, with
-however many surfaces, gains more than max D: where that is below what a surface
-must gain, none needs to be tried. Its place is also where to try one.
+D(theta) = sum_j p(r_j | surface at theta) / p(r_j) - N is the slope of the log likelihood as share moves to a surface
+at theta. No mixture of the same kind, with any number of surfaces, gains more than max D. If max D is below the
+threshold of a surface, none needs to be tried. Its place is also where to try one.
 
-max D is far above the gain where a single sample lies in a surface's tail. The
-gain bound of a place is closer to the gain, and still cheap: the gain of the
-best share there, all else held; or, where the new surface takes the place of an old
-one, the score statistic, with what the old one's mean and share explain taken off.
+max D is far above the gain where a single sample lies in a surface's tail. The gain bound of a place is closer to the
+gain, and still cheap: the gain of the best share there, with all else fixed; or, where the new surface replaces an old
+one, the score statistic, corrected for the part that the mean and share of the old one explain.
 
 References
 ----------
@@ -18,6 +16,8 @@ Rao's score statistic with nuisance parameters: Cox and Hinkley, Theoretical Sta
 
 import math
 
+from tofmix.compiled.jit import borrowing
+from tofmix.compiled.vector import exp_minus, log_of, product_of, total_of
 from tofmix.estimation.beam import Beam, is_beyond
 from tofmix.estimation.mixture.components import (
     DENSITY,
@@ -38,8 +38,6 @@ from tofmix.estimation.mixture.share_step import LEAST_BEND, next_share
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.reach import whole_lanes, within_reach
 from tofmix.estimation.samples import Readings
-from tofmix.jit import borrowing
-from tofmix.vector import exp_minus, log_of, product_of, total_of
 
 _STEP = 0.5
 """Step of the search in sigmas: a quarter of a sigma off the best place, a surface gains 3 % less."""
@@ -138,7 +136,7 @@ def _gain_of_best_share(data: Readings, first: int, stop: int, scratch: Scratch)
 
 @borrowing
 def _scores(data: Readings, i: int, fit: Components, beam: Beam, scratch: Scratch) -> tuple[float, float, float]:
-    """Fill rows MEAN_SCORE and SHARE_SCORE with what moves of surface i's mean and share do to log p(r_j).
+    """Fill rows MEAN_SCORE and SHARE_SCORE with the derivatives of log p(r_j) by the mean and share of surface i.
 
     Return the sums of their squares and of their product.
     """
@@ -162,7 +160,7 @@ def _scores(data: Readings, i: int, fit: Components, beam: Beam, scratch: Scratc
 def _score_statistic(
     data: Readings, first: int, stop: int, slope: float, norms: tuple[float, float, float], scratch: Scratch
 ) -> float:
-    """Half the squared score of a new surface's share, by its information less what `_scores` explain of it."""
+    """Half the squared score of a new surface's share, over its information minus the part that `_scores` explains."""
     share, total = scratch[SHARE, first:stop], scratch[TOTAL, first:stop]
     new, term = scratch[SPARE, : stop - first], scratch[OTHER, : stop - first]
     for j in range(len(share)):

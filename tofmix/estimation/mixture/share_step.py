@@ -4,7 +4,7 @@ The log likelihood is concave in the share. The step is kept between half of the
 half of the way to `LARGEST_SHARE`, so that no step leaves (0, 1).
 """
 
-from tofmix.jit import borrowing
+from tofmix.compiled.jit import borrowing
 
 LARGEST_SHARE = 0.9
 """A new surface is given at most this share: the rest stays with the surfaces that are there."""

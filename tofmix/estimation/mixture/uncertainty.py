@@ -1,9 +1,8 @@
 """Standard errors of ranges and shares, from the observed information of the mixture.
 
-The information of all means, sigmas (unless they are tied) and shares together,
-with p(c_r) and mu_0 held at their values. Overlapping surfaces share their
-samples, so their errors are larger than sigma / sqrt(samples), by as much as the
-data say.
+The information of all means, sigmas (unless they are tied) and shares together, with p(c_r) and mu_0 held at their
+values. Overlapping surfaces share their samples, so their errors are larger than sigma / sqrt(samples); the information
+matrix gives the factor.
 """
 
 import math
@@ -11,6 +10,8 @@ import math
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.vector import product_of
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.cholesky import scaled_cholesky
 from tofmix.estimation.mixture.components import (
@@ -31,8 +32,6 @@ from tofmix.estimation.mixture.em import PRIOR_SAMPLES, expect
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
-from tofmix.jit import borrowing, jit
-from tofmix.vector import product_of
 
 _LEAST_NO_RETURN = 0.5
 """With less than half a sample, p(c_0) sits at its bound 0 and has no curvature to invert."""
@@ -89,8 +88,8 @@ def _information(
 ) -> FloatArray:
     """Observed information: minus the Hessian of the log likelihood, and of the sigmas' prior where there is one.
 
-    Parameters in order: k means, k log sigmas unless they are tied, and all shares but the last, which is what the
-    others leave. Where c_0 has samples, its share is the last one; else that of the last surface.
+    Parameters in order: k means, k log sigmas unless they are tied, and all shares but the last, which is the
+    remainder. Where c_0 has samples, its share is the last one; else that of the last surface.
     """
     shares = k + 1 if with_no_return else k
     free, m = mode != MODE_TIED, len(data.value)

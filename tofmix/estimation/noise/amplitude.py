@@ -1,9 +1,8 @@
 """How noise depends on amplitude: a power law, or one bent at one or two amplitudes, if the recording shows it.
 
-Use `choose_law` on single-surface series in bins of range. Range and amplitude act
-by a product: log sigma is a value for each bin, plus a function g of amplitude that
-is the same for all. So only pixels at about one range that differ in amplitude
-tell g. Laws are compared by the likelihood of series of pixels that no fit has seen.
+Use `choose_law` on single-surface series in bins of range. Range and amplitude act by a product: log sigma is a value
+for each bin, plus a function g of amplitude that is the same for all. So only pixels at about one range that differ in
+amplitude determine g. Laws are compared by the likelihood of series of pixels that no fit has seen.
 """
 
 from dataclasses import dataclass
@@ -12,29 +11,9 @@ import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
 from tofmix.estimation.noise.scale import GRID, STEP, Mixtures, place
+from tofmix.estimation.noise.settings import AmplitudeSettings
 from tofmix.sensor import AmplitudeLaw
 
-EXPONENTS = (0.0, 2.0)
-"""Least and greatest power by which noise falls with amplitude: shot noise gives 1, as does background light."""
-
-PIECES = (1, 2, 3)
-"""Powers of one law, each over its own part of the amplitudes."""
-
-FOLDS = 5  # parts of the pixels for cross-validation
-
-LEAST_GAIN = 10.0
-"""Least gain of held-out likelihood, nat, of a law over the one with fewer pieces."""
-
-LEAST_ERRORS = 2.0
-"""The gain must also be that many of its standard errors over the series: a few of them must not decide."""
-
-LEAST_EFFECT = 0.025
-"""Least standard deviation of log sigma that a law makes among the series of a bin: 5 % from bright to dark."""
-
-LEAST_SERIES = 100  # series with amplitudes; fewer are not asked for a law
-
-_MOST_SERIES = 20_000  # series that are fitted, spread over all
-_ENDS = (0.005, 0.995)  # quantiles of the amplitudes between which a law is told
 _SEED = 20080923  # of the split into folds, so that the same recording gives the same law
 _ROUNDS = 30  # most scoring steps
 _CONVERGED = 1e-4  # largest step of log sigma in the last round: 0.01 % of sigma
@@ -79,13 +58,15 @@ class _Fit:
     mixture: int
 
 
-def choose_law(series: SpreadSeries) -> ChosenLaw | None:
+def choose_law(series: SpreadSeries, settings: AmplitudeSettings) -> ChosenLaw | None:
     """Choose the law with the fewest pieces that series of other pixels ask for, or none.
 
     Parameters
     ----------
     series : SpreadSeries
         Of all bins.
+    settings : AmplitudeSettings
+        Thresholds.
 
     Returns
     -------
@@ -95,62 +76,70 @@ def choose_law(series: SpreadSeries) -> ChosenLaw | None:
     """
     groups = int(series.group.max()) + 1
     known = np.flatnonzero(np.isfinite(series.log_amplitude))
-    if known.size < LEAST_SERIES:
+    if known.size < settings.least_series:
         return None
-    thinned = series.only(known[:: -(-known.size // _MOST_SERIES)])
+    thinned = series.only(known[:: -(-known.size // settings.most_series)])
     mixtures = Mixtures.of(series.degrees)
-    fold = np.random.default_rng(_SEED).integers(0, FOLDS, int(series.pixel.max()) + 1)[thinned.pixel]
+    drawn = np.random.default_rng(_SEED).integers(0, settings.folds, int(series.pixel.max()) + 1)
+    fold = drawn[thinned.pixel]
     best: FloatArray | None = None
-    gain, total = _heldout(thinned, fold, groups, mixtures, None), 0.0
-    for pieces in PIECES:
-        knots = _knots(thinned.log_amplitude, pieces)
+    gain, total = _heldout(thinned, fold, groups, mixtures, None, settings), 0.0
+    for pieces in settings.pieces:
+        knots = _knots(thinned.log_amplitude, pieces, settings.ends)
         if knots is None:
             break
-        other = _heldout(thinned, fold, groups, mixtures, knots)
+        other = _heldout(thinned, fold, groups, mixtures, knots, settings)
         more = other - gain
-        if more.sum() < max(LEAST_GAIN, LEAST_ERRORS * more.std() * np.sqrt(more.size)):
+        if more.sum() < max(settings.least_gain, settings.least_errors * more.std() * np.sqrt(more.size)):
             continue
         best, gain, total = knots, other, total + float(more.sum())
     if best is None:
         return None
-    law = _law(thinned, _fit(thinned, groups, mixtures, best), best, groups)
+    law = _law(thinned, _fit(thinned, groups, mixtures, best, settings.exponents), best, groups)
     effect = law.log_factor(np.exp(thinned.log_amplitude)) - law.log_factor(law.reference)[thinned.group]
-    return ChosenLaw(law=law, gain=total) if effect.std() >= LEAST_EFFECT else None
+    return ChosenLaw(law=law, gain=total) if effect.std() >= settings.least_effect else None
 
 
-def _knots(log_amplitude: FloatArray, pieces: int) -> FloatArray | None:
+def _knots(log_amplitude: FloatArray, pieces: int, ends: tuple[float, float]) -> FloatArray | None:
     """Ends of the pieces (piece + 1,): as many series in each; None where amplitudes do not differ enough."""
-    knots = np.quantile(log_amplitude, np.linspace(*_ENDS, pieces + 1))
+    knots = np.quantile(log_amplitude, np.linspace(*ends, pieces + 1))
     return knots if (np.diff(knots) > STEP).all() else None
 
 
 def _basis(log_amplitude: FloatArray, knots: FloatArray | None) -> FloatArray:
-    """How far each amplitude goes through each piece, (series, piece)."""
+    """Length of each piece below each amplitude, (series, piece)."""
     if knots is None:
         return np.zeros((len(log_amplitude), 0))
     return np.asarray(np.clip(log_amplitude[:, None], knots[:-1], knots[1:]) - knots[:-1])
 
 
 def _heldout(
-    series: SpreadSeries, fold: IntArray, groups: int, mixtures: Mixtures, knots: FloatArray | None
+    series: SpreadSeries,
+    fold: IntArray,
+    groups: int,
+    mixtures: Mixtures,
+    knots: FloatArray | None,
+    settings: AmplitudeSettings,
 ) -> FloatArray:
     """Log likelihood of each series under the fit to the other folds."""
     out = np.zeros(len(fold))
-    for k in range(FOLDS):
+    for k in range(settings.folds):
         held = fold == k
-        fit = _fit(series.only(~held), groups, mixtures, knots)
+        fit = _fit(series.only(~held), groups, mixtures, knots, settings.exponents)
         rest = series.only(held)
         away = rest.log_sigma - fit.level[rest.group] + _basis(rest.log_amplitude, knots) @ fit.exponents
         out[held] = np.log(mixtures.density[fit.mixture])[place(away)]
     return out
 
 
-def _fit(series: SpreadSeries, groups: int, mixtures: Mixtures, knots: FloatArray | None) -> _Fit:
+def _fit(
+    series: SpreadSeries, groups: int, mixtures: Mixtures, knots: FloatArray | None, limits: tuple[float, float]
+) -> _Fit:
     """Fit levels and exponents by Fisher scoring, with the mixture that does best at each third step."""
     basis, group = _basis(series.log_amplitude, knots), series.group
     # Least squares to start from: far from the answer the mixtures take every series for wider.
     _, exponents = _scoring_step(group, groups, basis, series.log_sigma, np.ones(len(group)))
-    exponents = np.clip(exponents, *EXPONENTS)
+    exponents = np.clip(exponents, *limits)
     flat = series.log_sigma + basis @ exponents
     level = np.array([_median_or(flat[group == g], float(np.median(flat))) for g in range(groups)])
     best = 0
@@ -165,7 +154,7 @@ def _fit(series: SpreadSeries, groups: int, mixtures: Mixtures, knots: FloatArra
         at = place(away)
         shift, fall = _scoring_step(group, groups, basis, score[at], weight[at])
         level = level + shift
-        new = np.clip(exponents + fall, *EXPONENTS)
+        new = np.clip(exponents + fall, *limits)
         moved = max(float(np.abs(shift).max()), float(np.abs(new - exponents).max(initial=0.0)))
         exponents = new
         if step % 3 and moved < _CONVERGED:

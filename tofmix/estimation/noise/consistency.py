@@ -1,7 +1,7 @@
-"""Whether a recording goes with its noise curve, and how far its ranges drift: looked at before an estimate.
+"""Check of a recording against its noise curve, and the drift of its ranges, before an estimate.
 
-Use `check_consistency`. It reads some pixels of the first window alone, so that it costs little beside an estimate.
-What it returns are statistics; `tofmix.report.summary.findings` says which are worth a word.
+Use `check_consistency`. It reads only some pixels of the first window, so it takes little time compared with an
+estimate. What it returns are statistics; `tofmix.report.summary.findings` decides which are reported.
 """
 
 import math
@@ -25,18 +25,6 @@ from tofmix.estimation.noise.series import (
 from tofmix.estimation.unrolling import UnrolledSource
 from tofmix.recording import SampleSource, amplitude_source, by_target
 from tofmix.sensor import NoiseCurve
-
-MAX_PIXELS = 1 << 13
-"""About how many pixels are read; one stored band of rows at least."""
-
-MOST_JUDGED = 1 << 11
-"""About how many of them are judged, spread over all that are read.
-
-A median's standard error is then 3 % of their spread.
-"""
-
-LEAST_PIXELS = 30
-"""Fewer pixels that see one surface say nothing."""
 
 MEDIAN_TO_MEAN = math.sqrt(math.pi / 2.0)
 """Standard error of the median of Gaussian samples over that of their mean (Kendall and Stuart, 10.10)."""
@@ -79,14 +67,17 @@ def check_consistency(
     window_frames: int,
     unambiguous_range_mm: float | None = None,
     follows_drift: bool = False,
+    most_pixels: int = 1 << 13,
+    most_judged: int = 1 << 11,
+    least_pixels: int = 30,
 ) -> Consistency:
     """Hold some samples of the first window against the noise curve.
 
     Parameters
     ----------
     source : SampleSource
-        The recording. Of up to `MAX_PIXELS` pixels up to 100 frames are read, and the last 100 of a longer window. Up
-        to `MOST_JUDGED` of these pixels are judged.
+        The recording. Of up to `most_pixels` pixels up to 100 frames are read, and the last 100 of a longer window. Up
+        to `most_judged` of these pixels are judged.
     curve : NoiseCurve or None
         The curve that the estimate uses.
     window_frames : int
@@ -95,6 +86,13 @@ def check_consistency(
         Length of the circle that ranges are taken on, mm.
     follows_drift : bool
         Whether the estimate lets pixels drift: then a drift is nothing to warn of, and is not looked for.
+    most_pixels : int
+        About how many pixels are read; one stored band of rows at least.
+    most_judged : int
+        About how many of them are judged, spread over all that are read: of 2048 pixels, a median's standard error is
+        3 % of their spread.
+    least_pixels : int
+        With fewer pixels of one surface there is no result.
 
     Returns
     -------
@@ -108,41 +106,45 @@ def check_consistency(
         return nothing
     ranges = source if unambiguous_range_mm is None else UnrolledSource(source, unambiguous_range_mm)
     starts = [0] if window_frames <= length else [0, window_frames - length]
-    series = read_runs(ranges, starts, length, _rows(source), None if curve.law is None else amplitude_source(source))
-    series = _thinned(series, len(starts))
+    amplitudes = None if curve.law is None else amplitude_source(source)
+    series = read_runs(ranges, starts, length, _rows(source, most_pixels), amplitudes)
+    series = _thinned(series, len(starts), most_judged)
     step = quantisation_step(series.samples)
     found = series_statistics(series, step)
     place = found.range_mm if unambiguous_range_mm is None else fold(found.range_mm, unambiguous_range_mm)
     sigma = np.asarray(curve.sigma(place, series.amplitude), dtype=np.float64)
     chosen = single_surface(found)
     chosen = chosen[_returns(source, curve, place[chosen])]
-    if chosen.size < LEAST_PIXELS:
+    if chosen.size < least_pixels:
         return nothing
-    scatter = _scatter(found, sigma, chosen, step)
+    scatter = _scatter(found, sigma, chosen, step, least_pixels)
     seen = sigma * max(1.0, scatter or 0.0)
+    drift = None
+    if not follows_drift:
+        drift = _drift(series, seen, chosen, window_frames, unambiguous_range_mm, least_pixels)
     return Consistency(
         pixels=int(np.unique(series.pixel[chosen]).size),
         scatter_over_curve=scatter,
-        drift_sigmas=None if follows_drift else _drift(series, seen, chosen, window_frames, unambiguous_range_mm),
+        drift_sigmas=drift,
         window_frames=window_frames,
     )
 
 
-def _rows(source: SampleSource) -> IntArray:
+def _rows(source: SampleSource, most_pixels: int) -> IntArray:
     """Rows of whole stored bands, spread evenly over the image."""
     _, rows, cols = source.shape
     band = min(max(1, source.row_step), rows)
     bands = -(-rows // band)
-    few = max(1, min(bands, MAX_PIXELS // (band * cols)))
+    few = max(1, min(bands, most_pixels // (band * cols)))
     firsts = np.unique(np.linspace(0, bands - 1, few).astype(np.int64)) if few > 1 else np.array([bands // 2])
     chosen = (band * firsts[:, None] + np.arange(band)).ravel()
     return np.asarray(chosen[chosen < rows], dtype=np.int64)
 
 
-def _thinned(series: Series, runs: int) -> Series:
+def _thinned(series: Series, runs: int, most: int) -> Series:
     """Every k-th pixel of each run; k is odd, so that it is not the same columns of every row in most images."""
     pixels = len(series.pixel) // runs
-    step = -(-pixels // MOST_JUDGED)
+    step = -(-pixels // most)
     if step > 1:
         step |= 1
     kept = (np.arange(runs)[:, None] * pixels + np.arange(0, pixels, step)).ravel()
@@ -150,30 +152,37 @@ def _thinned(series: Series, runs: int) -> Series:
 
 
 def _returns(source: SampleSource, curve: NoiseCurve, range_mm: FloatArray) -> BoolArray:
-    """Which ranges are of surfaces: what does not return lies at `range_max_mm`, with a spread of its own."""
+    """Which ranges belong to surfaces: samples without a return lie at `range_max_mm`, with another spread."""
     most = source.sensor.range_max_mm
     if most is None:
         return np.ones(range_mm.shape, dtype=np.bool_)
     return np.asarray(range_mm < most - _NO_RETURN_SIGMAS * float(curve.sigma(most)), dtype=np.bool_)
 
 
-def _scatter(found: SeriesStatistics, sigma: FloatArray, chosen: IntArray, step: float) -> float | None:
+def _scatter(
+    found: SeriesStatistics, sigma: FloatArray, chosen: IntArray, step: float, least_pixels: int
+) -> float | None:
     """Median ratio of standard deviations; rounding adds step^2 / 12 to a variance (Sheppard)."""
     # Where sigma is below half a step, samples may well show no scatter at all.
     chosen = chosen[sigma[chosen] >= 0.5 * step]
-    if chosen.size < LEAST_PIXELS:
+    if chosen.size < least_pixels:
         return None
     ratio = np.sqrt(np.maximum(found.variance[chosen], 0.0)) / np.hypot(sigma[chosen], step / math.sqrt(12.0))
     return float(np.median(ratio))
 
 
 def _drift(
-    series: Series, sigma: FloatArray, chosen: IntArray, window_frames: int, length_mm: float | None
+    series: Series,
+    sigma: FloatArray,
+    chosen: IntArray,
+    window_frames: int,
+    length_mm: float | None,
+    least_pixels: int,
 ) -> float | None:
     """How far the medians of a quarter of the pixels move over a window, in sigmas.
 
     It is the upper quartile of the absolute change from the first third of a window to the last. The changes have a
-    standard error, which sigma gives; the square of its own quartile is taken out.
+    standard error, which sigma gives; the square of its quartile is subtracted.
     """
     runs = series.samples.shape[1]
     pixels = len(series.pixel) if window_frames <= runs else len(series.pixel) // 2
@@ -188,7 +197,7 @@ def _drift(
     )
     at = chosen[chosen < pixels]
     at = at[(np.isfinite(early[at]).sum(axis=1) > part // 2) & (np.isfinite(late[at]).sum(axis=1) > part // 2)]
-    if at.size < LEAST_PIXELS:
+    if at.size < least_pixels:
         return None
     change = np.nanmedian(late[at], axis=1).astype(np.float64) - np.nanmedian(early[at], axis=1)
     if length_mm is not None:

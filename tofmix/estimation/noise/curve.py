@@ -1,8 +1,7 @@
 """From the spreads of single-surface series to a curve sigma(r): bins of range, measured, smoothed and joined.
 
-Use it through `noise`. Series come sorted by range. Each bin's sigma is that of its
-single series (`scale`); the bins are then smoothed as far as their scatter
-allows, so that many narrow bins cost nothing where the curve is smooth.
+Use it through `noise`. Series come sorted by range. Each bin's sigma is that of its single series (`scale`); the bins
+are then smoothed according to their scatter, so many narrow bins lose no precision where the curve is smooth.
 """
 
 import math
@@ -14,30 +13,8 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.noise.scale import Located, locate
+from tofmix.estimation.noise.settings import CurveSettings
 from tofmix.sensor import AmplitudeLaw, NoiseCurve
-
-LEAST_IN_BIN = 20
-"""Fewest series that tell a sigma."""
-
-BIN_TARGET = 60
-"""Series of a bin, where there are enough."""
-
-MOST_BINS = 64  # bins of range, at most
-
-WIDE, NARROW = 0.12, 0.02
-"""Extent of a bin over its range: above the first it is split, below the second it never is."""
-
-GAP = 0.03
-"""A step in range, over the range, that parts two bins."""
-
-SLOPES = (-1.0, 4.0)
-"""Least and greatest power of range by which sigma is carried on past the outer bins."""
-
-FILL = 1.15
-"""Ratio of neighbouring points of the curve where nothing was seen."""
-
-LEAST_SMOOTHED = 4
-"""Fewest bins that tell how smooth the curve is."""
 
 _ROUGHNESS = np.geomspace(1e-3, 1e5, 33)
 """Variances of the second derivative of log sigma by log range, with the whole range as unit, that are tried."""
@@ -53,29 +30,30 @@ class Point(NamedTuple):
     log_sigma: float
 
 
-def cut_into_bins(range_mm: FloatArray) -> list[slice]:
+def cut_into_bins(range_mm: FloatArray, settings: CurveSettings) -> list[slice]:
     """Cut ascending ranges into bins: at gaps, then in halves while they are too wide or hold more than they need."""
     if range_mm.size == 0:
         return []
     scale = np.maximum(np.abs(range_mm), 1.0)
-    cuts = np.flatnonzero(np.diff(range_mm) > GAP * scale[1:]) + 1
-    target = max(BIN_TARGET, range_mm.size // MOST_BINS)
+    cuts = np.flatnonzero(np.diff(range_mm) > settings.gap * scale[1:]) + 1
+    target = max(settings.bin_target, range_mm.size // settings.most_bins)
     waiting = [slice(a, b) for a, b in pairwise([0, *cuts.tolist(), range_mm.size])]
     bins = []
     while waiting:
         part = waiting.pop()
         count = part.stop - part.start
         extent = (range_mm[part.stop - 1] - range_mm[part.start]) / scale[part.start]
-        if count >= 2 * LEAST_IN_BIN and (extent > WIDE or (count >= 2 * target and extent > NARROW)):
+        many = extent > settings.wide or (count >= 2 * target and extent > settings.narrow)
+        if count >= 2 * settings.least_in_bin and many:
             middle = (part.start + part.stop) // 2
             waiting += [slice(part.start, middle), slice(middle, part.stop)]
-        elif count >= LEAST_IN_BIN and extent <= 2 * WIDE:
+        elif count >= settings.least_in_bin and extent <= 2 * settings.wide:
             bins.append(part)
     return sorted(bins, key=lambda part: part.start)
 
 
 def measure_bins(
-    range_mm: FloatArray, log_sigma: FloatArray, bins: Sequence[slice], degrees: int
+    range_mm: FloatArray, log_sigma: FloatArray, bins: Sequence[slice], degrees: int, settings: CurveSettings
 ) -> tuple[list[Point], Located]:
     """Measure the bins, three times: the slope of the curve within each is taken out by the curve before.
 
@@ -87,6 +65,8 @@ def measure_bins(
         From `cut_into_bins`, at least one.
     degrees : int
         Degrees of freedom of the variances.
+    settings : CurveSettings
+        Thresholds.
 
     Returns
     -------
@@ -98,11 +78,11 @@ def measure_bins(
     centres = np.array([np.median(range_mm[members]) for members in bins])
     points: list[Point] = []
     for _ in range(3):
-        slope = log_curve(points, range_mm) if points else np.zeros(len(range_mm))
-        at_centre = log_curve(points, centres) if points else np.zeros(len(centres))
+        slope = log_curve(points, range_mm, settings) if points else np.zeros(len(range_mm))
+        at_centre = log_curve(points, centres, settings) if points else np.zeros(len(centres))
         level = log_sigma - slope
         found = locate([level[members] + at_centre[b] for b, members in enumerate(bins)], degrees)
-        smoothed = smooth(np.log(np.maximum(centres, 1.0)), found.log_sigma, found.error)
+        smoothed = smooth(np.log(np.maximum(centres, 1.0)), found.log_sigma, found.error, settings.least_smoothed)
         points = [
             Point(members, float(range_mm[members][0]), float(centre), float(range_mm[members][-1]), float(value))
             for members, centre, value in zip(bins, centres, smoothed, strict=True)
@@ -110,27 +90,29 @@ def measure_bins(
     return points, found
 
 
-def smooth(x: FloatArray, y: FloatArray, error: FloatArray) -> FloatArray:
-    """Smooth values with known errors by cubic splines, as far as their own scatter asks for it.
+def smooth(x: FloatArray, y: FloatArray, error: FloatArray, least: int) -> FloatArray:
+    """Smooth values with known errors by cubic splines, according to their scatter.
 
     A spline is the mean of a process whose second derivative is white noise. Its variance is integrated out by the
-    restricted likelihood of the values, so that kinks keep values as they are and straight curves pool them.
+    restricted likelihood of the values, so kinks remain, and straight curves pool the values.
 
     Parameters
     ----------
     x, y, error : (n,) float64
         Ascending places, values there, and their standard errors, above 0.
+    least : int
+        Fewest values that determine their smoothness.
 
     Returns
     -------
     (n,) float64
-        Smoothed values; as they are where there are fewer than `LEAST_SMOOTHED`.
+        Smoothed values; as they are where there are fewer than `least`.
 
     References
     ----------
     Wahba, J. Royal Statistical Society B 40 (1978), 364; Wecker and Ansley, JASA 78 (1983), 81.
     """
-    if len(x) < LEAST_SMOOTHED or not x[-1] > x[0]:
+    if len(x) < least or not x[-1] > x[0]:
         return y
     u = (x - x[0]) / (x[-1] - x[0])
     low, high = np.minimum.outer(u, u), np.maximum.outer(u, u)
@@ -149,7 +131,7 @@ def smooth(x: FloatArray, y: FloatArray, error: FloatArray) -> FloatArray:
     return np.asarray(weight @ np.array(fits) / weight.sum(), dtype=np.float64)
 
 
-def log_curve(points: Sequence[Point], range_mm: FloatArray) -> FloatArray:
+def log_curve(points: Sequence[Point], range_mm: FloatArray, settings: CurveSettings) -> FloatArray:
     """Log sigma at any range: a power law from point to point, carried on past the outer ones by their neighbours'."""
     x = np.log(np.maximum(range_mm, 1.0))
     at = np.log(np.maximum([p.centre for p in points], 1.0))
@@ -158,24 +140,24 @@ def log_curve(points: Sequence[Point], range_mm: FloatArray) -> FloatArray:
     at, values = at[distinct], values[distinct]
     if len(at) == 1:
         return np.full(x.shape, values[0])
-    slopes = np.clip(np.diff(values) / np.diff(at), *SLOPES)
+    slopes = np.clip(np.diff(values) / np.diff(at), *settings.slopes)
     log_sigma: FloatArray = np.interp(x, at, values)
     log_sigma += slopes[0] * np.minimum(x - at[0], 0.0) + slopes[-1] * np.maximum(x - at[-1], 0.0)
     return log_sigma
 
 
-def join(points: Sequence[Point]) -> NoiseCurve:
+def join(points: Sequence[Point], settings: CurveSettings) -> NoiseCurve:
     """Curve through the points, the ends of their bins, and the power law where nothing was seen."""
     ends = {round(value, 1) for p in points for value in (p.low, p.centre, p.high)}
     knots = sorted(ends)
     filled = [knots[0]]
     for before, after in pairwise(knots):
-        if before >= 1.0 and after > FILL * before:
-            pieces = math.ceil(math.log(after / before) / math.log(FILL))
+        if before >= 1.0 and after > settings.fill * before:
+            pieces = math.ceil(math.log(after / before) / math.log(settings.fill))
             filled += [round(before * (after / before) ** (k / pieces), 1) for k in range(1, pieces)]
         filled.append(after)
     range_mm = np.unique(np.array(filled))
-    return NoiseCurve(range_mm, np.exp(log_curve(points, range_mm)))
+    return NoiseCurve(range_mm, np.exp(log_curve(points, range_mm, settings)))
 
 
 def reference_at(law: AmplitudeLaw, centres: FloatArray, range_mm: FloatArray) -> FloatArray:

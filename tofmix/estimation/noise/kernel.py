@@ -1,7 +1,7 @@
 """The noise curve as kernels read it."""
 
 from tofmix.arrays import FloatArray
-from tofmix.jit import borrowing
+from tofmix.compiled.jit import borrowing
 
 
 @borrowing

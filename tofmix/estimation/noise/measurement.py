@@ -6,12 +6,12 @@ knows a curve beforehand.
 
 1. `series` gives each pixel's variance and shape, run of frames by run.
 2. Series shaped as one Gaussian are sorted by range into bins (`curve`).
-3. Where amplitudes were recorded, and held-out pixels ask for it, sigma is a function of range and amplitude
-   (`amplitude`); what amplitude does is taken out of the series then.
+3. If amplitudes were recorded and predict held-out pixels better, sigma is a function of range and amplitude
+   (`amplitude`); the series are then divided by the factor of amplitude.
 4. A bin's sigma is that of the lowest group of its series: two surfaces closer than some 3 sigma look like one
    with a larger sigma, never a smaller one (`scale`).
-5. The curve through the bins is taken out and the bins are measured again, so that a steep curve within a bin
-   does no harm. They are smoothed as far as their scatter asks for it.
+5. The curve through the bins is divided out and the bins are measured again, so a steep curve within a bin causes no
+   error. They are smoothed according to their scatter.
 """
 
 import math
@@ -23,8 +23,6 @@ import numpy as np
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.estimation.noise.amplitude import ChosenLaw, SpreadSeries, choose_law
 from tofmix.estimation.noise.curve import (
-    LEAST_IN_BIN,
-    WIDE,
     Point,
     cut_into_bins,
     join,
@@ -47,18 +45,10 @@ from tofmix.estimation.noise.series import (
     shaped_as_one,
     trend_degree,
 )
+from tofmix.estimation.noise.settings import DEFAULT_SETTINGS, CurveSettings, NoiseSettings
 from tofmix.recording import SampleSource, by_target
 from tofmix.sensor import NoiseCurve, Sensor
 from tofmix.wording import counted
-
-STRICTNESS = 0.1
-"""Share of Gaussian series that each test of shape turns away: it costs no bias."""
-
-PILE_SIGMA = 0.5
-"""Samples without a return with less than this share of their neighbour's sigma are a constant."""
-
-LEAST_FITTING = 0.1
-"""Share of series that must have the shape of one surface for the tests of shape to count."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -70,7 +60,7 @@ class MeasuredNoise:
     curve : NoiseCurve
         sigma(r), mm; with a law of amplitude where the recording shows one.
     pixels : (n,) int64
-        Pixels that tell each point of the curve; 0 where it is carried on from its neighbours.
+        Pixels that determine each point of the curve; 0 for points that follow from neighbours.
     outlier_probability : float
         p(c_r) of equation (1), in (0, 1).
     outlier_samples : int
@@ -89,7 +79,7 @@ class MeasuredNoise:
     law_gain: float | None = None
 
 
-def measure_noise(source: SampleSource) -> MeasuredNoise:
+def measure_noise(source: SampleSource, *, settings: NoiseSettings = DEFAULT_SETTINGS) -> MeasuredNoise:
     """Measure sigma(r), or sigma by range and amplitude, and p(c_r) from a recording.
 
     The sensor's own curve is not looked at. The result depends on the samples and their amplitudes alone.
@@ -99,6 +89,8 @@ def measure_noise(source: SampleSource) -> MeasuredNoise:
     source : SampleSource
         The recording; at least 10 frames, and 20 pixels that see one surface at about one range. Amplitudes are used
         if it is a `tofmix.recording.AmplitudeSource`.
+    settings : NoiseSettings
+        Thresholds.
 
     Returns
     -------
@@ -118,17 +110,19 @@ def measure_noise(source: SampleSource) -> MeasuredNoise:
     series = read_series(source)
     step = quantisation_step(series.samples)
     found = series_statistics(series, step)
-    chosen = single_surface(found)
-    bins = cut_into_bins(found.range_mm[chosen])
+    chosen = single_surface(found, settings)
+    bins = cut_into_bins(found.range_mm[chosen], settings.curve)
     if not bins:
-        raise ValueError(_what_is_missing(source, found, chosen))
-    spread = _Spread(series, found, chosen, bins, step)
+        raise ValueError(_what_is_missing(source, found, chosen, settings.curve))
+    spread = _Spread(series, found, chosen, bins, step, settings)
     law = spread.law()
-    points = _without_constant_pile(spread.points(law), source.sensor)
-    curve = join(points)
+    points = _without_constant_pile(spread.points(law), source.sensor, settings.pile_sigma)
+    curve = join(points, settings.curve)
     if law is not None:
         curve = with_law(curve, law.law, spread.centres)
-    p_outlier, n_outliers = measure_outliers(series.samples, found, curve, source.sensor, series.amplitude)
+    p_outlier, n_outliers = measure_outliers(
+        series.samples, found, curve, source.sensor, series.amplitude, settings=settings.outliers
+    )
     return MeasuredNoise(
         curve=curve,
         pixels=_pixels(curve, points, series.pixel[chosen]),
@@ -139,12 +133,12 @@ def measure_noise(source: SampleSource) -> MeasuredNoise:
     )
 
 
-def single_surface(found: SeriesStatistics) -> IntArray:
+def single_surface(found: SeriesStatistics, settings: NoiseSettings = DEFAULT_SETTINGS) -> IntArray:
     """Numbers of the series that are shaped as one surface, by range; all with samples where hardly any is."""
     usable = found.kept > 0
-    fits = usable & shaped_as_one(found, STRICTNESS)
+    fits = usable & shaped_as_one(found, settings.strictness)
     # Noise that is not Gaussian fails the tests nearly everywhere: then they tell nothing of surfaces.
-    if fits.sum() < LEAST_FITTING * usable.sum():
+    if fits.sum() < settings.least_fitting * usable.sum():
         fits = usable
     moving = found.variance > 0
     if 2 * (fits & moving).sum() > fits.sum():
@@ -153,17 +147,19 @@ def single_surface(found: SeriesStatistics) -> IntArray:
     return chosen[np.argsort(found.range_mm[chosen], kind="stable")]
 
 
-def _what_is_missing(source: SampleSource, found: SeriesStatistics, chosen: IntArray) -> str:
+def _what_is_missing(
+    source: SampleSource, found: SeriesStatistics, chosen: IntArray, settings: CurveSettings
+) -> str:  # fmt: skip
     frames = source.shape[0]
     if frames < LEAST_SAMPLES:
         return f"noise: {counted(frames, 'frame')}; at least {LEAST_SAMPLES} are needed to measure it"
-    filled = int((found.valid >= LEAST_SAMPLES).sum())
-    if filled < LEAST_IN_BIN:
+    least, filled = settings.least_in_bin, int((found.valid >= LEAST_SAMPLES).sum())
+    if filled < least:
         seen = counted(filled, "pixel")
-        return f"noise: {seen} with {LEAST_SAMPLES} valid samples or more; at least {LEAST_IN_BIN} are needed"
+        return f"noise: {seen} with {LEAST_SAMPLES} valid samples or more; at least {least} are needed"
     return (
-        f"noise: one surface in {counted(chosen.size, 'pixel')}, and nowhere {LEAST_IN_BIN} of them within"
-        f" {100 * WIDE:.0f} % of one range, as measuring it needs"
+        f"noise: {counted(chosen.size, 'pixel')} of one surface; measuring needs {least} of them within"
+        f" {100 * settings.wide:.0f} % of one range"
     )
 
 
@@ -171,8 +167,10 @@ class _Spread:
     """The series that tell of the noise, by range, in bins."""
 
     def __init__(
-        self, series: Series, found: SeriesStatistics, chosen: IntArray, bins: Sequence[slice], step: float
-    ) -> None:
+        self, series: Series, found: SeriesStatistics, chosen: IntArray, bins: Sequence[slice], step: float,
+        settings: NoiseSettings,
+    ) -> None:  # fmt: skip
+        self._settings = settings
         self._bins = bins
         self._range, self._variance, self._memory = (
             values[chosen] for values in (found.range_mm, found.variance, found.memory)
@@ -193,24 +191,26 @@ class _Spread:
         if not np.isfinite(self._log_amplitude).any():
             return None
         log_sigma = self._log_sigma()
-        points, _ = measure_bins(self._range, log_sigma, self._bins, self._degrees)
+        points, _ = measure_bins(self._range, log_sigma, self._bins, self._degrees, self._settings.curve)
         group = np.repeat(np.arange(len(self._bins)), [members.stop - members.start for members in self._bins])
         inside = np.concatenate([np.arange(members.start, members.stop) for members in self._bins])
         chosen = choose_law(
             SpreadSeries(
                 group=group,
-                log_sigma=(log_sigma - log_curve(points, self._range))[inside],
+                log_sigma=(log_sigma - log_curve(points, self._range, self._settings.curve))[inside],
                 log_amplitude=self._log_amplitude[inside],
                 pixel=self._pixel[inside],
                 degrees=self._degrees,
-            )
+            ),
+            self._settings.amplitude,
         )
         if chosen is None:
             return None
         # A reference that jumps with the reflectivity of each bin's pixels would make the curve jump with it.
         log_reference = np.log(chosen.law.reference)
         error = np.array([_spread_of(self._log_amplitude[members]) for members in self._bins])
-        smoothed = smooth(np.log(np.maximum(self.centres, 1.0)), log_reference, error)
+        least = self._settings.curve.least_smoothed
+        smoothed = smooth(np.log(np.maximum(self.centres, 1.0)), log_reference, error, least)
         return replace(chosen, law=replace(chosen.law, reference=np.exp(smoothed)))
 
     def points(self, law: ChosenLaw | None) -> list[Point]:
@@ -220,16 +220,17 @@ class _Spread:
             reference = reference_at(law.law, self.centres, self._range)
             known = np.isfinite(self._log_amplitude)
             log_factor = law.law.log_factor(np.where(known, np.exp(self._log_amplitude), reference))
-        plain = self._log_sigma() - log_factor
-        points, located = measure_bins(self._range, plain, self._bins, self._degrees)
+        plain, settings = self._log_sigma() - log_factor, self._settings.curve
+        points, located = measure_bins(self._range, plain, self._bins, self._degrees, settings)
         # Surfaces that take turns have no memory: only that of the single series counts, by their variance.
-        away = plain - log_curve(points, self._range)
+        away = plain - log_curve(points, self._range, settings)
         share = single_share(away, self._degrees, located.chances) * np.exp(2.0 * np.minimum(away, 1.0))
         memory = float(share @ self._memory / share.sum())
         correction = memory_correction(memory, self._size)
         if correction == 1.0:
             return points
-        return measure_bins(self._range, self._log_sigma(correction) - log_factor, self._bins, self._degrees)[0]
+        corrected = self._log_sigma(correction) - log_factor
+        return measure_bins(self._range, corrected, self._bins, self._degrees, settings)[0]
 
 
 def _spread_of(log_amplitude: FloatArray) -> float:
@@ -238,13 +239,13 @@ def _spread_of(log_amplitude: FloatArray) -> float:
     return max(float(known.std()), 0.01) if known.size else 1.0
 
 
-def _without_constant_pile(points: list[Point], sensor: Sensor) -> list[Point]:
+def _without_constant_pile(points: list[Point], sensor: Sensor, pile_sigma: float) -> list[Point]:
     """Leave out samples without a return that are a constant: their spread is not sigma(range_max)."""
     if sensor.range_max_mm is None or len(points) == 1:
         return points
     before, last = points[-2:]
     near = last.high >= sensor.range_max_mm - 3.0 * math.exp(before.log_sigma)
-    return points[:-1] if near and last.log_sigma < before.log_sigma + math.log(PILE_SIGMA) else points
+    return points[:-1] if near and last.log_sigma < before.log_sigma + math.log(pile_sigma) else points
 
 
 def _pixels(curve: NoiseCurve, points: Sequence[Point], pixel: IntArray) -> IntArray:

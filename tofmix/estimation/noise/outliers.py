@@ -11,21 +11,9 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.beam import outlier_interval
 from tofmix.estimation.noise.series import SeriesStatistics
+from tofmix.estimation.noise.settings import OutlierSettings
 from tofmix.sensor import NoiseCurve, Sensor
 
-FAR_SIGMAS = 5.0
-"""Samples that are farther from the surface are no noise."""
-
-NEIGHBOUR_SIGMAS = 3.0
-"""Two of them that are nearer to each other are a weak surface."""
-
-CELLS = 20
-"""Parts of the working range."""
-
-LEAST_IN_CELL = 5
-"""Outliers a part on average, from which the median part tells."""
-
-_SUSPECT_FACTOR = 1.35  # a series whose spread is that many times sigma(r) may see two surfaces
 _BLOCK = 8192  # series at once, for memory
 
 
@@ -35,6 +23,8 @@ def measure_outliers(
     curve: NoiseCurve,
     sensor: Sensor,
     amplitude: FloatArray | None = None,
+    *,
+    settings: OutlierSettings,
 ) -> tuple[float, int]:
     """Share of random values among samples.
 
@@ -50,6 +40,8 @@ def measure_outliers(
         For the interval of random values, as in the estimator (`tofmix.estimation.beam.outlier_interval`).
     amplitude : (series,) float64, optional
         Amplitude of each series, for a curve with a law.
+    settings : OutlierSettings
+        Thresholds.
 
     Returns
     -------
@@ -59,27 +51,32 @@ def measure_outliers(
         k.
     """
     low, high = outlier_interval(sensor, curve)
-    top = high if sensor.range_max_mm is None else high - FAR_SIGMAS * float(curve.sigma(high))
+    top = high if sensor.range_max_mm is None else high - settings.far_sigmas * float(curve.sigma(high))
     sigma = curve.sigma(statistics.range_mm, amplitude)
-    one = (statistics.kept > 0) & (np.sqrt(statistics.variance) < _SUSPECT_FACTOR * sigma)
+    one = (statistics.kept > 0) & (np.sqrt(statistics.variance) < settings.suspect_factor * sigma)
     series = np.flatnonzero(one & (statistics.range_mm < top))
     if not low < top or series.size == 0:
         return sensor.outlier_probability or 0.5, 0
-    edges = np.linspace(low, top, CELLS + 1)
-    seen, exposure, count = np.zeros(CELLS), np.zeros(CELLS), 0
+    edges = np.linspace(low, top, settings.cells + 1)
+    seen, exposure, count = np.zeros(settings.cells), np.zeros(settings.cells), 0
     for start in range(0, series.size, _BLOCK):
         block = series[start : start + _BLOCK]
-        centre, reach = statistics.range_mm[block], FAR_SIGMAS * sigma[block]
-        alone, weight = _alone(samples[block], centre, reach, curve, (low, top))
+        centre, reach = statistics.range_mm[block], settings.far_sigmas * sigma[block]
+        alone, weight = _alone(samples[block], centre, reach, curve, (low, top), settings.neighbour_sigmas)
         seen += np.histogram(alone, edges, weights=weight)[0]
         count += alone.size
         hidden = _overlap(centre - reach, centre + reach, edges)
         exposure += statistics.valid[block] @ (np.diff(edges) - hidden)
-    return _share(seen, exposure, high - low), count
+    return _share(seen, exposure, high - low, settings.least_in_cell), count
 
 
 def _alone(
-    samples: Float32Array, centre: FloatArray, reach: FloatArray, curve: NoiseCurve, limits: tuple[float, float]
+    samples: Float32Array,
+    centre: FloatArray,
+    reach: FloatArray,
+    curve: NoiseCurve,
+    limits: tuple[float, float],
+    neighbour_sigmas: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Outliers that lie alone, and their weights: for each, how many there are that chance has not put together."""
     low, top = limits
@@ -87,7 +84,7 @@ def _alone(
     far = (np.abs(values - centre[:, None]) > reach[:, None]) & (values >= low) & (values <= top)
     rows, cols = np.nonzero(far)
     place = values[rows, cols]
-    near = NEIGHBOUR_SIGMAS * curve.sigma(place)
+    near = neighbour_sigmas * curve.sigma(place)
     padded = np.pad(values, ((0, 0), (1, 1)), constant_values=np.nan)
     # A comparison with NaN is false: there is no neighbour.
     has_neighbour = (place - padded[rows, cols] <= near) | (padded[rows, cols + 2] - place <= near)
@@ -102,12 +99,12 @@ def _overlap(first: FloatArray, last: FloatArray, edges: FloatArray) -> FloatArr
     return np.asarray(np.maximum(cover, 0.0), dtype=np.float64)
 
 
-def _share(seen: FloatArray, exposure: FloatArray, length: float) -> float:
+def _share(seen: FloatArray, exposure: FloatArray, length: float, least_in_cell: int) -> float:
     """p(c_r) from outliers seen in each cell and what was exposed, samples times mm."""
     total, exposed = float(seen.sum()), float(exposure.sum())
     trials = max(exposed / length, 1.0)
     share = (total + 0.5) / (trials + 1.0)
-    if total >= LEAST_IN_CELL * len(seen):
+    if total >= least_in_cell * len(seen):
         known = exposure > 0
         share = float(np.median(seen[known] / exposure[known])) * length
         share = max(share, 0.5 / (trials + 1.0))

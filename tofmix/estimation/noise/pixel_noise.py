@@ -13,10 +13,10 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import Float32Array, FloatArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam, PixelCurves
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.jit import jit
 from tofmix.sensor import NoiseCurve
 
 APART_SIGMAS = 3.0

@@ -1,10 +1,9 @@
-"""Series of one pixel's samples in time, and the statistics that tell its noise without knowing the noise curve.
+"""Series of one pixel's samples in time, and the statistics that give its noise without a noise curve.
 
-Use it through `noise`. A series is one pixel in one run of consecutive frames. Its
-trend in time (drift, a surface that moves) is taken out by a polynomial, samples
-far off are set aside, and what is left has a variance and a shape. For Gaussian
-noise the shape is independent of the variance (Basu's theorem), so that series
-may be picked by their shape as strictly as one likes and the variance stays unbiased.
+Use it through `noise`. A series is one pixel in one run of consecutive frames. Its trend in time (drift, a surface that
+moves) is removed by a polynomial, samples far off are set aside, and the residuals have a variance and a shape. For
+Gaussian noise the shape is independent of the variance (Basu's theorem), so that series may be picked by their shape as
+strictly as one likes and the variance stays unbiased.
 """
 
 import math
@@ -15,16 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from tofmix.compiled.jit import jit
+from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.jit import jit
 from tofmix.recording import AmplitudeSource, SampleSource, amplitude_source
-from tofmix.robust import MAD_TO_SIGMA
 
 SERIES_FRAMES = 100
-"""Frames of a series: long enough to tell a shape, short enough for drift to be a polynomial."""
-
-MAX_SERIES = 1 << 17
-"""Most series that are looked at: 52 MB of samples."""
+"""Frames of a series: long enough to determine a shape, short enough for drift to be a polynomial."""
 
 LEAST_SAMPLES = 10
 """Fewest valid samples of a series."""
@@ -75,11 +71,11 @@ class SeriesStatistics(NamedTuple):
     memory: FloatArray
 
 
-def read_series(source: SampleSource, *, most: int = MAX_SERIES) -> Series:
+def read_series(source: SampleSource, *, most: int = 1 << 17) -> Series:
     """Take series from a recording: all pixels up to `most`, in as many runs of frames as that allows.
 
-    Runs are spread evenly over the recording. Of larger images every k-th row is taken. What is taken depends on the
-    recording's sizes alone. It is read band by band.
+    Runs are spread evenly over the recording. Of larger images every k-th row is taken. The selection depends on the
+    recording's sizes alone. It is read band by band; 131,072 series take 52 MB.
     """
     frames, rows, cols = source.shape
     length = min(frames, SERIES_FRAMES)
@@ -120,7 +116,7 @@ def read_runs(
 
 
 def _medians(amplitude: Float32Array) -> FloatArray:
-    """Median of the finite values above 0 of each row, NaN where there is none.
+    """Median of the finite values above 0 of each row; NaN without any.
 
     `np.nanmedian` gives the same, one row after the other, and is slower.
     """
@@ -219,7 +215,7 @@ def _series_statistics(samples: Float32Array, step: float) -> SeriesStatistics:
 
 
 def series_statistics(series: Series, step_mm: float) -> SeriesStatistics:
-    """Statistics of each series; `step_mm` is what `quantisation_step` returned."""
+    """Statistics of each series; `step_mm` is the result of `quantisation_step`."""
     return _series_statistics(np.ascontiguousarray(series.samples), step_mm)
 
 

@@ -14,18 +14,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.vector import exp_minus, sums_of
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.reach import within_reach
 from tofmix.estimation.samples import Readings, readings_of
-from tofmix.jit import borrowing, jit
 from tofmix.sensor import NoiseCurve
-from tofmix.vector import exp_minus, sums_of
 
 BANDWIDTH = 0.5
 """h(r) in units of sigma(r): half the resolution (paper, section IV c)."""
 
 REACH = 5.0
-"""A kernel counts up to this many h: what is left out is below 4e-6 of its height."""
+"""A kernel extends to this many h: beyond, it is below 4e-6 of its height."""
 
 
 @borrowing

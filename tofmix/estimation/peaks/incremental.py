@@ -1,11 +1,10 @@
 """The density of a live sequence: new frames are added, old ones are never touched again.
 
-Use `IncrementalDensity` where frames arrive one after the other and the number of
-surfaces is wanted at any time. With all samples at hand, `tofmix.estimation.peaks.counters.Kde`
-finds the same peaks in less memory.
+Use `IncrementalDensity` where frames arrive one after the other and the number of surfaces is wanted at any time. If
+all samples are available, `tofmix.estimation.peaks.counters.Kde` finds the same peaks in less memory.
 
-The sums of equation (4) stand on a fixed grid, so that a sample costs the few dozen
-grid points in its kernel's reach, whatever came before.
+The sums of equation (4) are kept on a fixed grid. So a sample costs only the few dozen grid points within its kernel,
+after any number of earlier samples.
 """
 
 import math
@@ -16,13 +15,13 @@ from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray, IntArray
 from tofmix.circle import fold
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import Kde, Peaks
 from tofmix.estimation.peaks.counters.base import SIGMAS_BEYOND, no_peaks
 from tofmix.estimation.peaks.density import BANDWIDTH, REACH
 from tofmix.estimation.peaks.modes import LONE_SAMPLES, PEAK_OF_SHARE, STEP, keep_peak
 from tofmix.estimation.samples import FARTHEST_MM
-from tofmix.jit import jit
 from tofmix.sensor import Sensor
 
 _DIMENSIONS = 2  # (frame, pixel)
@@ -195,7 +194,7 @@ class IncrementalDensity:
         self._n_samples = n_samples
 
     def _add_across_the_fold(self, values: FloatArray, length: float) -> None:
-        """Add what the kernels of folded samples lend the grid on the other side of the fold."""
+        """Add the parts of the kernels of folded samples beyond the fold."""
         reach, uncounted = REACH * float(self._h.max()), self._n_samples.copy()
         for image in (
             np.where(values < reach, values + length, np.nan),

@@ -1,11 +1,9 @@
 """Step 1, second half: the peaks of the density, test (5).
 
-A peak is a run of places with p > gamma, |dp/dr| < epsilon and d2p/dr2 < 0. The
-walk goes over the samples in steps of sigma / 8, twice that where the density is steep; where dp/dr changes its sign
-between two steps, the run holds that place, so that a strict peak is found
-however small epsilon is. Peaks are where surfaces are looked for: close surfaces
-share one, few samples make some too many, and neighbours displace them. `mixture`
-and `counting` go on from them.
+A peak is a run of places with p > gamma, |dp/dr| < epsilon and d2p/dr2 < 0. The walk goes over the samples in steps of
+sigma / 8, twice that where the density is steep; where dp/dr changes its sign between two steps, the run includes that
+place, so strict peaks are found for any epsilon. Peaks are where surfaces are looked for: close surfaces share one, few
+samples make some too many, and neighbours displace them. `mixture` and `counting` go on from them.
 
 In the derivatives the bandwidth is held at its local value. The full derivative
 of (4) jumps at the corners of a noise curve, which can split one peak in two.
@@ -17,11 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.peaks.density import BANDWIDTH, REACH, kernel_bend, kernel_sums
 from tofmix.estimation.reach import whole_lanes, within_reach
 from tofmix.estimation.samples import Readings, readings_of
-from tofmix.jit import borrowing
 from tofmix.sensor import NoiseCurve
 
 STEP = 0.125
@@ -34,7 +32,8 @@ PEAK_OF_SHARE = 1.0 / math.sqrt(1.0 + 1.0 / BANDWIDTH**2)
 """Height of the smoothed peak of a surface of share 1, in units of one kernel's peak."""
 
 LONE_SAMPLES = 3.0
-"""A peak must be as high as that of a surface of 3 samples: one sample alone, as high as one of 2.2, is none."""
+"""A peak must be as high as that of a surface of 3 samples: one sample alone is as high as a surface of 2.2, and is not
+a peak."""
 
 
 @borrowing

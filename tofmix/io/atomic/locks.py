@@ -1,7 +1,7 @@
 """One run an output: the temporary file that becomes the output is locked by the run that writes it.
 
-The kernel drops the lock when the run ends, however it ends. So a second run is refused at once, and a temporary file
-that nobody has locked is a dead run's and is removed. The name of a temporary file tells the machine: on a disk that
+The kernel drops the lock when the run ends, however it ends. So a second run is refused at once. A temporary file
+without a lock belongs to a dead run and is removed. The name of a temporary file tells the machine: on a disk that
 several machines share, none touches another's, for locks need not reach that far.
 """
 
@@ -123,7 +123,7 @@ def _machine() -> str:
 
 
 def _lock(path: Path) -> OutputLock | None:
-    """Create and lock a file; None where the disk knows no locks. What a dead run left there is replaced."""
+    """Create and lock a file; None where the disk knows no locks. A file that a dead run left there is replaced."""
     for attempt in range(ATTEMPTS):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:

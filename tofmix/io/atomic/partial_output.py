@@ -1,4 +1,4 @@
-"""Which files and folders of this process are unfinished: what goes when it dies, and what a later run takes up."""
+"""The partial files and folders of this process: which are removed when it dies, and which a later run continues."""
 
 import shutil
 from collections.abc import Callable
@@ -28,13 +28,13 @@ def discard_partial_outputs() -> None:
 
 
 def note_partial_output(*paths: Path, resumable: bool) -> None:
-    """Say of files beside an output whether `discard_partial_outputs` removes them, or leaves them to a later run."""
+    """Mark files next to an output: `discard_partial_outputs` removes them, or leaves them to a later run."""
     (_resumable if resumable else _partial).update(paths)
     (_partial if resumable else _resumable).difference_update(paths)
 
 
 def forget_partial_output(*paths: Path) -> None:
-    """Say that files are gone or finished."""
+    """Mark files as removed or finished."""
     _partial.difference_update(paths)
     _resumable.difference_update(paths)
 

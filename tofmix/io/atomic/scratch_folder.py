@@ -1,4 +1,4 @@
-"""A folder for what is unpacked and used up, in the temporary folder; it goes with the run, however the run ends.
+"""A folder for unpacked data in the temporary folder; it is removed with the run, even if the run is killed.
 
 A killed run cannot remove its own. As it is locked while its run lives, the next one that needs a folder removes it.
 """

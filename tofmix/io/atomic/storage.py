@@ -1,10 +1,9 @@
 """Outputs that appear whole or not at all.
 
-A new file is written beside its final place under a temporary name, synced, and
-renamed; `tofmix.io.atomic.locks` keeps other runs from it meanwhile. HDF5 cannot bear a
-failing write (the library dies at exit once a write has failed), so it writes through
-`Sink`, which remembers the first failure and swallows all that follows;
-`AtomicFile.commit` then raises it in good order.
+A new file is written under a temporary name in the same folder, synced, and renamed; `tofmix.io.atomic.locks` keeps
+other runs from it meanwhile. HDF5 cannot bear a failing write (the library dies at exit once a write has failed), so it
+writes through `Sink`, which remembers the first failure and swallows all that follows; `AtomicFile.commit` then raises
+it in good order.
 """
 
 import os
@@ -97,10 +96,10 @@ class AtomicFile:
     overwrite : bool
         Whether a file that is already there may be replaced.
     inputs : tuple of Path
-        Files that must never be replaced, whatever `overwrite` says.
+        Files that must never be replaced, even with `overwrite`.
     temporary : Path, optional
-        The temporary name, in the same folder, where only one process can use it; what a killed one left there is
-        replaced. A name of its own without it.
+        The temporary name, in the same folder, where only one process can use it; a file that a killed one left there
+        is replaced. A name of its own without it.
 
     Raises
     ------
@@ -163,7 +162,7 @@ class AtomicFile:
         Raises
         ------
         StorageError
-            If a write, the sync or the renaming failed; the old file then stands.
+            If a write, the sync or the renaming failed; the old file then remains.
         UsageError
             If another program has made a file of that name meanwhile.
         """

@@ -26,7 +26,7 @@ from tofmix.io.exporters import (
 from tofmix.io.exporters.edge_lines import EdgeLine
 from tofmix.io.exporters.image import RangeImage
 from tofmix.io.exporters.outlines import Outline
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.points import PointSource
 
 PointWriter = Callable[[AtomicFile, PointSource, str, Callable[[], None]], int]
@@ -71,7 +71,7 @@ OF_SURFACES: dict[str, tuple[str, ...]] = {
 
 
 def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]]) -> str:
-    """Return what is to be written to a file: what is asked for, or what its name's end stands for.
+    """Return the content to write to a file: the requested one, or that of the extension.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]])
     Raises
     ------
     UsageError
-        With the ends that are known, or with what the end goes with.
+        With the known extensions, or the contents that the extension can hold.
     """
     suffix = path.suffix.lower()
     fitting = [one for one, suffixes in known.items() if suffix in suffixes]
@@ -98,7 +98,7 @@ def choose_what(path: Path, what: str | None, known: dict[str, tuple[str, ...]])
     if what is not None and what not in known:
         raise UsageError(f"--what {what} needs a surfaces file, written by tofmix surfaces; this is a layers file")
     if what is not None and what not in fitting:
-        raise UsageError(f"--what {what} does not go with {suffix}; its formats: {', '.join(known[what])}")
+        raise UsageError(f"--what {what} cannot be written as {suffix}; its formats: {', '.join(known[what])}")
     return what or fitting[0]
 
 
@@ -111,14 +111,14 @@ def export_points(
     overwrite: bool = False,
     inputs: tuple[Path, ...] = (),
 ) -> int:
-    """Write points in the format that the name's end says; return how many.
+    """Write points in the format of the extension; return their number.
 
     Parameters
     ----------
     path : Path
         The new file, ending in a key of `POINT_WRITERS`.
     points : LayerPoints
-        What to write; it is read twice where a header holds the count.
+        The points; read twice if a header holds their number.
     title : str
         Where they are from; what is not ASCII becomes a question mark.
     progress : callable, optional
@@ -148,7 +148,7 @@ def export_points(
 
 
 def export_image(path: Path, image: RangeImage, *, overwrite: bool = False, inputs: tuple[Path, ...] = ()) -> None:
-    """Write ranges as a 16-bit image in the format that the name's end says.
+    """Write ranges as a 16-bit image in the format of the extension.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def export_image(path: Path, image: RangeImage, *, overwrite: bool = False, inpu
 def export_edges(
     path: Path, lines: Sequence[EdgeLine], *, title: str, overwrite: bool = False, inputs: tuple[Path, ...] = ()
 ) -> None:
-    """Write edges in the format that the name's end says, a key of `EDGE_WRITERS`.
+    """Write edges in the format of the extension, a key of `EDGE_WRITERS`.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def export_edges(
 def export_planes(
     path: Path, source: SurfacesFile, outlines: Sequence[Outline], *, title: str, overwrite: bool = False
 ) -> None:
-    """Write surfaces as planes with outlines in the format that the name's end says, a key of `PLANE_WRITERS`.
+    """Write surfaces as planes with outlines in the format of the extension, a key of `PLANE_WRITERS`.
 
     Raises
     ------
@@ -191,5 +191,5 @@ def export_planes(
 
 
 def _one_line(title: str) -> str:
-    """ASCII on one line: a file's name stands in headers of text, and must not end them."""
+    """ASCII on one line: text headers contain the name of a file, which must not end them."""
     return "".join(c if c.isprintable() else "?" for c in title).encode("ascii", "replace").decode()

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.io.exporters.placing import on_planes
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

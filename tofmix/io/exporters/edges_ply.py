@@ -26,7 +26,7 @@ FIELDS: tuple[PointField, ...] = (
 
 
 def write(file: AtomicFile, lines: Sequence[EdgeLine], title: str) -> None:
-    """Write the points that have a place in space, and what joins them."""
+    """Write the points that have a position in space, and the edges between them."""
     runs = [_vertices(line, run) for line in lines for run in line.runs()]
     vertices = np.concatenate([np.zeros(0, packed(FIELDS)), *runs])
     joined = np.ones(len(vertices), dtype=np.bool_)  # to the next

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from tofmix.io.exporters.placing import directions, optics_of
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.points import MM_A_METRE, PointArray, PointField, packed
 
 FIELDS: tuple[PointField, ...] = (
@@ -37,7 +37,7 @@ class FinePoints:
     Raises
     ------
     BadInputError
-        If the file does not say where its pixels look.
+        If the file lacks the directions of its pixels.
     """
 
     def __init__(self, file: SurfacesFile, windows: Sequence[int]) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
 
-_LARGEST = 65535  # largest count that a 16-bit image stores
+_LARGEST = np.iinfo(np.uint16).max  # largest count that a 16-bit image stores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -18,13 +18,13 @@ class RangeImage:
     Parameters
     ----------
     range_mm : (row, col) float32
-        Ranges, mm; NaN where there is none.
+        Ranges, mm; NaN for none.
     scale_mm : float
         mm of one count, above 0.
     title : str
         Where they are from; one line of ASCII.
     none : str
-        What a count of 0 stands for.
+        Meaning of a count of 0.
     """
 
     range_mm: Float32Array
@@ -33,7 +33,7 @@ class RangeImage:
     none: str = "no layer"
 
     def counts(self) -> NDArray[np.uint16]:
-        """Nearest whole counts (row, col) uint16; 0 where there is none.
+        """Nearest whole counts (row, col) uint16; 0 for none.
 
         Raises
         ------

@@ -14,20 +14,13 @@ from numpy.typing import NDArray
 from tofmix.arrays import FloatArray
 from tofmix.io.exporters.placing import on_planes
 from tofmix.io.extras import need
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.surfaces.found import NO_SURFACE
-
-TOLERANCE = 1.0
-"""Parts of a pixel: points whose triangle with their neighbours is smaller than a square of this side are left out.
-
-A border that runs across the parts has steps that are artefacts of the image; the triangle at a step of one part by one
-is half a part. Longer steps, of nearly level borders, stay: triangles as large may be corners of a thin surface.
-"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outline:
-    """Polygons of one surface in the image; holes are what other surfaces hide.
+    """Polygons of one surface in the image; holes are the parts that other surfaces hide.
 
     Parameters
     ----------
@@ -62,7 +55,9 @@ def outlines(file: SurfacesFile, windows: Sequence[int]) -> list[Outline]:
     return found
 
 
-def trace(numbers: NDArray[np.int32], factor: int) -> tuple[NDArray[np.object_], NDArray[np.int32]]:
+def trace(
+    numbers: NDArray[np.int32], factor: int, *, tolerance: float = 1.0
+) -> tuple[NDArray[np.object_], NDArray[np.int32]]:
     """Polygons of the regions of an image of numbers.
 
     Parameters
@@ -71,6 +66,11 @@ def trace(numbers: NDArray[np.int32], factor: int) -> tuple[NDArray[np.object_],
         Number of each part of a pixel; `NO_SURFACE`: none.
     factor : int
         Parts along each side of a pixel.
+    tolerance : float
+        Parts of a pixel: points whose triangle with their neighbours is smaller than a square of this side are left
+        out. A border that runs across the parts has steps that are artefacts of the image; the triangle at a step of
+        one part by one is half a part. Longer steps, of nearly level borders, stay: triangles as large may be corners
+        of a thin surface.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def trace(numbers: NDArray[np.int32], factor: int) -> tuple[NDArray[np.object_],
     inside = shapely.get_coordinates(shapely.point_on_surface(faces)).astype(np.intp)
     number = numbers[inside[:, 1], inside[:, 0]]
     faces, number = faces[number != NO_SURFACE], number[number != NO_SURFACE]
-    faces = shapely.normalize(shapely.coverage_simplify(faces, TOLERANCE))
+    faces = shapely.normalize(shapely.coverage_simplify(faces, tolerance))
     left, top, _, _ = shapely.bounds(faces).reshape(-1, 4).T
     order = np.lexsort((left, top, number))
     return shapely.transform(faces[order], lambda places: places / factor - 0.5), number[order]

@@ -8,9 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
+from tofmix.optics.projection import Projection, unit
 from tofmix.points import MM_A_METRE
-from tofmix.projection import Projection, unit
 from tofmix.surfaces.found import plane_ranges
 
 
@@ -20,7 +20,7 @@ def optics_of(file: SurfacesFile) -> Projection:
     Raises
     ------
     BadInputError
-        If the file does not say, or says what cannot be.
+        If the file lacks them, or they are impossible.
     """
     with _worded(file):
         optics = file.provenance.sensor.optics
@@ -35,7 +35,7 @@ def directions(file: SurfacesFile, row: ArrayLike, col: ArrayLike) -> FloatArray
     Raises
     ------
     BadInputError
-        If the file does not say where its pixels look, or no beam passes there.
+        If the file lacks the directions of its pixels, or no beam passes there.
     """
     optics = optics_of(file)
     with _worded(file):

@@ -8,7 +8,7 @@ import numpy as np
 
 from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.outlines import Outline, placed
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 
 _DECIMALS = 6  # of a metre: micrometres
 

@@ -11,7 +11,7 @@ from tofmix.io.atomic.storage import AtomicFile
 from tofmix.io.exporters.edges_obj import VERTEX
 from tofmix.io.exporters.outlines import Outline, placed
 from tofmix.io.extras import need
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.version import __version__
 
 

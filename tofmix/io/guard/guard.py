@@ -1,6 +1,6 @@
-"""The one place where HDF5 files are opened for reading; none is opened that has not been looked at.
+"""The one place where HDF5 files are opened for reading; each file is checked first.
 
-`open_for_reading` first lets a process of its own check a file's structure (`structure_process`, by the rules of
+`open_for_reading` first checks a file's structure in a separate process (`structure_process`, by the rules of
 `structure_rules`); the library may hang or crash there without harm. Only then the file is opened here. The process
 starts with the first file and serves all others.
 """
@@ -24,7 +24,7 @@ import h5py
 
 from tofmix.errors import BadInputError, StorageError, os_error_text
 from tofmix.io.atomic.storage import check_input
-from tofmix.io.guard.hdf5_memory import make_room
+from tofmix.io.guard.hdf5_memory import reserve_memory
 from tofmix.io.guard.library_reason import library_reason
 from tofmix.io.guard.unpacking import BoundedDataset
 from tofmix.io.guard.watchdog import STRUCTURE_LIMIT_S, limit_s, watched
@@ -43,7 +43,7 @@ class StructureChecker:
     Parameters
     ----------
     program : sequence of str
-        What to start, in place of `tofmix.io.guard.structure_process`.
+        Program to start instead of `tofmix.io.guard.structure_process`.
     """
 
     def __init__(self, program: Sequence[str] = _PROGRAM) -> None:
@@ -53,14 +53,14 @@ class StructureChecker:
         self._lock = threading.Lock()
 
     def check(self, request: dict[str, Any], what: Path) -> list[int]:
-        """Ask for one look; return what the file was: device, inode, size, time of the last change.
+        """Request one check; return the identity of the file: device, inode, size, time of the last change.
 
         Raises
         ------
         BadInputError
             If the file breaks a rule, or the library hangs or crashes on it.
         StorageError
-            If the process cannot be started, or somebody kills it.
+            If the process cannot be started, or is killed.
         MemoryError
             If there is no memory to open any file in.
         """
@@ -75,7 +75,8 @@ class StructureChecker:
                     reason = f"its structure could not be read within {limit:g} s; given up, the file is damaged"
                 elif code == -signal.SIGKILL:
                     raise StorageError(
-                        f"{what}: the structure checker was killed, perhaps for want of memory; close other programs"
+                        f"{what}: the structure checker was killed, perhaps because memory ran out; close other"
+                        " programs"
                     )
                 elif code < 0:
                     reason = "cannot be read: the HDF5 library crashed on it; the file is damaged"
@@ -134,7 +135,7 @@ def _finish(process: "subprocess.Popen[str]") -> int | None:
 
 
 def _exchange(process: "subprocess.Popen[str]", line: str, seconds: float) -> str:
-    """Send a line and return the answer; nothing if there is none in time."""
+    """Send a line and return the answer; an empty text if none comes in time."""
     assert process.stdin is not None and process.stdout is not None  # noqa: S101, PT018  for the type checker: pipes
     try:
         process.stdin.write(line + "\n")
@@ -151,10 +152,10 @@ atexit.register(_checker.close)
 
 
 @contextmanager
-def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False) -> Iterator[h5py.File]:
+def open_for_reading(path: Path, *, verified: Callable[[], bool] = lambda: False) -> Iterator[h5py.File]:
     """Open an HDF5 file, with one clear error for each way in which it can be unfit.
 
-    In the end it must be as it was, unless `settled` says that what was read is known to be good and in use.
+    At the end it must be unchanged, unless `verified` marks the data as valid and in use.
 
     Raises
     ------
@@ -175,12 +176,12 @@ def open_for_reading(path: Path, *, settled: Callable[[], bool] = lambda: False)
         if identity(file) != seen:
             raise BadInputError(f"{path}: the file was replaced between check and opening; try again")
         yield file
-        if not settled():
+        if not verified():
             check_unchanged(file, seen, path)
 
 
 def _open(path: Path) -> h5py.File:
-    make_room()
+    reserve_memory()
     try:
         return h5py.File(path, "r")
     except LIBRARY_FAULTS as error:
@@ -193,7 +194,7 @@ def _open(path: Path) -> h5py.File:
 def open_image(image: bytes, path: Path) -> Iterator[h5py.File]:
     """Open a small HDF5 file in memory, which the file `path` holds; refused as by `open_for_reading`."""
     _checker.check({"image": base64.b64encode(image).decode()}, path)
-    make_room()
+    reserve_memory()
     with reading(path, "header"), h5py.File(io.BytesIO(image), "r") as root:
         yield root
 
@@ -211,12 +212,12 @@ def identity(file: h5py.File) -> list[int]:
 
 
 def check_unchanged(file: h5py.File, seen: list[int], path: Path) -> None:
-    """Refuse what was read if the file was written to meanwhile.
+    """Refuse the data if the file was written to during reading.
 
     Raises
     ------
     BadInputError
-        If it is no longer what `identity` gave as `seen`.
+        If its `identity` differs from `seen`.
     """
     if identity(file) != seen:
         raise BadInputError(f"{path}: the file changed during reading; try again when nothing writes to it")
@@ -224,7 +225,7 @@ def check_unchanged(file: h5py.File, seen: list[int], path: Path) -> None:
 
 @contextmanager
 def reading(path: Path, name: str) -> Iterator[None]:
-    """Turn what h5py raises while data are read into one `BadInputError` that names the dataset; watch the clock."""
+    """Turn errors of h5py during reading into one `BadInputError` that names the dataset, with a time limit."""
     try:
         with watched(f"{path}: {name}"):
             yield

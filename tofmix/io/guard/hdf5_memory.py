@@ -3,7 +3,7 @@
 `H5AC_create` of HDF5 (seen in 2.0) reads from the metadata cache that it could not allocate, and the process dies of
 signal 11. That structure, of half a MB, comes from a free list of the library's. There it would stay when its file is
 closed, but for a limit of 64 kB. Here the limit is raised, and files in memory, opened and closed at once, leave
-structures for the next openings. Call `make_room` before each opening; it fails in good order.
+structures for the next openings. Call `reserve_memory` before each opening; it fails in good order.
 """
 
 import ctypes
@@ -29,13 +29,13 @@ _caches = [0]
 """How many caches there are, in use or in the list."""
 
 
-def make_room() -> None:
+def reserve_memory() -> None:
     """See to it that the next opening finds the memory that it needs.
 
     Raises
     ------
     MemoryError
-        If there is none to be had.
+        If there is none.
     """
     _keep_caches()
     bytearray(_PREFLIGHT_BYTES)
@@ -49,7 +49,7 @@ def make_room() -> None:
 
 @cache
 def _keep_caches() -> None:
-    """Raise the limits of the library's free lists; where it has none, the rest of `make_room` is what there is."""
+    """Raise the limits of the library's free lists; without such lists only the rest of `reserve_memory` helps."""
     library = ctypes.PyDLL(h5py.h5.__file__)
     set_limits = getattr(library, "H5set_free_list_limits", None)
     if set_limits is not None:

@@ -1,9 +1,9 @@
-"""A program of its own that looks at the structure of HDF5 files: the library can hang or crash on a damaged one.
+"""A separate program that checks the structure of HDF5 files, because the library can hang or crash on a damaged one.
 
 It reads requests as lines of JSON, ``{"path": ...}`` or ``{"image": base64}`` with ``"limit_s"``, and answers each with
-a line: ``{"identity": [...]}``, what the file was that it looked at, ``{"refused": reason}``, or
-``{"no_memory": true}`` where no file at all could be opened. Should the library not come back within the limit, the
-kernel ends this process, for no Python code can run then. `tofmix.io.guard.guard` starts it; nothing imports it.
+a line: ``{"identity": [...]}``, the identity of the checked file, ``{"refused": reason}``, or ``{"no_memory": true}``
+where no file at all could be opened. Should the library not come back within the limit, the kernel ends this process,
+for no Python code can run then. `tofmix.io.guard.guard` starts it; nothing imports it.
 """
 
 import base64
@@ -20,7 +20,7 @@ sys.path.append(str(Path(__file__).parents[3]))  # started with -P: the package 
 
 import h5py
 
-from tofmix.io.guard.hdf5_memory import make_room
+from tofmix.io.guard.hdf5_memory import reserve_memory
 from tofmix.io.guard.library_reason import library_reason
 from tofmix.io.guard.structure_rules import RefusedError, check_structure
 
@@ -35,7 +35,7 @@ def main() -> None:
     for line in sys.stdin:
         request = json.loads(line)
         signal.setitimer(signal.ITIMER_REAL, request["limit_s"])
-        answer = _answer(request) if _has_room() else {"no_memory": True}
+        answer = _answer(request) if _memory_is_free() else {"no_memory": True}
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.stdout.write(json.dumps(answer) + "\n")
         sys.stdout.flush()
@@ -56,9 +56,9 @@ def _bound(what: int, limit: int) -> None:
     resource.setrlimit(what, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
 
 
-def _has_room() -> bool:
+def _memory_is_free() -> bool:
     try:
-        make_room()
+        reserve_memory()
     except MemoryError:
         return False
     return True

@@ -1,8 +1,8 @@
 """Datasets whose chunks cannot unpack to more than they declare.
 
-gzip unpacks 1 byte to up to 1032, and the HDF5 library goes on to the end of what is packed, whatever the chunk's
-declared size. So a stored chunk that could become large is unpacked here first, without keeping it, and refused if it
-is larger than declared. `tofmix.io.guard.guard` hands out every dataset as a `BoundedDataset`.
+gzip unpacks 1 byte to up to 1032, and the HDF5 library unpacks to the end of the data, beyond the declared size of the
+chunk. So a stored chunk that could become large is unpacked here first, without keeping it, and refused if it is larger
+than declared. `tofmix.io.guard.guard` hands out every dataset as a `BoundedDataset`.
 """
 
 import itertools
@@ -13,7 +13,7 @@ from typing import Any
 
 import h5py
 
-from tofmix.io.guard.structure_rules import MOST_WALKED_CHUNKS
+from tofmix.io.guard.structure_rules import LIMITS
 
 GZIP, FLETCHER32 = 1, 3  # HDF5's numbers of these filters
 
@@ -85,12 +85,12 @@ def _filters(bind: h5py.h5d.DatasetID) -> list[int]:
 
 
 def _largest_stored(bind: h5py.h5d.DatasetID) -> int:
-    """Bytes of the largest stored chunk; by its declared size where that tells enough."""
+    """Bytes of the largest stored chunk; from its declared size if that is sufficient."""
     chunk = bind.get_create_plist().get_chunk()
     declared: int = math.prod(chunk) * bind.get_type().get_size()
     count = math.prod(-(-length // step) for length, step in zip(bind.shape, chunk, strict=True))
     # The guard's rules let no chunk be stored in more than thrice its size, where they go over the chunks.
-    if count <= MOST_WALKED_CHUNKS and 3 * declared * MOST_GZIP <= UNCHECKED_BYTES:
+    if count <= LIMITS.walked_chunks and 3 * declared * MOST_GZIP <= UNCHECKED_BYTES:
         return declared
     largest = [0]
 

@@ -1,8 +1,8 @@
-"""A watchdog over reads: one that gives nothing for minutes ends the program, and says which file it was.
+"""A watchdog over reads: if a read returns nothing for minutes, it ends the program and names the file.
 
 A read from a network disk that has gone never returns, and no exception can reach a thread inside the operating system
-or the HDF5 library. So a thread of its own watches the clock, says what hangs, removes unfinished files and ends the
-process. Only the command line arms it: a library must not end its caller's process.
+or the HDF5 library. So a separate thread watches the time, names the file, removes partial files and ends the process.
+Only the command line arms it: a library must not end its caller's process.
 """
 
 import os
@@ -26,7 +26,7 @@ POLL_S = 0.5  # s between two looks at the clock
 
 
 def limit_s(default: float) -> float:
-    """Seconds until a read is given up: the default, or what the environment variable TOFMIX_READ_TIMEOUT says."""
+    """Time limit of a read, s: the default, or the environment variable TOFMIX_READ_TIMEOUT."""
     try:
         chosen = float(os.environ.get(_VARIABLE, ""))
     except ValueError:
@@ -40,7 +40,7 @@ class Watchdog:
     Parameters
     ----------
     give_up : callable
-        Called once, in the watching thread, with what hangs and after how many seconds.
+        Called once, in the watching thread, with the name of the read and its seconds.
     """
 
     def __init__(self, give_up: Callable[[str, float], object]) -> None:
@@ -86,7 +86,7 @@ def watched(what: str, times: float = 1.0) -> Iterator[None]:
     what : str
         The file and the dataset, for the message.
     times : float
-        How many times as long as a single read it may take.
+        Factor on the time limit of a single read.
     """
     if not _watchdog:
         yield

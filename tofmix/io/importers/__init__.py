@@ -1,8 +1,7 @@
 """Recordings from other programs' files: one file a kind of source, one line each here.
 
-`open_source` recognises a source by its name, or by what a folder holds. Frames
-come one by one, so that a recording of any length fits in memory; where a kind
-cannot be read in parts, its module says so.
+`open_source` recognises a source by its name, or by the content of a folder. Frames come one by one, so that a
+recording of any length fits in memory; the module of a kind says if it cannot be read in parts.
 """
 
 from collections.abc import Callable, Iterator
@@ -53,7 +52,7 @@ def importer_for(path: Path) -> Importer:
     BadInputError
         If there is no such file or folder, or the file is empty.
     UsageError
-        If its name says no known kind.
+        If its name is of no known kind.
     """
     try:
         is_folder = path.is_dir()
@@ -68,13 +67,13 @@ def importer_for(path: Path) -> Importer:
         if path.suffix.lower() in importer.suffixes:
             return importer
     if path.suffix.lower() in folder.IMAGE_KINDS:
-        raise UsageError(f"{path} is one image, and a recording is a folder of them: {import_command(path.parent)}")
+        raise UsageError(f"{path} is one image; a recording needs a folder of images: {import_command(path.parent)}")
     known = ", ".join(suffix for importer in IMPORTERS for suffix in importer.suffixes)
     raise UsageError(f"{path}: not a known source; choose a folder of images, a ROS 2 bag, or a file of {known}")
 
 
 def is_importable(path: Path) -> bool:
-    """Whether a file's name says that it is a source."""
+    """Whether a file is a source by its name."""
     return any(path.suffix.lower() in importer.suffixes for importer in IMPORTERS)
 
 
@@ -87,12 +86,12 @@ def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
     BadInputError
         If it is missing, damaged, or holds nothing that fits.
     UsageError
-        If it is of no known kind, an option does not go with its kind, or a library is missing.
+        If it is of no known kind, an option does not apply to its kind, or a library is missing.
     """
     importer = importer_for(path)
     for name in ("topic", "camera_info", "axes", "shape"):
         if getattr(request, name) is not None and name not in importer.names:
-            raise UsageError(f"--{_OPTIONS.get(name, name)} does not go with {path}")
+            raise UsageError(f"--{_OPTIONS.get(name, name)} does not apply to {path}")
     if request.amplitude is None or "amplitude" in importer.names:
         with importer.open(path, request) as source:
             yield _of_shape(source.check(path), request, path)
@@ -104,7 +103,7 @@ def open_source(path: Path, request: Request) -> Iterator[FrameSource]:
 
 
 def _of_shape(source: FrameSource, request: Request, path: Path) -> FrameSource:
-    """Return the source itself; `UsageError` if its images have a shape of their own, and another one is asked for."""
+    """Return the source; raise `UsageError` if another shape than that of its images is requested."""
     rows, cols = source.shape[1:]
     if request.shape not in (None, (rows, cols)):
         asked = "{}x{}".format(*request.shape)

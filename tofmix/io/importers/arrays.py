@@ -16,9 +16,8 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io.importers.axes import FRAMES_FIRST, as_stack, axes_of
+from tofmix.io.importers.axes import FRAMES_FIRST, IMAGE_DIMENSIONS, STACK_DIMENSIONS, as_stack, axes_of
 from tofmix.io.importers.base import (
-    IMAGE_DIMENSIONS,
     Frame,
     FrameSource,
     Request,
@@ -29,14 +28,13 @@ from tofmix.io.importers.base import (
 TIME = "time"
 """Name of an array of one number a frame, s."""
 
-_DIMENSIONS = 3  # frames, rows and columns
-_WITH_TARGETS = 4  # the same and targets
+_WITH_TARGETS = STACK_DIMENSIONS + 1  # frames, rows, columns and targets
 _PREFERRED = "range"
 
 
 @contextmanager
 def open_npy(path: Path, request: Request) -> Iterator[FrameSource]:
-    """Open an .npy, (frame, row, col) or (row, col), or of the axes that are asked for.
+    """Open an .npy, (frame, row, col) or (row, col), or of the requested axes.
 
     Raises
     ------
@@ -160,7 +158,7 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
     Raises
     ------
     BadInputError
-        If there is none, or it cannot be told; the text lists the candidates.
+        If none fits, or several fit; the text lists the candidates.
     """
     dimensions = len((axes or FRAMES_FIRST).split(","))
     images = [name for name, shape in shapes.items() if len(shape) == dimensions]
@@ -175,13 +173,13 @@ def choose(shapes: dict[str, tuple[int, ...]], wanted: str | None, path: Path, a
     if _PREFERRED in images:
         return _PREFERRED
     if len(images) != 1:
-        raise BadInputError(f"{path}: cannot tell which array holds the depths; choose with --dataset from: {listed}")
+        raise BadInputError(f"{path}: several arrays may hold the depths; choose one with --dataset: {listed}")
     return images[0]
 
 
 def _in_order(shape: tuple[int, ...], request: Request) -> bool:
     """Whether an array is (frame, row, col) as it is."""
-    return len(shape) == _DIMENSIONS and request.axes in (None, FRAMES_FIRST)
+    return len(shape) == STACK_DIMENSIONS and request.axes in (None, FRAMES_FIRST)
 
 
 def stack_of(array: NDArray[Any], request: Request, what: object) -> NDArray[Any]:
@@ -198,13 +196,13 @@ def stack_of(array: NDArray[Any], request: Request, what: object) -> NDArray[Any
 
 def sizes_of(stack: NDArray[Any]) -> tuple[tuple[int, int, int], int]:
     """(frames, rows, columns) of a stack, and its targets."""
-    targets = stack.shape[1] if stack.ndim > _DIMENSIONS else 0
+    targets = stack.shape[1] if stack.ndim > STACK_DIMENSIONS else 0
     return (stack.shape[0], stack.shape[-2], stack.shape[-1]), targets
 
 
 def check_not_empty(shape: tuple[int, ...], what: object) -> None:
-    """Refuse what has no sample, or is no sequence of images."""
-    if len(shape) != _DIMENSIONS or 0 in shape:
+    """Refuse an array without samples, or that is not a sequence of images."""
+    if len(shape) != STACK_DIMENSIONS or 0 in shape:
         raise BadInputError(f"{what}: expected (frame, row, col), got shape {shape}")
 
 

@@ -1,4 +1,4 @@
-"""Orders of axes: what an array of a file is, and how it becomes a stack of images."""
+"""Orders of axes: their names in an array of a file, and its conversion to a stack of images."""
 
 from typing import Any
 
@@ -12,21 +12,21 @@ FRAMES_FIRST = "frame,row,col"
 FRAMES_LAST = "row,col,frame"
 WITH_TARGETS = "frame,target,row,col"
 IMAGE = ("row", "col")
+IMAGE_DIMENSIONS, STACK_DIMENSIONS = len(IMAGE), len(FRAMES_FIRST.split(","))
 _KNOWN = ("frame", "target", *IMAGE)
-_IMAGE_DIMENSIONS, _STACK_DIMENSIONS = 2, 3  # of an image, and of a stack of images
 
 
 def check_axes(text: str) -> str:
-    """The order of axes as it was asked for, without blanks.
+    """The requested order of axes, without blanks.
 
     Raises
     ------
     UsageError
-        If it is no order of frame, row and col, with or without target.
+        If it is not an order of frame, row and col, with or without target.
     """
     names = [name.strip() for name in text.split(",")]
     if len(set(names)) < len(names) or not {"frame", *IMAGE} <= set(names) <= set(_KNOWN):
-        raise UsageError(f"--axes: {text!r} is no order of frame, row and col, with or without target")
+        raise UsageError(f"--axes: {text!r} is not an order of frame, row and col, with or without target")
     return ",".join(names)
 
 
@@ -38,7 +38,7 @@ def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | 
     shape : tuple of int
         The array's.
     asked : str, optional
-        What `check_axes` returned.
+        Result of `check_axes`.
     image : (int, int), optional
         Rows and columns, where the zones of a frame lie in one axis; the axis is then ``zone``.
     what : object
@@ -47,12 +47,12 @@ def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | 
     Raises
     ------
     BadInputError
-        If the array has another number of axes, or they cannot be told.
+        If the array has another number of axes, or their order is not determined.
     """
-    if len(shape) == _IMAGE_DIMENSIONS:
+    if len(shape) == IMAGE_DIMENSIONS:
         if image is not None and shape != image and asked is None:
             if shape[1] != image[0] * image[1]:
-                raise BadInputError(f"{what}: frames of {shape[1]} values are no {image[0]} x {image[1]} pixels")
+                raise BadInputError(f"{what}: frames of {shape[1]} values do not fill {image[0]} x {image[1]} pixels")
             return ("frame", "zone")
         return IMAGE
     if asked is not None:
@@ -61,8 +61,8 @@ def axes_of(shape: tuple[int, ...], asked: str | None, image: tuple[int, int] | 
             raise BadInputError(f"{what}: shape {shape} has {len(shape)} axes, --axes names {len(names)}")
         return names
     if len(shape) == len(_KNOWN):
-        raise BadInputError(f"{what}: shape {shape}: say which axis is which, such as --axes {WITH_TARGETS}")
-    if len(shape) != _STACK_DIMENSIONS:
+        raise BadInputError(f"{what}: shape {shape}: name the axes, such as --axes {WITH_TARGETS}")
+    if len(shape) != STACK_DIMENSIONS:
         raise BadInputError(f"{what}: expected (frame, row, col), got shape {shape}")
     return tuple(FRAMES_FIRST.split(","))
 

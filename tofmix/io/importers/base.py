@@ -14,12 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError, TofmixError, os_error_text
-from tofmix.pinhole import Pinhole
+from tofmix.optics.pinhole import Pinhole
 from tofmix.recording import MOST_FRAMES, MOST_PIXELS_A_SIDE
 from tofmix.sensor import Sensor
-
-IMAGE_DIMENSIONS = 2
-"""Dimensions of a frame: row, col."""
 
 _MOST_SAMPLES_A_FRAME = 1 << 26
 """Four targets of the largest image: a frame is held whole."""
@@ -34,9 +31,9 @@ class Request:
     Parameters
     ----------
     topic : str, optional
-        Topic of a bag, or array of an .npz or .mat, with the depths; the only fitting one without it.
+        Topic of a bag, or array of an .npz or .mat, with the depths; without it, the only fitting one.
     amplitude : str, optional
-        Topic or array with the amplitudes; for sources that hold one thing, the path of another one.
+        Topic or array with the amplitudes; for sources with one array, the path of another source.
     camera_info : str, optional
         Topic with the intrinsics; the depth topic's sibling without it.
     axes : str, optional
@@ -80,7 +77,7 @@ class FrameSource:
     Parameters
     ----------
     kind : str
-        What it is, in words.
+        Description in words.
     shape : (int, int, int)
         Frames, rows, columns.
     dtype : dtype
@@ -98,13 +95,12 @@ class FrameSource:
     has_amplitude, has_time : bool
         Whether frames carry them.
     pinhole : Pinhole, optional
-        Where its pixels look, if the source says.
+        Directions of its pixels, if the source has them.
     rectified : bool
-        Whether the source says that the lens distortion is undone.
+        Whether the source marks the lens distortion as removed.
     sensor : Sensor, optional
-        What the source knows of its camera.
-    notes : tuple of str
-        What the user should know.
+        Data of the camera in the source.
+    notes : tuple of str Notes for the user.
     """
 
     kind: str
@@ -123,7 +119,7 @@ class FrameSource:
     notes: tuple[str, ...] = ()
 
     def check(self, what: object) -> "FrameSource":
-        """Return the source itself; `BadInputError` if its images are larger than a camera's, or it claims too many."""
+        """Return the source itself; `BadInputError` if its images, or its number of frames, are too large."""
         if self.shape[0] > MOST_FRAMES:
             raise BadInputError(f"{what}: {self.shape[0]} frames; no more than {MOST_FRAMES}")
         if max(self.shape[1:]) > MOST_PIXELS_A_SIDE:
@@ -136,7 +132,7 @@ class FrameSource:
 
 @contextmanager
 def foreign(what: object) -> Iterator[None]:
-    """Turn whatever a library raises on damaged input into one `BadInputError` that begins with `what`.
+    """Turn any error of a library on damaged input into one `BadInputError` that begins with `what`.
 
     Keep our own code out of the block: a bug of ours must not look like a bad file.
     """

@@ -1,4 +1,4 @@
-"""From a source's own numbers to what a recording holds: radial ranges in mm, and what is no sample."""
+"""From the numbers of a source to those of a recording: radial ranges in mm, and invalid samples."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +25,7 @@ class Conversion:
     unit_mm : float
         mm of one unit, above 0.
     invalid : tuple of float
-        Further values that stand for no sample, in the source's units.
+        Further invalid values, in the source's units.
     ray_over_depth : (row, col) float64, optional
         Range over depth, where depths are along z.
     unit_known : bool
@@ -40,7 +40,7 @@ class Conversion:
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether the unit is a guess: whole numbers are hardly metres, real ones may be."""
+        """Whether the unit is a guess: whole numbers are rarely metres, real ones may be."""
         return not self.unit_known and self.dtype.kind == "f"
 
     @property

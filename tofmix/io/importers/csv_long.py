@@ -1,8 +1,8 @@
 """CSV with a sample a line: the header names `frame`, `row`, `col` and `range`.
 
-And perhaps `target`, `amplitude` and `time` (s), in any order and beside others. Rows, columns and targets count from
-0; from 1 where no 0 is there (of rows and columns alike). Where the frames ascend, the file is read twice in pieces:
-once for its sizes, once for its samples. Where they do not, it is read whole, and sorted.
+Optional columns are `target`, `amplitude` and `time` (s). Columns may be in any order, with others. Rows, columns and
+targets count from 0; from 1 if no 0 occurs (in neither rows nor columns). Where the frames ascend, the file is read
+twice in pieces: once for its sizes, once for its samples. Where they do not, it is read whole, and sorted.
 """
 
 import math
@@ -44,11 +44,11 @@ def open_long(
     path : Path
         The file.
     names : list of str
-        What its header names, in lower case.
+        Names in its header, in lower case.
     delimiter : str, optional
-        What parts cells; blanks without it.
+        Separator of cells; blanks without it.
     shape : (int, int), optional
-        Rows and columns; as the samples say without it.
+        Rows and columns; without it, from the samples.
     unit_mm : float, optional
         mm of the unit that was asked for; it must not contradict the header.
 
@@ -156,7 +156,7 @@ class _Table:
     def _index(self, name: str, values: FloatArray, most: int | None) -> IntArray:
         bad = ~(np.isfinite(values) & (values == np.floor(values)) & (values >= 0) & (values < 2**53))
         if bad.any():
-            raise BadInputError(f"{self.path}: {name}: {values[np.argmax(bad)]:g} is no whole number from 0 on")
+            raise BadInputError(f"{self.path}: {name}: {values[np.argmax(bad)]:g} is not a whole number of at least 0")
         if most is not None and values.max() > most:
             raise BadInputError(f"{self.path}: {name}: {values.max():g}; no more than {most}")
         return values.astype(np.int64)
@@ -220,7 +220,7 @@ class _Samples:
             min(ends.row[0], ends.col[0]) >= 1 and (shape is None or rows >= shape[0] or cols >= shape[1])
         )
         if self._first:
-            self.notes.append(f"{self._path}: no row and no column 0: they are taken to count from 1")
+            self.notes.append(f"{self._path}: rows and columns are taken to start at 1, because none is 0")
         self._pixels = shape or (rows - self._first + 1, cols - self._first + 1)
         if rows - self._first >= self._pixels[0] or cols - self._first >= self._pixels[1]:
             raise BadInputError(
@@ -239,8 +239,8 @@ class _Samples:
         """All lines, by frame."""
         if self._path.stat().st_size > MOST_WHOLE_BYTES:
             raise BadInputError(
-                f"{self._path}: longer than {MOST_WHOLE_BYTES >> 30} GB, and its frames do not ascend, so that it"
-                " must be read whole; sort its lines by frame"
+                f"{self._path}: longer than {MOST_WHOLE_BYTES >> 30} GB, and its frames are not in order; sort its"
+                " lines by frame"
             )
         pieces = list(self._table.pieces())
         if not pieces:
@@ -251,7 +251,7 @@ class _Samples:
     def source(self, unit_mm: float | None) -> FrameSource:
         """The file as a source."""
         return FrameSource(
-            kind="CSV, a sample a line",
+            kind="CSV, one sample a line",
             shape=(self._frames, *self._pixels),
             targets=self._targets,
             dtype=_FLOAT,

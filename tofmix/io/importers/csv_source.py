@@ -1,8 +1,8 @@
-"""CSV: a frame a line (wide), or a sample a line (long), told by the header.
+"""CSV: a frame a line (wide), or a sample a line (long); the header decides.
 
-Wide: `--shape ROWSxCOLS` says how the values of a line lie, row by row; a header is passed over, but for a column
-`time` (s) and a column `frame`. Read line by line. Long: see `csv_long`. An empty cell and nan are no sample; so is
-what a long file leaves out.
+Wide: `--shape ROWSxCOLS` gives the image of a line, row by row. A header is skipped, except for a column `time` (s) and
+a column `frame`. Read line by line. Long: see `csv_long`. An empty cell and nan are invalid samples. So are samples
+that a long file leaves out.
 """
 
 import csv
@@ -31,7 +31,7 @@ def open_csv(path: Path, request: Request) -> Iterator[FrameSource]:
     Raises
     ------
     BadInputError
-        If it holds something else, lines differ in length, or its layout cannot be told.
+        If it has other content, lines differ in length, or its layout is not determined.
     """
     with foreign(path):
         head, delimiter = _head(path)
@@ -50,7 +50,7 @@ def open_csv(path: Path, request: Request) -> Iterator[FrameSource]:
 
 
 def _head(path: Path) -> tuple[list[str], str | None]:
-    """Cells of the first line that has any, and what parts them: None for blanks."""
+    """Cells of the first line that has any, and their separator: None for blanks."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         for line in file:
             if text := line.strip().lstrip("#").strip():
@@ -83,7 +83,7 @@ def _value(cell: str) -> float:
 
 
 def _lines(path: Path, *, skip: bool) -> Iterator[tuple[int, str]]:
-    """Lines with numbers, and where they stand, counted from 1; `skip` the first one."""
+    """Lines with numbers, and their line numbers from 1; `skip` the first one."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         for number, line in enumerate(file, 1):
             text = line.strip()
@@ -99,19 +99,19 @@ def _wide(
     path: Path, names: list[str] | None, delimiter: str | None, width: int, shape: tuple[int, int]
 ) -> FrameSource:
     names = names or []
-    beside = [k for k, name in enumerate(names) if name in ("frame", "time")]
+    labels = [k for k, name in enumerate(names) if name in ("frame", "time")]
     time_at = names.index("time") if "time" in names else None
     pixels = shape[0] * shape[1]
-    if width - len(beside) != pixels:
+    if width - len(labels) != pixels:
         raise BadInputError(
-            f"{path}: {counted(width - len(beside), 'value')} in the first line,"
+            f"{path}: {counted(width - len(labels), 'value')} in the first line,"
             f" --shape {shape[0]}x{shape[1]} has {pixels}"
         )
     with foreign(path):
         frames = sum(1 for _ in _lines(path, skip=bool(names)))
     if not frames:
         raise BadInputError(f"{path}: no frame below its header")
-    keep = [k for k in range(width) if k not in beside]
+    keep = [k for k in range(width) if k not in labels]
 
     def images() -> Iterator[Frame]:
         lines = _lines(path, skip=bool(names))
@@ -131,7 +131,7 @@ def _wide(
             yield Frame(depth=values.reshape(shape), time_s=time_s)
 
     return FrameSource(
-        kind="CSV, a frame a line",
+        kind="CSV, one frame a line",
         shape=(frames, *shape),
         dtype=_FLOAT,
         frames=images(),

@@ -1,4 +1,4 @@
-"""A dataset of an HDF5 file as frames: read some frames at a time, whatever the order of its axes."""
+"""A dataset of an HDF5 file as frames: read in blocks of frames, for any order of its axes."""
 
 from collections.abc import Iterator
 from pathlib import Path

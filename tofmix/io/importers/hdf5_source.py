@@ -1,4 +1,4 @@
-"""HDF5: one dataset of any file, and what stands beside it: amplitudes, times, the camera.
+"""HDF5: one dataset of any file, with its amplitudes, times and camera.
 
 `--dataset` names it; without, it is the only one of frames, or `range`. Its attributes `units` and `_FillValue`, its
 dimension scales, and a group `sensor` as in a recording are used where they are there.
@@ -42,7 +42,7 @@ def open_hdf5(path: Path, request: Request) -> Iterator[FrameSource]:
 
 def _source(root: h5py.File, path: Path, request: Request) -> FrameSource:
     if hdf5.text_attribute(root, "format") == LAYERS_FORMAT:
-        raise BadInputError(f"{path}: layers, which tofmix estimate wrote, not samples: tofmix report {path}")
+        raise BadInputError(f"{path}: a layers file, not a recording: tofmix report {path}")
     with guard.reading(path, "datasets"):
         shapes = _datasets(root)
     name = choose(
@@ -87,7 +87,7 @@ def _scales(dataset: h5py.Dataset) -> str | None:
 
 
 def _axes_asked(root: h5py.File, shapes: dict[str, tuple[int, ...]], request: Request) -> str | None:
-    """Axes by which the dataset is chosen: those asked for, or those that a dataset ``range`` has by its scales."""
+    """Axes that select the dataset: the requested ones, or those of the scales of a dataset ``range``."""
     if request.axes is None and _RANGE in shapes:
         return _scales(root[_RANGE])
     return request.axes
@@ -106,24 +106,24 @@ def _frames(
 def _amplitude(
     root: h5py.File, name: str, shapes: dict[str, tuple[int, ...]], path: Path, request: Request
 ) -> DatasetFrames | None:
-    """The amplitudes that are asked for, or those beside a dataset ``range``."""
+    """The requested amplitudes, or those next to a dataset ``range``."""
     if request.amplitude is not None:
         other = choose(shapes, request.amplitude.strip("/"), path, request.axes)
         check_shapes(shapes[name], shapes[other], f"{path}: {other}")
         return _frames(root, other, shapes, path, request)
-    other = _beside(name, _AMPLITUDE)
+    other = _companion(name, _AMPLITUDE)
     if name.rpartition("/")[2] == _RANGE and shapes.get(other) == shapes[name]:
         return _frames(root, other, shapes, path, request)
     return None
 
 
-def _beside(name: str, other: str) -> str:
+def _companion(name: str, other: str) -> str:
     group = name.rpartition("/")[0]
     return f"{group}/{other}" if group else other
 
 
 def _time(root: h5py.File, name: str, shapes: dict[str, tuple[int, ...]], frames: int, path: Path) -> FloatArray | None:
-    other = _beside(name, _TIME)
+    other = _companion(name, _TIME)
     if other not in shapes:
         return None
     dataset = guard.checked_dataset(root, other, path)
@@ -141,7 +141,7 @@ def _unit(dataset: h5py.Dataset, name: str, path: Path, request: Request) -> flo
         return None
     unit = unit_mm_of(text)
     if unit is None:
-        raise BadInputError(f"{path}: {name}: units {text!r} are no length that is known here; give --units or --scale")
+        raise BadInputError(f"{path}: {name}: units {text!r} are not a known unit of length; give --units or --scale")
     return unit
 
 

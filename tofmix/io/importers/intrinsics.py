@@ -1,8 +1,7 @@
 """Intrinsics of a camera as ROS has them: `sensor_msgs/CameraInfo` of bags, and calibration files in YAML.
 
-`Calibration.pinhole` makes of either what a recording has: the pinhole of the images that
-are imported. The rules are those of ROS's `image_geometry`: what holds at full resolution
-is moved by the region of interest, then divided by the binning.
+`Calibration.pinhole` converts either to the pinhole of the imported images. The rules are those of ROS's
+`image_geometry`: values of full resolution are shifted by the region of interest, then divided by the binning.
 """
 
 import math
@@ -17,7 +16,7 @@ from tofmix.errors import BadInputError
 from tofmix.io.atomic.storage import read_text
 from tofmix.io.extras import need
 from tofmix.io.importers.base import foreign
-from tofmix.pinhole import DISTORTION_LENGTHS, Pinhole
+from tofmix.optics.pinhole import DISTORTION_LENGTHS, Pinhole
 
 MODELS = ("plumb_bob", "rational_polynomial")
 """Distortion models of ROS that are OpenCV's pinhole with k1 k2 p1 p2 k3 and with k4 k5 k6 too."""
@@ -33,9 +32,9 @@ class Calibration:
     Parameters
     ----------
     what : str
-        Where it is from, for messages.
+        Its source, for messages.
     image : (int, int) or None
-        Rows and columns at full resolution; None if they are not said.
+        Rows and columns at full resolution; None if unknown.
     matrix : tuple of float
         K, 3 x 3 in rows: of images as the lens makes them.
     distortion : tuple of float
@@ -120,7 +119,7 @@ class Calibration:
         if any(self.distortion[longest:]):
             raise BadInputError(
                 f"{self.what}: distortion of {len(self.distortion)} numbers: thin prisms and tilted sensors are not"
-                " read"
+                " supported"
             )
         fits = [n for n in DISTORTION_LENGTHS if n >= len(self.distortion[:longest])]
         return (*self.distortion[:longest], *(0.0,) * (fits[0] - len(self.distortion[:longest])))
@@ -167,9 +166,9 @@ def _numbers(values: object, what: str) -> tuple[float, ...]:
     try:
         numbers = tuple(float(value) for value in np.asarray(values, dtype=np.float64).ravel())
     except (TypeError, ValueError):
-        raise BadInputError(f"{what}: a matrix of the camera is not made of numbers") from None
+        raise BadInputError(f"{what}: a camera matrix is not made of numbers") from None
     if not all(math.isfinite(number) for number in numbers):
-        raise BadInputError(f"{what}: a matrix of the camera is not finite")
+        raise BadInputError(f"{what}: a camera matrix is not finite")
     return numbers
 
 
@@ -208,7 +207,7 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def _parse(text: str) -> Any:  # noqa: ANN401  what YAML holds
-    """Plain values of YAML, without what OpenCV adds to it: its own first line and the tag of its matrices."""
+    """Plain YAML, without OpenCV's additions: its first line and the tag of its matrices."""
     yaml = need("yaml", extra="ros", what="a calibration in YAML")
     first, _, rest = text.partition("\n")
     return yaml.safe_load((rest if first.startswith("%YAML:") else text).replace("!!opencv-matrix", ""))

@@ -1,4 +1,4 @@
-"""A program of its own that reads a .mat up to version 7: SciPy's reader can crash on a damaged one.
+"""A separate program that reads a .mat up to version 7: SciPy's reader can crash on a damaged one.
 
 ``python mat_child.py FILE FOLDER`` prints the arrays and their shapes as one line of JSON, reads a line with the names
 of those that are wanted, and stores them as FOLDER/0.npy and so on. `tofmix.io.importers.matlab` starts it; nothing
@@ -21,7 +21,7 @@ _MEMORY_BYTES = 6 << 30
 """Memory that one file may take, bytes: its arrays are read whole."""
 
 _SECONDS = 600
-"""Of computing, should nobody be left to end this process."""
+"""Limit of computing time, if no parent process is left to end this one."""
 
 
 def main() -> None:
@@ -47,7 +47,7 @@ def main() -> None:
 
 
 def _save(path: Path, values: "np.ndarray[Any, Any]") -> None:
-    """Store an array; a full disk has an exit code of its own."""
+    """Store an array; a full disk has a separate exit code."""
     try:
         np.save(path, values, allow_pickle=False)
     except OSError as error:

@@ -1,8 +1,7 @@
 """MATLAB's .mat: up to version 7 by SciPy, version 7.3 as the HDF5 file that it is.
 
-MATLAB's own order is (row, col, frame). Version 7.3 is read frame by frame; it
-stores its axes reversed, which is undone here. Up to version 7 an array is unpacked
-into the temporary folder by a process of its own, which a damaged file may crash.
+MATLAB's own order is (row, col, frame). Version 7.3 is read frame by frame; it stores its axes reversed, which is
+undone here. Up to version 7 a separate process unpacks an array into the temporary folder; a damaged file may crash it.
 """
 
 import json
@@ -24,12 +23,9 @@ from tofmix.io.atomic.scratch_folder import scratch_folder
 from tofmix.io.guard import guard
 from tofmix.io.guard.watchdog import watched
 from tofmix.io.importers.arrays import TIME, check_shapes, check_time, choose, joined, sizes_of, stack_of
-from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, axes_of
+from tofmix.io.importers.axes import FRAMES_FIRST, FRAMES_LAST, STACK_DIMENSIONS, axes_of
 from tofmix.io.importers.base import FrameSource, Request, foreign
 from tofmix.io.importers.datasets import DatasetFrames
-
-_DIMENSIONS = 3
-"""Dimensions of a sequence: frame, row, col."""
 
 _UNPACKING_TIMES = 6.0
 """Factor on the time limit of a read: a whole file is unpacked at once."""
@@ -42,7 +38,8 @@ def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
     Raises
     ------
     BadInputError
-        If it is damaged, holds no fitting array or several, its axes cannot be told, or arrays do not go together.
+        If it is damaged, holds no fitting array or several, the order of its axes is not determined, or arrays do not
+        match.
     """
     if guard.is_hdf5(path):
         with guard.open_for_reading(path) as root:
@@ -53,15 +50,15 @@ def open_mat(path: Path, request: Request) -> Iterator[FrameSource]:
 
 
 def _with_axes(shape: tuple[int, ...], request: Request, what: str) -> Request:
-    """Tell the order of the axes, given in MATLAB's view, by the sensor's image where nobody says."""
+    """Determine the order of the axes, in MATLAB's view; from the sensor's image if it is not given."""
     image = request.image or request.shape
-    if request.axes is not None or len(shape) != _DIMENSIONS:
+    if request.axes is not None or len(shape) != STACK_DIMENSIONS:
         return request
     first, last = shape[1:] == image, shape[:2] == image
     if first == last:
         known = "" if image is None else f" and a sensor of {image[0]} x {image[1]}"
         raise BadInputError(
-            f"{what}: size {shape}{known} {'does' if image is None else 'do'} not tell the order of its axes;"
+            f"{what}: the order of its axes does not follow from size {shape}{known};"
             f" choose --axes {FRAMES_LAST} or --axes {FRAMES_FIRST}"
         )
     return replace(request, axes=FRAMES_FIRST if first else FRAMES_LAST)

@@ -18,18 +18,18 @@ from tofmix.errors import BadInputError
 from tofmix.io.extras import need
 from tofmix.io.importers.base import Frame, FrameSource, Request, check_frame, foreign
 from tofmix.io.importers.intrinsics import from_camera_info
-from tofmix.pinhole import Pinhole
+from tofmix.optics.pinhole import Pinhole
 
 SUFFIXES = (".bag", ".mcap", ".db3")
 
 DEPTH_UNITS_MM = {"16UC1": 1.0, "mono16": 1.0, "32FC1": 1000.0}
-"""mm of one unit, by encoding. mono16 is taken for depth only where its topic is asked for."""
+"""mm of one unit, by encoding. mono16 counts as depth only if its topic is requested."""
 
 _DTYPES = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4", "8UC1": "u1", "mono8": "u1", "16SC1": "i2", "64FC1": "f8"}
 _SURE = ("16UC1", "32FC1")
 _IMAGE, _INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 _WAITING = 64
-"""Frames that wait for an amplitude image of their stamp before they go without."""
+"""Frames that wait for an amplitude image of the same time stamp; older frames have none."""
 
 _NS = 1.0e-9  # s in a nanosecond
 
@@ -151,7 +151,7 @@ def _decoded(message: Any, what: str, encodings: tuple[str, ...]) -> NDArray[Any
     data = np.asarray(message.data, dtype=np.uint8)
     if min(rows, cols) < 1 or step < cols * dtype.itemsize or data.size < rows * step:
         raise BadInputError(
-            f"{what}: {data.size} bytes are no image of {rows} x {cols} pixels {encoding} in steps of {step}"
+            f"{what}: {data.size} bytes do not make an image of {rows} x {cols} pixels {encoding} in steps of {step}"
         )
     lines = data[: rows * step].reshape(rows, step)[:, : cols * dtype.itemsize]
     return np.ascontiguousarray(lines).view(dtype).astype(dtype.newbyteorder("="))
@@ -201,7 +201,7 @@ def _is_rectified(topic: str) -> bool:
 def _intrinsics(
     bag: _Bag, topic: str, request: Request, shape: tuple[int, int]
 ) -> tuple[Pinhole | None, tuple[str, ...]]:
-    """Intrinsics from the camera_info beside the depth topic, and warnings on them."""
+    """Intrinsics from the camera_info of the depth topic, and warnings about them."""
     name = request.camera_info or f"{topic.rpartition('/')[0]}/camera_info"
     if request.camera_info is not None:
         bag.check(name, _INFO)

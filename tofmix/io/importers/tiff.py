@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
 from tofmix.io.extras import need
+from tofmix.io.importers.axes import IMAGE_DIMENSIONS
 from tofmix.io.importers.base import (
-    IMAGE_DIMENSIONS,
     Frame,
     FrameSource,
     Request,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.errors import BadInputError
-from tofmix.io.recording.range_check import LEAST_MEDIAN_MM, LEAST_OF_RANGE_MIN
+from tofmix.io.recording.range_check import is_too_small
 from tofmix.sensor import Sensor
 
 UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
@@ -43,7 +43,7 @@ def refuse_metres(range_mm: NDArray[Any], sensor: Sensor, what: object) -> None:
         If their median is below 50, or below a tenth of `range_min_mm`.
     """
     median = float(np.nanmedian(range_mm))
-    if median < max(LEAST_MEDIAN_MM, LEAST_OF_RANGE_MIN * (sensor.range_min_mm or 0.0)):
+    if is_too_small(median, sensor):
         raise BadInputError(
             f"{what}: no unit is given, and half of the values are below {median:.3g}, too small for mm;"
             " give --units m, or --units mm if mm is right"

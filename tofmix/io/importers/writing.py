@@ -14,13 +14,12 @@ from tofmix.io.importers.base import Frame, FrameSource
 from tofmix.io.importers.conversion import Conversion
 from tofmix.io.importers.units import refuse_metres
 from tofmix.io.recording.recording_writer import CHUNK_FRAMES, RecordingWriter
+from tofmix.recording import SAMPLE_BYTES
 from tofmix.sensor import Sensor
 from tofmix.wording import counted
 
 BLOCK_BYTES = 64_000_000
 """Most bytes of ranges that are held at once, where a frame is not larger."""
-
-_BYTES_A_SAMPLE = 4  # of float32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,7 +93,7 @@ def write_recording(
     """
     frames, rows, cols = source.shape
     layers = max(1, source.targets)
-    block_frames = max(1, min(CHUNK_FRAMES, BLOCK_BYTES // (rows * cols * layers * _BYTES_A_SAMPLE)))
+    block_frames = max(1, min(CHUNK_FRAMES, BLOCK_BYTES // (rows * cols * layers * SAMPLE_BYTES)))
     kind: Literal["u2", "f4"] = "u2" if conversion.stored_dtype == "u2" else "f4"
     writer = RecordingWriter(
         output, shape=source.shape, targets=source.targets, sensor=sensor, title=f"recording imported from {what.name}",

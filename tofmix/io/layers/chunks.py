@@ -109,7 +109,7 @@ def _packed(values: NDArray[Any]) -> bytes:
 
 
 def _unpacked(chunk: bytes, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Values of a chunk, flat; the journal has a checksum of its own over it."""
+    """Values of a chunk, flat; the journal has a separate checksum over it."""
     data = np.frombuffer(zlib.decompress(chunk[:-4]), dtype=np.uint8)
     return np.ascontiguousarray(data.reshape(dtype.itemsize, -1).T).reshape(-1).view(dtype)
 

@@ -1,9 +1,8 @@
 """Journals: the cells that an estimate has finished, kept until the layers file is whole.
 
-An interrupted run is continued from its journal; a shard's part is a journal that
-holds all its cells. Each is one SQLite database beside the output. A cell is in it
-wholly or not at all, whatever moment the process is killed at. One process has it
-at a time.
+An interrupted run is continued from its journal; a shard's part is a journal that holds all its cells. Each is one
+SQLite database next to the output. A cell is in it completely or not at all, even if the process is killed. One process
+has it at a time.
 """
 
 import json
@@ -48,7 +47,7 @@ WHOLE = Shard(number=1, count=1)
 class Journal:
     """An open journal; made by `open_journal` or `open_part`.
 
-    `has_cells` is known whatever has become of the database.
+    `has_cells` is known even if the database is lost.
     """
 
     def __init__(self, path: Path, database: sqlite3.Connection, header: bytes, shard: Shard) -> None:
@@ -102,7 +101,7 @@ class Journal:
         return EncodedCell(tuple(json.loads(tally)), tuple(_split(data, json.loads(sizes))))
 
     def close(self) -> None:
-        """Close it; what is in stays."""
+        """Close it; its cells stay."""
         self._database.close()
         forget_partial_output(*files_of(self.path))
 
@@ -126,7 +125,7 @@ class Journal:
         if modes != [("delete",)]:
             raise StorageError(f"{self.path}: SQLite cannot merge the journal into one file; --resume tries again")
         try:
-            for path in _beside(self.path):
+            for path in _sqlite_files(self.path):
                 path.unlink(missing_ok=True)  # SQLite says nothing where it fails in that
             descriptor = os.open(self.path, os.O_RDONLY)
             try:
@@ -153,11 +152,11 @@ def journal_path(output: Path) -> Path:
 
 def files_of(journal: Path) -> tuple[Path, ...]:
     """All files that a journal may consist of, and the unfinished output of its run."""
-    return partial_path(journal), *_beside(journal), journal
+    return partial_path(journal), *_sqlite_files(journal), journal
 
 
-def _beside(journal: Path) -> tuple[Path, ...]:
-    """Files that SQLite keeps beside an open database."""
+def _sqlite_files(journal: Path) -> tuple[Path, ...]:
+    """Files that SQLite keeps next to an open database."""
     return tuple(journal.with_name(journal.name + end) for end in ("-wal", "-shm", "-journal"))
 
 
@@ -167,7 +166,7 @@ def partial_path(journal: Path) -> Path:
 
 
 def remove_journal(journal: Path) -> None:
-    """Delete a journal that nobody has open."""
+    """Delete a journal that no process has open."""
     try:
         for path in files_of(journal):
             path.unlink(missing_ok=True)
@@ -183,7 +182,7 @@ def open_journal(path: Path, header: bytes, shard: Shard = WHOLE) -> Journal:
     path : Path
         From `journal_path`.
     header : bytes
-        What the run is made from and with.
+        Source and options of the run.
     shard : Shard
         Which part it makes.
 
@@ -195,7 +194,7 @@ def open_journal(path: Path, header: bytes, shard: Shard = WHOLE) -> Journal:
     Raises
     ------
     UsageError
-        If another process has it open, or what is there is no journal.
+        If another process has it open, or the file is not a journal.
     StorageError
         If it cannot be made.
     """

@@ -1,7 +1,7 @@
-"""Layers files (`*.layers.h5`): what `estimate` writes and `report` reads.
+"""Layers files (`*.layers.h5`): written by `estimate`, read by `report`.
 
-The datasets are those of `tofmix.layers.layer_fields`. The same layers and the
-same provenance give the same bytes, in whatever blocks they are written.
+The datasets are those of `tofmix.layers.layer_fields`. The same layers and the same provenance give the same bytes, for
+any blocks of writing.
 """
 
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ FORMAT = "tofmix-layers"
 class LayersWriter:
     """Writes a layers file block by block; the file gets its name when all is in.
 
-    Use it as a context manager. Blocks must come in one order whatever the number of workers.
+    Use it as a context manager. Blocks must come in one order for any number of workers.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class LayersWriter:
     tile : (int, int)
         Windows and rows of one stored chunk.
     provenance : Provenance
-        What the layers are made from and with.
+        Source and options of the layers.
     overwrite, inputs, temporary
         As for `AtomicFile`.
 
@@ -146,7 +146,7 @@ class LayersWriter:
             )
 
     def write_law(self, window: int, phasor_share: float, pixels: int) -> None:
-        """Write which law of mixing holds in a window: share of phasor sums, and pixels that tell it."""
+        """Write the mixing of a window: share of phasor sums, and the pixels that determine it."""
         self._root["phasor_share"][window] = phasor_share
         self._root["phasor_pixels"][window] = pixels
         self._file.check()
@@ -203,7 +203,7 @@ class LayersFile:
             raise BadInputError(f"{path}: range: shape {shape} holds no layer")
         for name, dataset in self._datasets.items():
             if dataset.shape != shape[: dataset.ndim]:
-                raise BadInputError(f"{path}: {name}: shape {dataset.shape} does not go with range {shape}")
+                raise BadInputError(f"{path}: {name}: shape {dataset.shape} does not match range {shape}")
         self.window_start = _window_bounds(root, "window_start", shape[0], path)
         self.window_stop = _window_bounds(root, "window_stop", shape[0], path)
         self.provenance = read_provenance(root, path)
@@ -283,7 +283,7 @@ class LayersFile:
         return tuple(counts.tolist())
 
     def undecided_tally(self) -> tuple[int, ...]:
-        """Those pixels of `tally` of which it is not decided what their samples are sums of."""
+        """The undecided pixels of `tally`."""
         counts = np.zeros(self.max_layers + 1, dtype=np.int64)
         if "mixing" in self.names:
             for window in range(self.shape[0]):
@@ -308,7 +308,7 @@ def open_layers(path: Path) -> Iterator[LayersFile]:
     Raises
     ------
     BadInputError
-        If the file is missing, not HDF5 or cut short, or is no layers file.
+        If the file is missing, not HDF5 or cut short, or is not a layers file.
     """
     with open_result(path, kind=FORMAT, make=LayersFile) as layers:
         yield layers

@@ -21,7 +21,7 @@ _CHECKSUM = "provenance_crc32"
 
 
 def header_image(provenance: Provenance, grid: Grid) -> bytes:
-    """Everything that a layers file says before its first value, as a small file; equal for equal runs."""
+    """The header of a layers file, before its first value, as a small file; equal for equal runs."""
 
     def write(root: h5py.File) -> None:
         write_provenance(root, provenance)
@@ -34,7 +34,7 @@ def header_image(provenance: Provenance, grid: Grid) -> bytes:
 
 
 def read_header_image(image: bytes, path: Path) -> tuple[Provenance, Grid]:
-    """Read what `header_image` made; `path` is the file that holds it.
+    """Read the result of `header_image`; `path` is the file that holds it.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def write_provenance(root: h5py.File, provenance: Provenance) -> None:
 
 
 def write_surfaces_provenance(root: h5py.File, provenance: SurfacesProvenance) -> None:
-    """Write what surfaces were made from, likewise."""
+    """Write the source and options of surfaces, likewise."""
     _write_texts(root, provenance)
     root.attrs[_CHECKSUM] = np.uint32(_checksum(root))
 
@@ -92,7 +92,7 @@ def read_provenance(root: h5py.File, path: Path) -> Provenance:
 
 
 def read_surfaces_provenance(root: h5py.File, path: Path) -> SurfacesProvenance:
-    """Read what surfaces were made from.
+    """Read the source and options of surfaces.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def read_surfaces_provenance(root: h5py.File, path: Path) -> SurfacesProvenance:
 def _texts(root: h5py.File, path: Path) -> dict[str, Any]:
     """Source, its checksum, version and options, held against their checksum."""
     if _CHECKSUM in root.attrs and int(root.attrs[_CHECKSUM]) != _checksum(root):
-        raise BadInputError(f"{path}: attribute options, or source beside it, is damaged: its checksum differs")
+        raise BadInputError(f"{path}: attribute options or source is damaged: their checksum differs")
     try:
         options = json.loads(hdf5.text_attribute(root, "options") or "{}")
     except ValueError as error:

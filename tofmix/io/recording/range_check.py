@@ -1,8 +1,8 @@
-"""Whether the ranges of a recording are what they seem: mm, and zeros that are ranges.
+"""Checks on the ranges of a recording: that they are in mm, and that zeros are ranges.
 
-A float dataset says neither by itself. Without the attribute `units`, values of a few units are metres more likely than
-mm; without `_FillValue`, exact zeros are ranges by the contract, and lost samples more likely. Both are looked at in a
-few blocks, so that a long recording is not read twice: the same blocks whenever the same file is opened.
+A float dataset does not show this. Without the attribute `units`, values of a few units are metres more likely than mm;
+without `_FillValue`, exact zeros are ranges by the contract, and lost samples more likely. Both are checked in a few
+blocks, so that a long recording is not read twice; a file always has the same blocks.
 """
 
 from collections.abc import Iterator
@@ -16,15 +16,6 @@ from tofmix.arrays import Float32Array
 from tofmix.errors import BadInputError
 from tofmix.io.next_command import import_command
 from tofmix.sensor import Sensor
-
-LEAST_MEDIAN_MM = 50.0
-"""A median range below this, in mm, is no camera's; in m it is beyond every camera's."""
-
-LEAST_OF_RANGE_MIN = 0.1
-"""A median below this share of the sensor's `range_min_mm` is in another unit."""
-
-ZEROS_SHARE = 0.01
-"""Share of exact zeros that is worth a line."""
 
 _BLOCKS = 4  # places of the recording that are looked at
 _BLOCK_SAMPLES = 1 << 16  # samples at each place
@@ -52,7 +43,7 @@ class FloatRecording(Protocol):
 
     @property
     def fill(self) -> float | None:
-        """Value of invalid samples beside NaN."""
+        """Value of invalid samples in addition to NaN."""
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
         """Samples, mm, NaN where invalid."""
@@ -111,38 +102,55 @@ def _blocks(recording: FloatRecording) -> Iterator[tuple[slice, slice]]:
         yield slice(first, first + deep), slice(top, top + high)
 
 
+def is_too_small(median_mm: float, sensor: Sensor, *, least_mm: float = 50.0, least_share: float = 0.1) -> bool:
+    """Whether a median range is in another unit than mm.
+
+    Parameters
+    ----------
+    median_mm : float
+        The median, if it is in mm.
+    sensor : Sensor
+        The camera.
+    least_mm : float
+        A median below this is no camera's; in m it is beyond every camera's.
+    least_share : float
+        A median below this share of `range_min_mm` is in another unit.
+    """
+    return median_mm < max(least_mm, least_share * (sensor.range_min_mm or 0.0))
+
+
 def unit_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | None:
-    """Doubts about mm, with the remedies; None without a doubt."""
+    """Reason to doubt that ranges are in mm, with the remedies; None without a doubt."""
     if found is None or found.median is None or recording.units is not None:
         return None
-    least = recording.sensor.range_min_mm or 0.0
-    if found.median >= max(LEAST_MEDIAN_MM, LEAST_OF_RANGE_MIN * least):
+    if not is_too_small(found.median, recording.sensor):
         return None
-    beside = f" and range_min_mm of {least:g}" if found.median < LEAST_OF_RANGE_MIN * least else ""
+    least = recording.sensor.range_min_mm
+    also = f" and range_min_mm of {least:g}" if is_too_small(found.median, recording.sensor, least_mm=0.0) else ""
     return (
-        f"{recording.stored_type} without units, its median {found.median:.4g}, is too small for mm{beside}; in metres:"
+        f"{recording.stored_type} without units, its median {found.median:.4g}, is too small for mm{also}; in metres:"
         f" {import_command(recording.path, '--units', 'm')}; in mm: set the dataset's attribute units to mm"
     )
 
 
-def zeros_doubt(recording: FloatRecording, found: RangeCheck | None) -> str | None:
-    """How many samples are exactly 0 and count as ranges, and how to say otherwise; None where they are few."""
-    if found is None or recording.fill is not None or found.zeros <= ZEROS_SHARE * found.samples:
+def zeros_doubt(recording: FloatRecording, found: RangeCheck | None, *, most_share: float = 0.01) -> str | None:
+    """Number of samples that are exactly 0 and count as ranges, with the remedy; None up to a share of them."""
+    if found is None or recording.fill is not None or found.zeros <= most_share * found.samples:
         return None
     return (
-        f"{found.zeros:,} of {found.samples:,} samples looked at are exactly 0 and taken as ranges of 0 mm; where 0"
+        f"{found.zeros:,} of {found.samples:,} checked samples are exactly 0 and count as ranges of 0 mm; if 0"
         f" means no sample: {import_command(recording.path, '--invalid', '0')}, or set the dataset's attribute"
         " _FillValue to 0"
     )
 
 
 def check_range(recording: FloatRecording) -> tuple[str, ...]:
-    """Refuse ranges that are not in mm, as it seems.
+    """Refuse ranges that are probably not in mm.
 
     Returns
     -------
     tuple of str
-        What the user should know beside, each a line that names the file.
+        Notes for the user, each a line that names the file.
 
     Raises
     ------

@@ -33,7 +33,7 @@ _MM = ("mm", "millimeter", "millimetre", "millimeters", "millimetres")
 _CONVERTED = dict.fromkeys(("m", "meter", "metre", "meters", "metres"), "m") | dict.fromkeys(
     ("cm", "centimeter", "centimetre", "centimeters", "centimetres"), "cm"
 )
-"""Units of `range` that are no mm, and what `tofmix import --units` calls them."""
+"""Units of `range` other than mm, with their names in `tofmix import --units`."""
 
 
 class RecordingFile:
@@ -47,7 +47,7 @@ class RecordingFile:
     def __init__(self, root: h5py.File, path: Path) -> None:
         self._root, self.path = root, path
         self._identity = guard.identity(root)
-        self.settled = False
+        self.verified = False
         self.sensor = sensor_group.read_sensor(root, path)
         self._range = _samples(root, "range", path)
         self.units = hdf5.text_attribute(self._range, "units")
@@ -69,7 +69,7 @@ class RecordingFile:
             )
 
     def check_unchanged(self) -> None:
-        """Refuse what was read if the file was written to meanwhile.
+        """Refuse the data if the file was written to during reading.
 
         Raises
         ------
@@ -78,8 +78,8 @@ class RecordingFile:
         """
         guard.check_unchanged(self._root, self._identity, self.path)
 
-    def settle(self) -> None:
-        """Say that nothing more will be read: what happens to the file from now on is no fault of what was.
+    def verify_unchanged(self) -> None:
+        """Declare the end of reading: later changes of the file do not matter.
 
         Raises
         ------
@@ -87,10 +87,10 @@ class RecordingFile:
             If it was written to meanwhile.
         """
         self.check_unchanged()
-        self.settled = True
+        self.verified = True
 
     def sha256(self) -> str:
-        """SHA-256 of the file that is open, whatever its path may lead to by now.
+        """SHA-256 of the open file, even if its path now leads to another one.
 
         Raises
         ------
@@ -123,7 +123,7 @@ class RecordingFile:
 
     @property
     def fill(self) -> float | None:
-        """Value of invalid samples beside NaN: `_FillValue`; without one 0 for integers, None for floats."""
+        """Value of invalid samples in addition to NaN: `_FillValue`; without one 0 for integers, None for floats."""
         if self._fill is not None:
             return float(self._fill[0])
         return None if self._range.dtype.kind == "f" else 0.0
@@ -142,7 +142,7 @@ class RecordingFile:
         return found
 
     def read_time(self) -> FloatArray | None:
-        """Read the start of each frame (frame,) float64 in s; None where the recording does not say.
+        """Read the start of each frame (frame,) float64 in s; None if unknown.
 
         Raises
         ------
@@ -152,7 +152,7 @@ class RecordingFile:
         return self._by_frame("time")
 
     def read_temperature(self) -> FloatArray | None:
-        """Read the camera's temperature (frame,) float64 in degC; None where the recording does not say.
+        """Read the camera's temperature (frame,) float64 in degC; None if unknown.
 
         Raises
         ------
@@ -179,7 +179,7 @@ class RecordingFile:
 
     @property
     def frame_step(self) -> int:
-        """Samples of a pixel in a stored chunk, or chunks beside each other; likewise."""
+        """Samples of a pixel in a stored chunk, or in neighbouring chunks; likewise."""
         return (int(self._range.chunks[0]) if self._range.chunks else 1) * max(1, self.targets)
 
     def read_range(self, frames: slice, rows: slice) -> Float32Array:
@@ -258,7 +258,7 @@ def open_recording(path: Path, *, check_units: bool = True) -> Iterator[Recordin
         `check_units`, if its ranges are not in mm, as it seems.
     """
     recording: RecordingFile | None = None
-    with guard.open_for_reading(path, settled=lambda: recording is not None and recording.settled) as root:
+    with guard.open_for_reading(path, verified=lambda: recording is not None and recording.verified) as root:
         with guard.reading(path, "header"):
             hdf5.check_format(root, path, kind=FORMAT, required=False)
             recording = RecordingFile(root, path)
@@ -283,7 +283,7 @@ def file_sha256(path: Path) -> str:
 
 
 def _digest(file: io.FileIO, path: Path) -> str:
-    """SHA-256 of what is left of a file; each piece is watched by itself, for the whole may take long."""
+    """SHA-256 of the rest of a file; each piece has its own time limit, because the whole may take long."""
     digest, piece = hashlib.sha256(), memoryview(bytearray(_HASHED_BYTES))
     while True:
         with watched(str(path)):
@@ -327,13 +327,13 @@ def _samples(root: h5py.File, name: str, path: Path) -> h5py.Dataset:
 
 
 def _check_targets(dataset: h5py.Dataset, name: str, path: Path) -> None:
-    """Refuse four axes of which the second is not said to be `target`: another order would be read in silence."""
+    """Refuse four axes without the scale `target` on the second one: another order would be read without notice."""
     with guard.reading(path, name):
         scales = [Path(dim[0].name).name if len(dim) else "" for dim in dataset.dims]
     if scales != [DIMS[0], TARGET, *DIMS[1:]]:
         raise BadInputError(
-            f"{path}: {name}: got shape {dataset.shape}, four axes, and no scales frame, {TARGET}, row, col say which"
-            f" is which; in their order: {import_command(path, '--axes', ','.join((DIMS[0], TARGET, *DIMS[1:])))}"
+            f"{path}: {name}: got shape {dataset.shape}, four axes without the scales frame, {TARGET}, row,"
+            f" col; if this is their order: {import_command(path, '--axes', ','.join((DIMS[0], TARGET, *DIMS[1:])))}"
         )
     if dataset.shape[1] > MOST_TARGETS:
         raise BadInputError(f"{path}: {name}: {dataset.shape[1]} targets; no more than {MOST_TARGETS}")

@@ -1,7 +1,6 @@
 """Writing recordings: frames are streamed into a new file, which gets its name when the last one is in.
 
-Use `RecordingWriter`; `tofmix.io.recording.recording_file` reads what it writes. The contract is
-docs/reference/formats.md.
+Use `RecordingWriter`; `tofmix.io.recording.recording_file` reads its files. The contract is docs/reference/formats.md.
 """
 
 from contextlib import ExitStack
@@ -24,7 +23,7 @@ from tofmix.simulation.truth import Truth
 from tofmix.version import __version__
 
 CHUNK_FRAMES = 100
-"""Frames stored together; also what `simulate` holds in memory at once."""
+"""Frames of a stored chunk; `simulate` holds as many in memory at once."""
 
 _CHUNK_ROWS = 8  # rows of a chunk: a band of rows is read without the rest
 _CHUNK_COLS = 22  # columns of a chunk: an eighth of a 176-pixel row
@@ -49,11 +48,11 @@ class RecordingWriter:
     truth : Truth, optional
         Ground truth of a synthetic recording.
     model_text : str
-        Text of the model file that a synthetic recording is made from; goes with `truth`.
+        Text of the model file of a synthetic recording; needs `truth`.
     effect_truth : tuple of EffectTruth
-        What effects drew for this recording; goes with `truth`.
+        Draws of effects for this recording; need `truth`.
     moving : bool
-        Whether true ranges will be written frame by frame; goes with `truth`.
+        Whether true ranges will be written frame by frame; needs `truth`.
     title : str
         The file's title.
     has_amplitude, has_time, has_temperature : bool

@@ -1,8 +1,7 @@
-"""A recording laid out anew on disk, for windows so long that a band of rows must be read alone.
+"""A recording rearranged on disk, for windows so long that each band of rows must be read separately.
 
-Recordings stored frame by frame would have to be unpacked once for each band. Here
-they are unpacked once, into a file in which each row's samples lie together. The file
-has no name, so that nothing is left of it whatever happens.
+Recordings stored frame by frame would have to be unpacked once for each band. Here they are unpacked once, into a file
+in which each row's samples lie together. The file has no name, so it never remains.
 """
 
 import os
@@ -16,10 +15,9 @@ import numpy as np
 
 from tofmix.arrays import Float32Array
 from tofmix.errors import StorageError, os_error_text
-from tofmix.recording import SampleSource, wanted_amplitudes
+from tofmix.recording import SAMPLE_BYTES, SampleSource, wanted_amplitudes
 from tofmix.sensor import Sensor
 
-_SAMPLE_BYTES = 4  # of float32
 _READ_BYTES = 8 << 20  # bytes that are read at once
 
 
@@ -40,7 +38,7 @@ class ScratchRecording:
     def place(self, frame: int, row: int) -> int:
         """Where in the file a frame's samples of a row begin."""
         frames, _, cols = self.shape
-        return (row * frames + frame) * cols * _SAMPLE_BYTES
+        return (row * frames + frame) * cols * SAMPLE_BYTES
 
     def write(self, frame: int, row: int, samples: Float32Array) -> None:
         """Write samples (frame, row, col) from a frame and a row on."""
@@ -91,11 +89,11 @@ def on_scratch(
     source : SampleSource
         The recording.
     folder : Path
-        Where there is room for 4 bytes a sample.
+        Folder with room for 4 bytes a sample.
     frames, rows : slice
         The part that will be read.
     phasors : bool
-        Whether amplitudes will be read too, whatever the noise curve asks for.
+        Whether amplitudes will be read too, even if the noise curve does not need them.
 
     Raises
     ------
@@ -112,7 +110,7 @@ def on_scratch(
                 light = _laid_out(stack, source, amplitudes.read_amplitude, folder, parts, None)
             yield _laid_out(stack, source, source.read_range, folder, parts, light)
     except OSError as error:
-        size = f"{samples * _SAMPLE_BYTES / 1e9:.1f} GB"
+        size = f"{samples * SAMPLE_BYTES / 1e9:.1f} GB"
         raise StorageError(
             f"{os_error_text(error, folder)}; {size} of scratch space are needed there, or more --memory"
         ) from error
@@ -126,13 +124,13 @@ def _laid_out(
     parts: tuple[slice, slice],
     amplitude: ScratchRecording | None,
 ) -> ScratchRecording:
-    """Lay out what `read` gives, in a file that goes with the stack."""
+    """Write the blocks of `read` to a file that is closed with the stack."""
     frames, rows = parts
     file = stack.enter_context(tempfile.TemporaryFile(dir=folder, prefix=".tofmix-"))  # noqa: SIM115  the stack's
     scratch = ScratchRecording(file.fileno(), source.shape, source.sensor, amplitude)
     size = scratch.place(0, rows.stop) - scratch.place(0, rows.start)
     os.posix_fallocate(file.fileno(), scratch.place(0, rows.start), size)
-    chunk = source.frame_step * source.row_step * source.shape[2] * _SAMPLE_BYTES
+    chunk = source.frame_step * source.row_step * source.shape[2] * SAMPLE_BYTES
     step = source.frame_step * max(1, _READ_BYTES // chunk)
     for band in _aligned(rows, source.row_step):
         for part in _aligned(frames, step):

@@ -26,13 +26,13 @@ class Findings:
     Parameters
     ----------
     kind : str
-        What the file is.
+        Kind of the file.
     checked : int
         Datasets that were read whole.
     faults : dict
         Faults by dataset and rule.
     notes : list of str
-        What is no fault, but should be known.
+        Remarks that are not faults.
     """
 
     kind: str
@@ -46,7 +46,7 @@ class Findings:
         fault.count += count
 
     def add_error(self, error: BadInputError, path: object, *, first: str = "") -> None:
-        """Add what could not be read; the file's name is said elsewhere."""
+        """Add an error of reading, without the name of the file."""
         text = str(error).removeprefix(f"{path}: ")
         name, _, reason = text.partition(": ")
         self.add(name if reason else "file", reason or text, first=first)

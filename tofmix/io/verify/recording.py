@@ -27,10 +27,7 @@ def verify_recording(root: h5py.File, recording: RecordingFile, findings: Findin
         The file.
     recording : RecordingFile
         The recording in it.
-    findings : Findings
-        What is found goes there.
-    ours : bool
-        Whether the file says that it is of the tofmix format.
+    findings : Findings Receives the findings. ours : bool Whether the file is marked as of the tofmix format.
     """
     for name in ("range", *_UNITS):
         with guard.reading(recording.path, name):
@@ -121,7 +118,7 @@ def _check_truth(root: h5py.File, recording: RecordingFile, findings: Findings) 
         what = f"truth/{name}"
         dataset = guard.checked_dataset(root, what, path)
         if dataset.shape[:2] != image or dataset.ndim != (3 if name in ("range_true", "weight_true") else 2):
-            raise BadInputError(f"{path}: {what}: shape {dataset.shape} does not go with range {recording.shape}")
+            raise BadInputError(f"{path}: {what}: shape {dataset.shape} does not match range {recording.shape}")
         check_storage(dataset, what, path, findings, ours=True)
         with guard.reading(path, what):
             arrays[name] = np.asarray(dataset[...])

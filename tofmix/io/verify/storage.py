@@ -6,9 +6,8 @@ from pathlib import Path
 import h5py
 
 from tofmix.io.guard import guard
+from tofmix.io.guard.unpacking import FLETCHER32
 from tofmix.io.verify.findings import Findings
-
-_FLETCHER32 = 3  # HDF5's number of this filter
 
 
 def check_storage(dataset: h5py.Dataset, name: str, path: Path, findings: Findings, *, ours: bool) -> None:
@@ -22,10 +21,8 @@ def check_storage(dataset: h5py.Dataset, name: str, path: Path, findings: Findin
         Its name.
     path : Path
         Its file.
-    findings : Findings
-        What is found goes there: faults in a file of ours, notes in another program's.
-    ours : bool
-        Whether the file says that it is of a tofmix format.
+    findings : Findings Receives faults of a tofmix file, or notes on another program's. ours : bool Whether the file is
+    marked as of a tofmix format.
     """
     with guard.reading(path, name):
         if dataset.chunks is None:
@@ -33,10 +30,10 @@ def check_storage(dataset: h5py.Dataset, name: str, path: Path, findings: Findin
             return
         plist = dataset.id.get_create_plist()
         codes = [plist.get_filter(k)[0] for k in range(plist.get_nfilters())]
-        if _FLETCHER32 not in codes:
+        if FLETCHER32 not in codes:
             _say(findings, name, "without checksum; a flipped bit would not be noticed", fault=False)
             return
-        missing, unguarded = _count_chunks(dataset, 1 << codes.index(_FLETCHER32))
+        missing, unguarded = _count_chunks(dataset, 1 << codes.index(FLETCHER32))
     if missing:
         _say(findings, name, f"{missing} stored chunks are missing and would be read as no value", fault=ours)
     if unguarded:

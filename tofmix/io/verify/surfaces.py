@@ -10,7 +10,8 @@ from tofmix.arrays import BoolArray
 from tofmix.errors import BadInputError
 from tofmix.io import hdf5
 from tofmix.io.guard import guard
-from tofmix.io.surfaces_file import FIELDS, SurfacesFile
+from tofmix.io.surfaces.fields import FIELDS
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.io.verify.findings import Findings
 from tofmix.io.verify.storage import check_storage
 from tofmix.surfaces.found import NO_SURFACE
@@ -35,7 +36,7 @@ def verify_surfaces(root: h5py.File, file: SurfacesFile, findings: Findings) -> 
     file : SurfacesFile
         The surfaces in it.
     findings : Findings
-        What is found goes there.
+        Receives the findings.
     """
     for spec in FIELDS:
         if spec.name in file.names:
@@ -111,7 +112,7 @@ def _is_known(numbers: NDArray[Any], file: SurfacesFile) -> BoolArray:
 
 
 def _check_images(file: SurfacesFile, small: dict[str, NDArray[Any]], findings: Findings) -> None:
-    """Check the images of each window; then that each surface has as many layers as it says."""
+    """Check the images of each window, then the number of layers of each surface."""
     counts = np.zeros(file.surfaces, dtype=np.int64)
     fine = ("window", "row_fine", "col_fine")
     for window in range(file.shape[0]):

@@ -1,7 +1,7 @@
 """Whether files are whole and keep their contract: every chunk read, every rule applied, block by block.
 
 `verify` takes a recording, a layers file, a surfaces file, a model, a sensor file or a reconciliation's folder. It
-never raises for what is wrong with them: it says so.
+reports faults and never raises for them.
 """
 
 import itertools
@@ -16,7 +16,7 @@ import numpy as np
 
 from tofmix.errors import BadInputError
 from tofmix.invariants import layer_rules
-from tofmix.io import hdf5, surfaces_file
+from tofmix.io import hdf5
 from tofmix.io.atomic.storage import read_text
 from tofmix.io.guard import guard
 from tofmix.io.layers import layers_file
@@ -24,7 +24,8 @@ from tofmix.io.layers.layers_file import LayersFile
 from tofmix.io.model_file import load_model
 from tofmix.io.reconciliation import FILES, model_names
 from tofmix.io.recording.recording_file import RecordingFile
-from tofmix.io.surfaces_file import SurfacesFile
+from tofmix.io.surfaces.fields import FORMAT as SURFACES_FORMAT
+from tofmix.io.surfaces.surfaces_file import SurfacesFile
 from tofmix.io.verify.findings import Findings
 from tofmix.io.verify.recording import verify_recording
 from tofmix.io.verify.storage import check_storage
@@ -41,13 +42,12 @@ def verify(path: Path) -> Findings:
 
     Parameters
     ----------
-    path : Path
-        What to check.
+    path : Path The file or folder.
 
     Returns
     -------
     Findings
-        What is wrong with it, a missing or unreadable file included.
+        Its faults; also for a missing or unreadable file.
     """
     findings = Findings("unknown")
     try:
@@ -70,10 +70,10 @@ def _verify_hdf5(path: Path, findings: Findings) -> None:
         if kind == layers_file.FORMAT:
             findings.kind = "layers"
             _verify_layers(root, path, findings)
-        elif kind == surfaces_file.FORMAT:
+        elif kind == SURFACES_FORMAT:
             findings.kind = "surfaces"
             with guard.reading(path, "header"):
-                hdf5.check_format(root, path, kind=surfaces_file.FORMAT, required=True)
+                hdf5.check_format(root, path, kind=SURFACES_FORMAT, required=True)
                 surfaces = SurfacesFile(root, path)
             verify_surfaces(root, surfaces, findings)
         else:

@@ -19,16 +19,10 @@ from tofmix.report.sources import LayersSource
 from tofmix.report.summary.quantiles import ValueCounts
 from tofmix.wording import counted
 
-DEFAULT_TOLERANCE = 3.0
-"""Largest difference of equal ranges, in combined standard errors."""
-
-SHOWN_PIXELS = 20
-"""Pixels that are listed, the most different first."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PixelDifference:
-    """One pixel that differs. Ranges are in mm; `gap_errors` is None where the surfaces differ in number."""
+    """One pixel that differs. Ranges are in mm; `gap_errors` is None if the numbers of surfaces differ."""
 
     window: int
     row: int
@@ -124,7 +118,7 @@ def common_circle(a: LayersSource, b: LayersSource) -> float | None:
     return length if length == other else None
 
 
-def compare(a: LayersSource, b: LayersSource, *, tolerance: float = DEFAULT_TOLERANCE) -> Comparison:
+def compare(a: LayersSource, b: LayersSource, *, tolerance: float = 3.0, shown_pixels: int = 20) -> Comparison:
     """Compare two layers files.
 
     Parameters
@@ -132,7 +126,9 @@ def compare(a: LayersSource, b: LayersSource, *, tolerance: float = DEFAULT_TOLE
     a, b : LayersSource
         For example open `tofmix.io.layers.layers_file.LayersFile`.
     tolerance : float
-        In combined standard errors, at least 0.
+        Largest difference of equal ranges, in combined standard errors, at least 0.
+    shown_pixels : int
+        Pixels that are listed, the most different first.
 
     Returns
     -------
@@ -145,7 +141,7 @@ def compare(a: LayersSource, b: LayersSource, *, tolerance: float = DEFAULT_TOLE
         If they differ in size.
     """
     check_comparable(a, b)
-    tally = _Tally()
+    tally = _Tally(shown_pixels)
     windows, rows, cols = a.shape
     circle_mm = common_circle(a, b)
     for window in range(windows):
@@ -182,7 +178,8 @@ def compare(a: LayersSource, b: LayersSource, *, tolerance: float = DEFAULT_TOLE
 class _Tally:
     """Running counts over windows."""
 
-    def __init__(self) -> None:
+    def __init__(self, most_shown: int) -> None:
+        self._most_shown = most_shown
         self.count = self.range = self.status = self.layers = 0
         self.by_window: list[int] = []
         self.gaps = ValueCounts()
@@ -209,11 +206,11 @@ class _Tally:
         row, col = np.nonzero(found.differs)
         by_count = np.abs(a.n_modes[row, col].astype(int) - b.n_modes[row, col].astype(int))
         by_range = np.fmax.reduce(np.abs(found.gap_errors[row, col]), axis=-1, initial=0.0)
-        for k in np.lexsort((col, row, -by_range, -by_count))[:SHOWN_PIXELS].tolist():
+        for k in np.lexsort((col, row, -by_range, -by_count))[: self._most_shown].tolist():
             place = int(row[k]), int(col[k])
             rank = (-float(by_count[k]), -float(by_range[k]), float(window), *map(float, place))
             self._shown.append((rank, _pixel(window, place, a, b, float(by_range[k]))))
-        self._shown = sorted(self._shown, key=lambda item: item[0])[:SHOWN_PIXELS]
+        self._shown = sorted(self._shown, key=lambda item: item[0])[: self._most_shown]
 
     def surfaces(self) -> tuple[tuple[int, int, int], ...]:
         ordered = sorted(self._surfaces.items(), key=lambda item: (-item[1], item[0]))

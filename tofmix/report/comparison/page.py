@@ -29,7 +29,7 @@ def render_comparison(
     window : int, optional
         The window of the pictures; the one with most differences without it.
     names : (str, str)
-        What the files are called.
+        Names of the files.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def render_comparison(
 
 
 def headline(comparison: Comparison) -> str:
-    """Say in one sentence how far the two differ."""
+    """Describe the differences in one sentence."""
     c = comparison
     if c.different == 0:
         return f"All {counted(c.pixels, 'pixel', ',')} agree within {c.tolerance:g} standard errors."

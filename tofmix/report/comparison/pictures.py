@@ -1,4 +1,4 @@
-"""The pictures of a comparison of two windows, each with the words that go with it."""
+"""The pictures of a comparison of two windows, each with its text."""
 
 import numpy as np
 
@@ -40,9 +40,9 @@ def draw_comparison(a: Layers, b: Layers, found: WindowDifference, *, tolerance:
         make_picture(
             lambda theme: gap_image(first, no_data="no such pair", theme=theme),
             "png",
-            title="First layer, B less A",
+            title="First layer, B minus A",
             alt=f"Difference of the first layer's range over the image plane. {size}",
-            shows="By how much the nearest surface is farther away in B, where both have as many surfaces.",
+            shows="Range of the nearest surface in B minus that in A, where both have equally many surfaces.",
             good="Only random noise, or nothing at all.",
             bad="Areas of one colour: one of the two is biased.",
         ),

@@ -4,11 +4,12 @@ from tofmix.report.comparison.comparison import Comparison, PixelDifference
 from tofmix.report.summary.tables import printable
 from tofmix.wording import counted, percent_of
 
-_SHOWN_PAIRS = 5  # most frequent pairs of numbers of surfaces that are shown
 
+def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: float, shown_pairs: int = 5) -> str:
+    """Format a comparison of the files `names` for the terminal, without a newline at the end.
 
-def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: float) -> str:
-    """Format a comparison of the files `names` for the terminal, without a newline at the end."""
+    The `shown_pairs` most frequent pairs of numbers of surfaces are in it.
+    """
     c = comparison
     image = f"{counted(c.rows, 'row')} x {counted(c.cols, 'column')}"
     lines = [
@@ -30,7 +31,7 @@ def format_comparison(comparison: Comparison, *, names: tuple[str, str], allow: 
         f"range differences median {_number(c.gap_median_mm)} mm, largest {_number(c.gap_largest_mm)} mm",
         f"                  largest {_number(c.gap_largest_errors)} combined standard errors",
     ]
-    lines += [f"surfaces {a} in A, {b} in B: {counted(count, 'pixel')}" for a, b, count in c.surfaces[:_SHOWN_PAIRS]]
+    lines += [f"surfaces {a} in A, {b} in B: {counted(count, 'pixel')}" for a, b, count in c.surfaces[:shown_pairs]]
     lines += [f"option {name}: {pair[0]} in A, {pair[1]} in B" for name, pair in c.options.items()]
     if c.pixels_shown:
         lines += ["", f"{'window':>6}{'row':>6}{'col':>6}{'errors':>8}  ranges in A | in B (mm)"]

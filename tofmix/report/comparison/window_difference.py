@@ -69,7 +69,7 @@ def compare_windows(
     if unambiguous_range_mm is not None:
         pair = _pairs_on_circle(range_a, range_b, np.where(count_differs, 0, a.n_modes), unambiguous_range_mm)
         range_b, stderr_b = (np.take_along_axis(values, pair, axis=-1) for values in (range_b, stderr_b))
-        gap = np.where(present, _short_way(range_b - range_a, unambiguous_range_mm), np.nan)
+        gap = np.where(present, _circular_difference(range_b - range_a, unambiguous_range_mm), np.nan)
     errors = np.nan_to_num(np.hypot(stderr_a, stderr_b), nan=0.0, posinf=0.0)
     both_unknown = np.isnan(range_a) & np.isnan(range_b)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -84,7 +84,7 @@ def compare_windows(
     )
 
 
-def _short_way(gap_mm: FloatArray, length_mm: float) -> FloatArray:
+def _circular_difference(gap_mm: FloatArray, length_mm: float) -> FloatArray:
     """Differences of two places on a circle, by the shorter way, mm."""
     return np.asarray(gap_mm - length_mm * np.round(gap_mm / length_mm))
 
@@ -98,7 +98,7 @@ def _pairs_on_circle(range_a: FloatArray, range_b: FloatArray, n_modes: IntArray
     for turned in range(int(count.max(initial=1))):
         # Past the pixel's layers every layer is its own pair; they are not compared.
         pair = np.where(layer < count, (layer + turned) % count, layer)
-        apart = np.abs(_short_way(np.take_along_axis(range_b, pair, axis=-1) - range_a, length_mm))
+        apart = np.abs(_circular_difference(np.take_along_axis(range_b, pair, axis=-1) - range_a, length_mm))
         total = np.nansum(np.where(layer < count, apart, 0.0), axis=-1)
         better = total < least
         best, least = np.where(better[..., np.newaxis], pair, best), np.where(better, total, least)

@@ -1,7 +1,6 @@
 """Data of the page's explorer: every pixel of some windows, packed, and the settings of its script.
 
-The script reads what `explorer_json` writes. For one pixel in the terminal use
-`tofmix.report.pixels.pixels`.
+The script reads the output of `explorer_json`. For one pixel in the terminal use `tofmix.report.pixels.pixels`.
 """
 
 import json
@@ -14,28 +13,14 @@ from tofmix.flags import STATUS_MEANINGS, Status, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
+from tofmix.report.explorer.limits import DEFAULT_LIMITS, PageLimits
 from tofmix.report.explorer.packing import pack_numbers
-from tofmix.report.explorer.sample_packing import MOST_SAMPLES, PackedSamples, pack_samples
+from tofmix.report.explorer.sample_packing import PackedSamples, pack_samples
 from tofmix.report.figures.rasters import ABOVE, BELOW, count_colours, count_label, range_shades
 from tofmix.report.pixels.pixels import drifts, learnt_sensor
 from tofmix.report.sources import LayersSource
 from tofmix.report.theme import DARK, LIGHT
 from tofmix.sensor import Sensor
-
-MOST_PIXELS = 60_000
-"""Pixels of all windows of a page; one window is always there, unless it has more than `LARGEST_IMAGE`."""
-
-MOST_WINDOWS = 50
-"""Windows of a page, however small."""
-
-LARGEST_IMAGE = 400_000
-"""Pixels beyond which a page has no explorer."""
-
-MOST_TEXT = 2_400_000
-"""Characters of the data, so that a page of one full image stays below 3 MB with its pictures."""
-
-LEAST_SAMPLE_TEXT = 200_000
-"""Characters that samples may take however much the layers take."""
 
 _PIXEL_UNITS = {
     "n_modes": 1.0, "n_peaks": 1.0, "status": 1.0, "n_samples": 1.0, "weight_no_return": 1e-4, "weight_outlier": 1e-7,
@@ -73,9 +58,7 @@ def make_explorer(
     layers: Layers,
     averaged: AveragedImage,
     scale: tuple[float, float],
-    most_pixels: int = MOST_PIXELS,
-    most_samples: int = MOST_SAMPLES,
-    largest_image: int = LARGEST_IMAGE,
+    limits: PageLimits = DEFAULT_LIMITS,
 ) -> Explorer | None:
     """Pack windows for the page.
 
@@ -84,43 +67,38 @@ def make_explorer(
     layers_file : LayersSource
         The file.
     recording : SampleSource, optional
-        What the layers were made from; without it there are no samples.
+        Source of the layers; without it there are no samples.
     window : int
         The window shown first.
     layers, averaged : Layers, AveragedImage
         Of that window.
     scale : (float, float)
         Limits of the colours, mm.
-    most_pixels : int
-        Pixels of all windows together; fewer windows are held where they have more.
-    most_samples : int
-        Samples of all windows together; of longer windows frames are left out.
-    largest_image : int
-        Pixels beyond which there is no explorer.
+    limits : PageLimits
+        How much a page holds.
 
     Returns
     -------
     Explorer or None
-        None for an image of more than `largest_image` pixels.
+        None for an image of more than `limits.image_pixels`.
     """
-    if layers.n_modes.size > largest_image:
+    if layers.n_modes.size > limits.image_pixels:
         return None
-    chosen = windows_around(
-        layers_file, window, with_samples=recording is not None, most_pixels=most_pixels, most_samples=most_samples
-    )
+    chosen = windows_around(layers_file, window, with_samples=recording is not None, limits=limits)
     windows = [
         _pack_window(layers_file, number, recording, (layers, averaged) if number == window else None)
         for number in chosen
     ]
     samples = None
     if recording is not None:
-        room = max(LEAST_SAMPLE_TEXT, MOST_TEXT - sum(len(held["data"]) for held in windows)) // len(windows)
+        left = limits.characters - sum(len(held["data"]) for held in windows)
+        characters = max(limits.sample_characters, left) // len(windows)
         for held in windows:
             start, stop = held["frames"]
             noise = layers_file.provenance.sensor.noise
             samples = pack_samples(
-                recording, start=start, stop=stop, noise=noise, room=room, windows=len(windows),
-                most_samples=most_samples,
+                recording, start=start, stop=stop, noise=noise, characters=characters, windows=len(windows),
+                limits=limits,
             )  # fmt: skip
             held["samples"] = None if samples is None else _pack_samples(samples)
     most = max(held["most_layers"] for held in windows)
@@ -135,23 +113,18 @@ def make_explorer(
 
 
 def windows_around(
-    layers_file: LayersSource,
-    window: int,
-    *,
-    with_samples: bool,
-    most_pixels: int = MOST_PIXELS,
-    most_samples: int = MOST_SAMPLES,
+    layers_file: LayersSource, window: int, *, with_samples: bool, limits: PageLimits = DEFAULT_LIMITS
 ) -> range:
     """Windows that a page has room for: `window`, and as many of its neighbours in time as fit.
 
-    Room for `most_pixels` pixels of all windows and, `with_samples`, for `most_samples` samples.
+    `with_samples`, the samples of all windows count too.
     """
     windows, rows, cols = layers_file.shape
-    count = most_pixels // (rows * cols)
+    count = limits.pixels // (rows * cols)
     if with_samples:
         frames = int(layers_file.window_stop[window] - layers_file.window_start[window])
-        count = min(count, most_samples // (rows * cols * max(1, frames)))
-    count = max(1, min(windows, count, MOST_WINDOWS))
+        count = min(count, limits.samples // (rows * cols * max(1, frames)))
+    count = max(1, min(windows, count, limits.windows))
     first = min(max(0, window - count // 2), windows - count)
     return range(first, first + count)
 
@@ -260,8 +233,8 @@ def _drift_note(provenance: Provenance, *, shown: bool) -> str:
     if not shown or not drifts(provenance):
         return ""
     return (
-        "Where a pixel's ranges drift within the window its samples lie wider than its component; tofmix inspect draws"
-        " the drift."
+        "If the ranges of a pixel drift within the window, its samples spread more than its component; tofmix"
+        " inspect draws the drift."
     )
 
 

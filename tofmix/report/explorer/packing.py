@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
 
-NOT_KNOWN = -(2**31)
-"""Stands for NaN and infinity."""
+NOT_KNOWN = int(np.iinfo(np.int32).min)
+"""Code for NaN and infinity."""
 
-_MOST = 2**31 - 1  # of int32
-_BYTES = 4  # of int32
+_MOST = int(np.iinfo(np.int32).max)
+_BYTES = np.dtype(np.int32).itemsize
 
 Spec = dict[str, str | int | float]
 """Name of an array, its length, and the unit in which it is stored."""

@@ -12,14 +12,9 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.recording import SampleSource, samples_a_frame
+from tofmix.report.explorer.limits import DEFAULT_LIMITS, PageLimits
 from tofmix.report.explorer.packing import pack_gaps, text_of
 from tofmix.sensor import NoiseCurve
-
-MOST_SAMPLES = 4_000_000
-"""Samples that a page takes up at most; of longer windows every so many frames are left out."""
-
-LEAST_FRAMES = 16
-"""Fewer samples a pixel than these show nothing."""
 
 _MOST_STEPS = 65_000  # most steps from the lowest sample to the highest
 _STEPS_A_SIGMA = 20.0  # samples are rounded to a twentieth of sigma or finer
@@ -49,9 +44,9 @@ def pack_samples(
     start: int,
     stop: int,
     noise: NoiseCurve | None,
-    room: int,
+    characters: int,
     windows: int = 1,
-    most_samples: int = MOST_SAMPLES,
+    limits: PageLimits = DEFAULT_LIMITS,
     block_samples: int = 1 << 21,
 ) -> PackedSamples | None:
     """Read and pack the samples of frames [start, stop).
@@ -64,26 +59,26 @@ def pack_samples(
         Frames of the window.
     noise : NoiseCurve, optional
         sigma(r): samples that are no whole mm are rounded well below it.
-    room : int
+    characters : int
         Characters that the text may take; where it takes more, samples are rounded more roughly.
     windows : int
-        Windows that share `most_samples`.
-    most_samples : int
-        Samples that are packed at most.
+        Windows that share the limit of samples.
+    limits : PageLimits
+        How much a page holds.
     block_samples : int
         Samples read at once, at 4 bytes each. It changes no value.
 
     Returns
     -------
     PackedSamples or None
-        None where the image is so large that fewer than `LEAST_FRAMES` samples a pixel would fit.
+        None where the image is so large that fewer than `limits.least_frames` samples a pixel would fit.
     """
     each = samples_a_frame(recording)
     start, stop = start * each, stop * each
     frames = stop - start
     _, rows, cols = recording.shape
-    kept = min(frames, most_samples // windows // (rows * cols))
-    if kept < min(frames, LEAST_FRAMES):
+    kept = min(frames, limits.samples // windows // (rows * cols))
+    if kept < min(frames, limits.least_frames):
         return None
     chosen = np.linspace(start, stop - 1, kept).round().astype(np.int64)
     samples = np.sort(_read(recording, chosen, block_samples), axis=0)  # NaN last
@@ -95,7 +90,7 @@ def pack_samples(
         while (highest - offset) / step > _MOST_STEPS:
             step *= 2
         deflated = pack_gaps(_gaps(samples, offset, step))
-        if len(deflated) <= room * 3 // 4 or step > highest - offset:
+        if len(deflated) <= characters * 3 // 4 or step > highest - offset:
             break
         step *= 2
     return PackedSamples(

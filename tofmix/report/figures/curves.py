@@ -14,30 +14,35 @@ from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
 SHOWN_LAYERS = len(LAYER_LINES)
-"""Layers that are drawn each for itself; more cannot be told apart."""
+"""Most layers that are drawn separately; more are not distinguishable."""
 
 _HISTOGRAM_INCH = (5.0, 3.3)  # width and height
-_RANGE_BINS, _WEIGHT_BINS, _SIGMA_BINS, _GAP_BINS = 80, 25, 70, 60  # bins along each axis
-_LEAST_ERRORS = 5.0  # standard errors that the axis of differences shows at least
+_GAP_BINS = 60  # bins of the axis of differences
 
 _PLAIN_NUMBER = FuncFormatter(lambda value, _: f"{value:,.0f}")
 
 
-def range_histogram(layers: Layers, *, theme: Theme) -> Figure:
-    """Draw the ranges of each layer over a window, pixels on a logarithmic axis."""
+def range_histogram(layers: Layers, *, theme: Theme, bins: int = 80) -> Figure:
+    """Draw the ranges of each layer over a window, pixels on a logarithmic axis.
+
+    `bins` are those of the axis of ranges.
+    """
     finite = layers.range[np.isfinite(layers.range)]
     low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
     margin = max(1.0, 0.02 * (high - low))
-    edges = np.linspace(low - margin, high + margin, _RANGE_BINS + 1)
+    edges = np.linspace(low - margin, high + margin, bins + 1)
     figure, axes = _curve_axes("range (mm)", "pixels")
     _layer_steps(axes, np.asarray(layers.range, dtype=np.float64), edges, theme)
     figure.legend(loc="outside upper center", ncols=4, columnspacing=1.0)
     return figure
 
 
-def weight_histogram(layers: Layers, *, theme: Theme) -> Figure:
-    """Draw the shares of each layer, and of no return, over a window, pixels on a logarithmic axis."""
-    edges = np.linspace(0.0, 1.0, _WEIGHT_BINS + 1)
+def weight_histogram(layers: Layers, *, theme: Theme, bins: int = 25) -> Figure:
+    """Draw the shares of each layer, and of no return, over a window, pixels on a logarithmic axis.
+
+    `bins` are those of the axis of shares.
+    """
+    edges = np.linspace(0.0, 1.0, bins + 1)
     figure, axes = _curve_axes("share of the beam (1)", "pixels")
     # A share of 1 + rounding belongs into the last bin.
     _layer_steps(axes, np.clip(np.asarray(layers.weight, dtype=np.float64), 0.0, 1.0), edges, theme)
@@ -51,8 +56,11 @@ def weight_histogram(layers: Layers, *, theme: Theme) -> Figure:
     return figure
 
 
-def sigma_figure(layers: Layers, *, curve: NoiseCurve | None, theme: Theme) -> Figure:
-    """Draw sigma of every component against its range, with the sensor's curve; values off the top are counted."""
+def sigma_figure(layers: Layers, *, curve: NoiseCurve | None, theme: Theme, bins: int = 70) -> Figure:
+    """Draw sigma of every component against its range, with the sensor's curve; values off the top are counted.
+
+    `bins` are those of either axis.
+    """
     known = np.isfinite(layers.range) & np.isfinite(layers.sigma)
     range_mm = layers.range[known].astype(np.float64)
     sigma_mm = layers.sigma[known].astype(np.float64)
@@ -62,7 +70,7 @@ def sigma_figure(layers: Layers, *, curve: NoiseCurve | None, theme: Theme) -> F
     grid = np.linspace(low - margin, high + margin, 200)
     expected = np.zeros(0) if curve is None else curve.sigma(grid)
     top = 1.15 * max(1.0e-6, *np.percentile(sigma_mm, [99.0]).tolist() if sigma_mm.size else [1.0], *expected.tolist())
-    edges = (np.linspace(grid[0], grid[-1], 2 * _SIGMA_BINS + 1), np.linspace(0.0, top, _SIGMA_BINS + 1))
+    edges = (np.linspace(grid[0], grid[-1], 2 * bins + 1), np.linspace(0.0, top, bins + 1))
     counts = np.histogram2d(range_mm, sigma_mm, bins=edges)[0].T
     # `none` stores the counts pixel by pixel inside the SVG instead of thousands of rectangles.
     image = axes.imshow(
@@ -80,14 +88,16 @@ def sigma_figure(layers: Layers, *, curve: NoiseCurve | None, theme: Theme) -> F
     return figure
 
 
-def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme) -> Figure:
+def gap_histogram(gap_errors: FloatArray, *, tolerance: float, theme: Theme, least_errors: float = 5.0) -> Figure:
     """Draw differences of ranges in combined standard errors, with the normal law and the tolerance.
 
     gap_errors of any shape; values that are not finite are passed over, those beyond the view counted in its title.
+
+    The axis shows at least `least_errors` to either side.
     """
     finite = gap_errors[np.isfinite(gap_errors)]
-    most = max(_LEAST_ERRORS, 1.3 * tolerance)
-    figure, axes = _curve_axes("range in B less range in A (combined standard errors)", "layers")
+    most = max(least_errors, 1.3 * tolerance)
+    figure, axes = _curve_axes("range in B minus range in A (combined standard errors)", "layers")
     edges = np.linspace(-most, most, _GAP_BINS + 1)
     counts = np.histogram(finite, edges)[0]
     axes.stairs(counts, edges, baseline=None, color=theme.layers[0], linewidth=1.8, label="layers")

@@ -1,7 +1,6 @@
 """Pictures over the image plane of where two results differ, and the colour scale of ranges.
 
-Each is a figure of its own, with axes and legend. Images of ranges and counts are
-in `tofmix.report.figures.rasters`.
+Each is a separate figure, with axes and legend. Images of ranges and counts are in `tofmix.report.figures.rasters`.
 """
 
 import numpy as np
@@ -22,7 +21,6 @@ _LEAST_HEIGHT, _MOST_HEIGHT = 0.8, 6.0  # of the image itself, inch
 _LEFT_INCH, _RIGHT_INCH, _BELOW_INCH, _ABOVE_INCH = 0.6, 1.05, 0.85, 0.1  # margins
 _BAR_GAP_INCH, _BAR_INCH = 0.1, 0.14  # from the image to the colour bar, and the bar's width
 _CLIPPED_PERCENT = (0.1, 99.9)  # percentiles of the values between which the colours run
-_LEAST_GAP_MM = 0.1  # least half-width of the scale of differences
 
 
 def colour_scale(values: FloatArray, *, default: tuple[float, float]) -> tuple[float, float]:
@@ -60,22 +58,24 @@ def category_image(categories: NDArray[np.uint8], *, names: tuple[str, ...], the
     return figure
 
 
-def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme) -> Figure:
+def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme, least_gap_mm: float = 0.1) -> Figure:
     """Draw signed differences over the image plane, zero in the middle of the colours.
 
     Parameters
     ----------
     gap_mm : (row, col) float
-        Differences, mm; NaN where there is none: hatched.
+        Differences, mm; NaN: hatched.
     no_data : str
-        What a hatched pixel is, for the legend.
+        Meaning of a hatched pixel, for the legend.
     theme : Theme
         Colours.
+    least_gap_mm : float
+        Least half-width of the scale, mm.
     """
     figure, axes = _image_axes(gap_mm.shape)
     mark_no_data(axes, theme)
     finite = gap_mm[np.isfinite(gap_mm)]
-    most = max(_LEAST_GAP_MM, float(np.percentile(np.abs(finite), _CLIPPED_PERCENT[1])) if finite.size else 0.0)
+    most = max(least_gap_mm, float(np.percentile(np.abs(finite), _CLIPPED_PERCENT[1])) if finite.size else 0.0)
     norm = Normalize(-most, most)
     cmap = colormaps[GAP_MAP]
     axes.imshow(np.ma.masked_invalid(gap_mm), cmap=cmap, norm=norm, interpolation="nearest", aspect="auto")
@@ -92,7 +92,7 @@ def gap_image(gap_mm: FloatArray, *, no_data: str, theme: Theme) -> Figure:
 def _image_axes(shape: tuple[int, ...]) -> tuple[Figure, Axes]:
     """Make a figure whose axes keep square pixels, unless the image is a mere stripe: that is stretched to be seen.
 
-    The axes stand at one place whatever is drawn beside or below them, so that images side by side line up.
+    The axes have one position for any labels around them, so images side by side are aligned.
     """
     rows, cols = shape
     width = WIDTH_INCH - _LEFT_INCH - _RIGHT_INCH

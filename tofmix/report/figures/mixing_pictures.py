@@ -1,4 +1,4 @@
-"""The page's part about mixing: which law holds, in words, and a map of what each pixel's samples are of."""
+"""The mixing part of the page: the share of phasor sums in words, and a map of the kind of mixing in each pixel."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ class MixingPart:
 
 
 def draw_mixing(mixing: ByteArray, numbers: MixingNumbers) -> MixingPart:
-    """Draw what the samples of the pixels of a window are of.
+    """Draw the kind of mixing of each pixel of a window.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def _map(mixing: ByteArray) -> ImagePicture:
         title="Kind of mixing",
         alt=f"Kind of mixing in each pixel over the image plane. {said or 'No pixel has a kind'}.",
         shows="Whether a pixel sees one surface; several, one in each sample (events) or all in their sum (phasor); or"
-        " sums of surfaces that cannot be told (undecided).",
+        " sums of surfaces that cannot be determined (undecided).",
         good="Thin lines of one colour along edges, one surface elsewhere.",
         bad="Mixed pixels scattered over plain surfaces; long lines or areas that are undecided.",
         rows=rows,

@@ -1,4 +1,4 @@
-"""Pictures of learnt noise: the curve with the pixels around it, the shape beside the Gaussian, the pixels' widths."""
+"""Pictures of learnt noise: the curve with single pixels, the shape with the Gaussian, and the widths of the pixels."""
 
 import math
 
@@ -16,24 +16,19 @@ from tofmix.wording import counted
 
 _INCH = (5.0, 3.3)  # width and height
 _PLACES = 400  # points of a drawn curve
-_ERROR_BINS = 60  # bins of standardised errors
-_WIDTH_BINS = 40  # bins of log width
 
 _LEAST_DENSITY = 1.0e-5
 """Lowest density drawn of a shape, per sigma: one sample in a few ten thousand."""
 
-_MOST_MEDIANS = 5.0
-"""Pixels wider than five times the median are above the view, unless the curve is there."""
-
 _LEAST_REACH, _MOST_REACH = 5.0, 12.0
 """How far errors are drawn at least and at most, in sigmas."""
 
-_LEAST_LOG_WIDTH = 0.3
-"""Widths are drawn to exp(0.3) at least to either side of 1."""
 
+def curve_figure(curve: NoiseCurve, singles: SinglePixels, *, theme: Theme, most_medians: float = 5.0) -> Figure:
+    """Draw sigma(r) and a point for each pixel of one layer; points off the top are counted in the title.
 
-def curve_figure(curve: NoiseCurve, singles: SinglePixels, *, theme: Theme) -> Figure:
-    """Draw sigma(r) and a point for each pixel of one layer; points off the top are counted in the title."""
+    Pixels wider than `most_medians` times the median are above the view, unless the curve is there.
+    """
     figure, axes = _axes("range (mm)", "sigma (mm)")
     seen = singles.range_mm if singles.range_mm.size else curve.range_mm
     low, high = float(seen.min()), float(seen.max())
@@ -43,7 +38,7 @@ def curve_figure(curve: NoiseCurve, singles: SinglePixels, *, theme: Theme) -> F
     most = [1.15 * float(expected.max())]
     if singles.sigma_mm.size:
         middle, high = np.quantile(singles.sigma_mm, (0.5, 0.98)).tolist()
-        most.append(min(1.15 * high, _MOST_MEDIANS * middle))
+        most.append(min(1.15 * high, most_medians * middle))
     top = max(most)
     shown = singles.sigma_mm <= top
     said = "samples of a pixel" if singles.from_samples else "a pixel's fitted sigma"
@@ -60,14 +55,17 @@ def curve_figure(curve: NoiseCurve, singles: SinglePixels, *, theme: Theme) -> F
     return figure
 
 
-def shape_figure(shape: NoiseShape, singles: SinglePixels, *, theme: Theme) -> Figure:
-    """Draw the learnt density of the error beside the Gaussian's, on a logarithmic axis, and what samples show."""
+def shape_figure(shape: NoiseShape, singles: SinglePixels, *, theme: Theme, bins: int = 60) -> Figure:
+    """Draw the learnt density of the error, the Gaussian and the samples, on a logarithmic axis.
+
+    `bins` are those of the errors of the samples.
+    """
     figure, axes = _axes("error (sigma)", "density (1/sigma)")
     low, high = _reach(shape)
     z = np.linspace(low, high, _PLACES)
     density, gaussian = shape.pdf(z), np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
     if singles.errors.size and singles.held > 0:
-        edges = np.linspace(low, high, _ERROR_BINS + 1)
+        edges = np.linspace(low, high, bins + 1)
         bars = np.histogram(singles.errors, edges)[0] / (singles.errors.size * np.diff(edges))
         bars = np.maximum((bars - singles.background) / singles.held, 0.0)
         axes.stairs(bars, edges, fill=True, color=theme.grid, label="samples", baseline=_LEAST_DENSITY)
@@ -82,12 +80,17 @@ def shape_figure(shape: NoiseShape, singles: SinglePixels, *, theme: Theme) -> F
     return figure
 
 
-def width_figure(widths: FloatArray, spread: float, *, theme: Theme) -> Figure:
-    """Draw the pixels' own widths (pixel,) and the learnt log-normal distribution of this spread of log width."""
+def width_figure(
+    widths: FloatArray, spread: float, *, theme: Theme, bins: int = 40, least_log_width: float = 0.3
+) -> Figure:
+    """Draw the pixels' own widths (pixel,) and the learnt log-normal distribution of this spread of log width.
+
+    `bins` are those of log width, which is drawn to `least_log_width` at least to either side of 0.
+    """
     figure, axes = _axes("own width (1)", "pixels")
     log_width = np.log(widths)
-    reach = max(_LEAST_LOG_WIDTH, 4.0 * spread, float(np.abs(log_width).max(initial=0.0)) * 1.05)
-    edges = np.linspace(-reach, reach, _WIDTH_BINS + 1)
+    reach = max(least_log_width, 4.0 * spread, float(np.abs(log_width).max(initial=0.0)) * 1.05)
+    edges = np.linspace(-reach, reach, bins + 1)
     counts = np.histogram(log_width, edges)[0]
     axes.stairs(counts, np.exp(edges), fill=True, color=theme.layers[0], alpha=0.6, label="pixels")
     places = np.linspace(-reach, reach, _PLACES)

@@ -17,7 +17,7 @@ from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
 _SHARE_STEPS = (0.01, 0.02, 0.04, 0.08, 0.12, 0.16, 0.2, 0.24, 0.32, 0.4, 0.6, 0.8, 1.0)
-"""Ends of the colours of a background map, whose quarters are round; shares below 1 % are not told from none."""
+"""Ends of the colours of a background map, with round quarters; shares below 1 % look like none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,11 +69,11 @@ def _notes(provenance: Provenance, singles: SinglePixels, numbers: NoiseNumbers)
     if drifts(provenance):
         ranges = "Ranges of a pixel drift within a window"
         if not singles.from_samples:
-            notes.append(f"{ranges}; sigma is what is left of the samples without it.")
+            notes.append(f"{ranges}; sigma is the spread of the samples without the drift.")
         else:
-            notes.append(f"{ranges}; that is taken out of the samples here.")
+            notes.append(f"{ranges}; the drift is subtracted from the samples here.")
     if curve.law is not None:
-        notes.append("Sigma falls with amplitude too: the curve is that of its reference amplitudes.")
+        notes.append("Sigma falls with amplitude too: the curve is sigma at its reference amplitudes.")
     return tuple(notes)
 
 
@@ -94,7 +94,7 @@ def _curve_picture(curve: NoiseCurve, singles: SinglePixels) -> Picture:
     if curve.law is not None:
         shows += " Noise by amplitude spreads them too."
     elif not singles.from_samples and not curve.width_spread:
-        shows += " Widths are alike here, so that all lie on the curve."
+        shows += " All widths are equal here, so all lie on the curve."
     return make_picture(
         lambda theme: curve_figure(curve, singles, theme=theme),
         "svg",
@@ -110,11 +110,11 @@ def _shape_picture(shape: NoiseShape, singles: SinglePixels) -> Picture:
     _, _, skewness, kurtosis = shape.moments()
     samples = counted(singles.errors.size, "sample", ",")
     if singles.errors.size:
-        grey = f" Grey: {samples} of pixels of one layer, less what is their drift and background."
+        grey = f" Grey: {samples} of pixels of one layer, without their drift and background."
         good = "The learnt line along the samples, into the tails."
-        bad = "Samples beside the line: the shape is not the same for all pixels, or surfaces are merged."
+        bad = "Samples off the line: the shape differs between pixels, or surfaces are merged."
     else:
-        grey = " With --recording samples stand beside them."
+        grey = " With --recording the samples are drawn too."
         good = "One smooth hump, near the Gaussian in its middle."
         bad = "Several humps: pixels with two close surfaces were used for the shape."
     return make_picture(
@@ -139,7 +139,7 @@ def _width_picture(widths: FloatArray, spread: float) -> Picture:
         alt=f"Histogram of the pixels' own widths: median {middle:.2f}, 5 to 95 % from {low:.2f} to {high:.2f}; the"
         f" learnt spread is {100 * spread:.0f} %.",
         shows="Each pixel's own width, a factor on sigma, beside the learnt log-normal distribution.",
-        good="The histogram inside the line, or narrower: few samples tell little of a width, which then stays near 1.",
+        good="The histogram inside the line, or narrower: with few samples a width stays near 1.",
         bad="A second hump: some pixels have other noise, or their surfaces are merged.",
     )
 

@@ -9,14 +9,12 @@ from matplotlib.ticker import MaxNLocator
 
 from tofmix.flags import Status
 from tofmix.layers import Layers
+from tofmix.points import MM_A_METRE
 from tofmix.report.figures.images import colour_scale
 from tofmix.report.theme import COUNT_MAP, RANGE_MAP, Theme, mark_no_data, new_figure
 
-_M = 1000.0  # mm in a metre
-_HEIGHT_INCH = 3.6  # of the figure
 
-
-def overview_figure(layers: Layers, *, name: str, theme: Theme) -> Figure:
+def overview_figure(layers: Layers, *, name: str, theme: Theme, height_inch: float = 3.6) -> Figure:
     """Draw the nearest range and the number of surfaces of each pixel, side by side.
 
     Parameters
@@ -27,21 +25,23 @@ def overview_figure(layers: Layers, *, name: str, theme: Theme) -> Figure:
         Title.
     theme : Theme
         Colours.
+    height_inch : float
+        Height of the figure, inch.
 
     Returns
     -------
     Figure
         Hatched where a pixel has no surface, or too few samples.
     """
-    figure = new_figure(_HEIGHT_INCH)
+    figure = new_figure(height_inch)
     left, right = figure.subplots(1, 2)
     nearest = np.where(layers.n_modes > 0, layers.range[..., 0], np.nan).astype(np.float64)
-    low, high = colour_scale(nearest, default=(0.0, _M))
+    low, high = colour_scale(nearest, default=(0.0, MM_A_METRE))
     figure.suptitle(name, x=0.01, ha="left", fontweight="bold")
     _style(left, "nearest range", theme)
     shown = left.imshow(
-        np.ma.masked_invalid(nearest) / _M, cmap=colormaps[RANGE_MAP], norm=Normalize(low / _M, high / _M),
-        interpolation="nearest",
+        np.ma.masked_invalid(nearest) / MM_A_METRE, cmap=colormaps[RANGE_MAP],
+        norm=Normalize(low / MM_A_METRE, high / MM_A_METRE), interpolation="nearest",
     )  # fmt: skip
     figure.colorbar(shown, ax=left, label="range (m)", shrink=0.8)
     _style(right, "number of surfaces", theme)

@@ -1,4 +1,4 @@
-"""One picture of a page: both themes, and the words that go with it."""
+"""One picture of a page, in both themes, with its text."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from tofmix.report.theme import Format, Theme, drawn
 class Picture:
     """One picture in both themes, as ``data:`` URIs, and its words.
 
-    title; alt, what it shows in numbers for those who do not see it; shows, good and bad, a line each; width and
-    height in CSS pixels.
+    title; alt, its content in numbers for readers who do not see it; shows, good and bad, a line each; width and height
+    in CSS pixels.
     """
 
     title: str

@@ -1,4 +1,4 @@
-"""The pictures of one window, each with the words that go with it."""
+"""The pictures of one window, each with its text."""
 
 from dataclasses import dataclass
 
@@ -79,8 +79,8 @@ def _range_pictures(layers: Layers, averaged: AveragedImage, scale: tuple[float,
             no_data="no data to average",
             title="Averaged image",
             alt=f"Averaged range over the image plane. {_extent(averaged.range_mm)}",
-            shows=f"One range a pixel, the {averaged.averaging}. The colours are those of the layers beside it;"
-            " open space shows as the end of the range.",
+            shows=f"One range a pixel, the {averaged.averaging}. The colours are those of the layers; open space has"
+            " the largest range.",
             good="Sharp edges between surfaces.",
             bad="Edges with colours in between: ranges without a surface.",
         )
@@ -135,7 +135,7 @@ _LAYER_WORDS: dict[int, dict[str, str]] = {
 
 
 def _extent(range_mm: FloatArray) -> str:
-    """Say in a sentence what an image holds."""
+    """Describe the content of an image in one sentence."""
     finite = range_mm[np.isfinite(range_mm)]
     if finite.size == 0:
         return "No pixel has data."

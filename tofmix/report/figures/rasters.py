@@ -24,10 +24,11 @@ MANY = 6
 """Counts of surfaces from here on share one colour."""
 
 BELOW, ABOVE = "#000a1f", "#fff7b8"
-"""Colours of ranges past the scale: darker and lighter than the map's own ends, so that no value hides."""
+"""Colours of ranges beyond the scale: darker and lighter than the ends of the colour map, so such values are
+visible."""
 
 MARK = "#d55e00"
-"""Colour of what is marked in an image of ranges."""
+"""Colour of marked places in an image of ranges."""
 
 _SHADES = 253  # colours of ranges; the other 3 of a byte mean no surface, below and above
 _NO_DATA, _BELOW_INDEX, _ABOVE_INDEX = 0, 1, 2  # then the shades
@@ -55,9 +56,9 @@ class Plane:
 class ImagePicture(Plane):
     """One image of a page and its words.
 
-    title; alt, what it shows in numbers for those who do not see it; shows, good and bad, a line each; light and
-    dark, ``data:`` URIs, the same where no colour depends on the theme; bar, the labels of the colour bar or none;
-    legend, CSS colour and label; unit, that of the bar.
+    title; alt, its content in numbers for readers who do not see it; shows, good and bad, a line each; light and dark,
+    ``data:`` URIs, the same where no colour depends on the theme; bar, the labels of the colour bar or none; legend,
+    CSS colour and label; unit, that of the bar.
     """
 
     title: str
@@ -94,7 +95,7 @@ def range_uri(range_mm: FloatArray, *, scale: tuple[float, float], marked: NDArr
     Parameters
     ----------
     range_mm : (row, col) float
-        Ranges in mm, NaN where there is none: transparent.
+        Ranges in mm; NaN is transparent.
     scale : (float, float)
         Limits of the colours, mm; the same for all that are compared.
     marked : (row, col) bool, optional

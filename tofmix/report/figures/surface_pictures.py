@@ -15,10 +15,7 @@ from tofmix.surfaces.found import Edges, WindowSurfaces
 from tofmix.wording import counted
 
 _COLOURS = "tab20"
-"""Map of colours that tell surfaces apart; they come again after the last."""
-
-_MOST_NAMED = 8
-"""Surfaces in the legend: the largest."""
+"""Colours of different surfaces; they repeat after the last."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +26,9 @@ class SurfacesPart:
     images: tuple[ImagePicture, ...]
 
 
-def draw_surfaces(found: WindowSurfaces, layers: Layers, *, first: int, scale: tuple[float, float]) -> SurfacesPart:
+def draw_surfaces(
+    found: WindowSurfaces, layers: Layers, *, first: int, scale: tuple[float, float], most_named: int = 8
+) -> SurfacesPart:
     """Draw the surfaces of a window.
 
     Parameters
@@ -42,17 +41,19 @@ def draw_surfaces(found: WindowSurfaces, layers: Layers, *, first: int, scale: t
         Number of the window's first surface.
     scale : (float, float)
         Limits of the colours of ranges, mm.
+    most_named : int
+        Surfaces in the legend: the largest.
     """
     rows, cols = found.surface.shape[:2]
     numbers, sizes = np.unique(found.surface[found.surface >= 0], return_counts=True)
     lines = found.edges.lines()
     known = found.edges.stderr[np.isfinite(found.edges.stderr)]
-    error = f", known to {np.median(known):.3f} pixels in the median" if len(known) else ""
+    error = f", median error {np.median(known):.3f} pixels" if len(known) else ""
     text = f"{counted(len(numbers), 'surface', ',')}; {counted(len(lines), 'line', ',')} of edges{error}."
     shades = [to_hex(colour) for colour in colormaps[_COLOURS].colors]  # type: ignore[attr-defined]  # a listed map
     kind = np.where(found.surface_fine >= 0, (found.surface_fine - first) % len(shades), len(shades)).astype(np.uint8)
     uri = kinds_uri(kind, shades)
-    order = np.argsort(-sizes, kind="stable")[:_MOST_NAMED]
+    order = np.argsort(-sizes, kind="stable")[:most_named]
     legend = tuple(
         (shades[(numbers[k] - first) % len(shades)], f"surface {numbers[k]}: {counted(int(sizes[k]), 'layer', ',')}")
         for k in order
@@ -66,7 +67,7 @@ def draw_surfaces(found: WindowSurfaces, layers: Layers, *, first: int, scale: t
     return SurfacesPart(line=text, images=(
         ImagePicture(
             title="Surfaces", alt=f"Surface of each part of a pixel over the image plane. {text}",
-            shows="Which surface each part of a pixel sees first; colours come again after twenty.",
+            shows="The nearest surface in each part of a pixel; colours repeat after twenty.",
             good="One colour on each object, and walls behind others in one colour.",
             bad="Speckles, or one object in many colours: a curved surface, or noise above its standard errors.",
             light=uri, dark=uri, bar=(), legend=legend, **shape,

@@ -1,4 +1,4 @@
-"""Pictures of a reconciliation: statistics against their axes before and after, and maps of what is left."""
+"""Pictures of a reconciliation: statistics over their axes before and after, and maps of the residuals."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,9 +21,9 @@ _MANY = 40  # bins: no marker for each
 _IN_MM = ("bias", "trend", "common_mode")
 _COUNTED = ("row", "col", "surface", "surfaces_in_pixel", "frame")
 _MEANINGS = {
-    "bias": "mean, measured less predicted",
-    "trend": "mean, measured less predicted",
-    "common_mode": "mean, measured less predicted",
+    "bias": "mean, measured minus predicted",
+    "trend": "mean, measured minus predicted",
+    "common_mode": "mean, measured minus predicted",
     "spread": "spread beyond the predicted one",
     "bursts": "spread beyond the predicted one",
     "skew": "skew (normalised)",
@@ -67,7 +67,7 @@ def _curve_picture(before: Curve, after: Curve | None, result: Reconciliation, *
     words = f"{before.statistic} against {_axis(before)}".replace("_", " ")
     title = f"{words}, recording {before.recording + 1}" if several else words
     now = "" if after is None else f", {after.distance:.1f} after"
-    alt = f"{title}: {before.distance:.1f} times chance before{now}"
+    alt = f"{title}: {before.distance:.1f} times noise alone before{now}"
     names = [s.name for s in result.models[before.recording].surfaces]
     return _picture(title, alt, _curve(before, after, names))
 
@@ -92,7 +92,7 @@ def _curve(before: Curve, after: Curve | None, names: list[str]) -> Callable[[Th
         error = 2 * np.sqrt(before.variance) * scale
         edges = np.stack([before.lower, before.upper], axis=1).ravel()
         axes.fill_between(
-            edges, np.repeat(-error, 2), np.repeat(error, 2), color=theme.grid, label="chance, 2 standard errors",
+            edges, np.repeat(-error, 2), np.repeat(error, 2), color=theme.grid, label="noise alone, 2 standard errors",
             linewidth=0,
         )  # fmt: skip
         _steps(axes, before, scale, color=theme.accent, label="before")
@@ -167,7 +167,7 @@ def _map(values: FloatArray, limit: float) -> Callable[[Theme], Figure]:
         shown = axes.imshow(values, cmap=GAP_MAP, vmin=-limit, vmax=limit, interpolation="nearest")
         place: dict[str, Any] = {"location": "bottom", "aspect": 40} if wide else {"location": "right"}
         bar = figure.colorbar(shown, ax=axes, extend="both", **place)
-        bar.set_label("measured less predicted (sigma)")
+        bar.set_label("measured minus predicted (sigma)")
         axes.set_xlabel("col")
         axes.set_ylabel("row")
         return figure

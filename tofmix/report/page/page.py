@@ -11,7 +11,7 @@ from importlib import import_module
 
 from tofmix.errors import UsageError
 from tofmix.layers import Provenance
-from tofmix.projection import projection_values
+from tofmix.optics.projection import projection_values
 from tofmix.recording import SampleSource
 from tofmix.report.averaging import AveragedImage, average_layers, average_samples
 from tofmix.report.page.templates import load_template, read_part
@@ -45,13 +45,13 @@ def render_page(
     layers_file : LayersSource
         For example an open `tofmix.io.layers.layers_file.LayersFile`.
     recording : SampleSource, optional
-        What the layers were made from, for the averaged image; without it that image is the mean of the layers.
+        Source of the layers, for the averaged image; without it that image is the mean of the layers.
     window : int
         The window of the pictures, from 0.
     summary : Summary, optional
-        From `summarise`, if it is at hand; all windows are read for it otherwise.
+        From `summarise`, if available; otherwise all windows are read for it.
     singles : SinglePixels, optional
-        From `single_pixels` of this window, if they are at hand.
+        From `single_pixels` of this window, if available.
     surfaces : WindowSurfaces, optional
         Surfaces of this window; without it the page has no part about them.
     first_surface : int
@@ -131,7 +131,7 @@ def render_page(
 
 
 def headline(summary: Summary) -> str:
-    """Say in one sentence what was found, for example ``25,344 pixels, 1 window of 100 frames: 13 % see ...``."""
+    """Describe the result in one sentence, for example ``25,344 pixels, 1 window of 100 frames: 13 % see ...``."""
     windows = f"{counted(summary.windows, 'window', ',')} of {counted(summary.window_frames, 'frame', ',')}"
     pixels = counted(summary.rows * summary.cols, "pixel", ",")
     unsure, all_pixels = summary.undecided_by_surfaces, max(1, summary.pixels)

@@ -1,4 +1,4 @@
-"""Draws a pixel in the complex plane; what is drawn comes from `tofmix.report.pixels.phasor_plane`."""
+"""Draws a pixel in the complex plane, from the data of `tofmix.report.pixels.phasor_plane`."""
 
 import math
 
@@ -19,14 +19,8 @@ PLANE_INCH = 4.2
 _ERRORS = 3.0
 """Half axes of the mean's ellipse, in standard errors."""
 
-_ZOOM_ERRORS = 8.0
-"""Half the width of the enlarged part around the mean, in standard errors."""
-
-_ZOOM_PART = 0.25
-"""Part of the whole extent from which on nothing is enlarged."""
-
 _SIDE_MARGIN, _MARGIN = 0.4, 0.1
-"""Free room beside, and above and below all that is drawn, part of its extent: for the labels of the ends."""
+"""Margins on each side of the drawing, as parts of its extent: for the labels of the ends."""
 
 _PLANE_POINTS = 250.0
 """Height of the plane in points of 1/72 inch, about: for the distance between labels."""
@@ -45,17 +39,21 @@ _SAID = {
 }
 
 
-def draw_plane(figure: Figure | SubFigure, plane: PhasorPlane, *, theme: Theme) -> None:
+def draw_plane(
+    figure: Figure | SubFigure, plane: PhasorPlane, *, theme: Theme, zoom_errors: float = 8.0, zoom_part: float = 0.25
+) -> None:
     """Draw a pixel in the complex plane, with equal axes.
 
     Parameters
     ----------
     figure : Figure or SubFigure
         Empty.
-    plane : PhasorPlane
-        What is drawn.
-    theme : Theme
+    plane : PhasorPlane The data. theme : Theme
         Colours; a surface has the colour of its layer.
+    zoom_errors : float
+        Half the width of the enlarged part around the mean, in standard errors.
+    zoom_part : float
+        Part of the whole extent from which on nothing is enlarged.
     """
     grid = figure.add_gridspec(2, 2, width_ratios=_WIDTHS, height_ratios=_HEIGHTS)
     axes = figure.add_subplot(grid[:, 0])
@@ -68,8 +66,8 @@ def draw_plane(figure: Figure | SubFigure, plane: PhasorPlane, *, theme: Theme) 
     key.set_axis_off()
     handles, labels = axes.get_legend_handles_labels()
     key.legend(handles, labels, loc="upper left", borderpad=0.0, handlelength=1.4, labelspacing=0.8, fontsize=8.5)
-    reach = 0.0 if plane.mean is None else _ZOOM_ERRORS * float(np.sqrt(max(0.0, *_principal(plane)[0])))
-    if plane.mean is not None and 0 < reach < _ZOOM_PART * extent:
+    reach = 0.0 if plane.mean is None else zoom_errors * float(np.sqrt(max(0.0, *_principal(plane)[0])))
+    if plane.mean is not None and 0 < reach < zoom_part * extent:
         near = figure.add_subplot(grid[1, 1])
         _draw_all(near, plane, theme)
         near.set_title("around the mean", loc="left")
@@ -194,7 +192,7 @@ def _frame(axes: Axes) -> float:
 
 
 def _label_ends(axes: Axes, plane: PhasorPlane, theme: Theme) -> None:
-    """Write ranges and shares beside the ends, left or right, away from the other ends, and apart from each other."""
+    """Write ranges and shares next to the ends, left or right, away from other ends and labels."""
     known = _known(plane)
     if not known:
         return

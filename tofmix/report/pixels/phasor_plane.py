@@ -1,6 +1,6 @@
 """A pixel of a lock-in camera in the complex plane: its samples, its neighbours, and the surfaces it was unmixed to.
 
-Use `read_around` for the samples and `phasor_plane` for what is shown of them. Drawing is left to
+Use `read_around` for the samples and `phasor_plane` for the data of the figure. Drawing is left to
 `tofmix.report.pixels.phasor_figure`.
 """
 
@@ -69,7 +69,7 @@ class PhasorPlane:
     row, col : int
         The pixel.
     mixing : Mixing
-        What its samples are of.
+        Its kind of mixing.
     n_layers : int
         Layers that it has.
     samples : (sample,) complex128
@@ -122,14 +122,17 @@ def read_around(source: SampleSource, *, row: int, col: int, start: int, stop: i
     if lights is None:
         return None
     frames, rows, cols = source.shape
-    around = slice(max(0, row - REACH), min(rows, row + REACH + 1))
-    beside = slice(max(0, col - REACH), min(cols, col + REACH + 1))
+    rows_near = slice(max(0, row - REACH), min(rows, row + REACH + 1))
+    cols_near = slice(max(0, col - REACH), min(cols, col + REACH + 1))
     blocks = [
-        (source.read_range(block, around)[..., beside].copy(), lights.read_amplitude(block, around)[..., beside].copy())
+        (
+            source.read_range(block, rows_near)[..., cols_near].copy(),
+            lights.read_amplitude(block, rows_near)[..., cols_near].copy(),
+        )
         for block in _frame_blocks(start, min(stop, frames), source.frame_step)
     ]
     range_mm, amplitude = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    return SamplesAround(first_row=around.start, first_col=beside.start, range_mm=range_mm, amplitude=amplitude)
+    return SamplesAround(first_row=rows_near.start, first_col=cols_near.start, range_mm=range_mm, amplitude=amplitude)
 
 
 def _frame_blocks(start: int, stop: int, step: int) -> Iterator[slice]:
@@ -150,7 +153,7 @@ def phasor_plane(
     col: int,
     unambiguous_range_mm: float | None = None,
 ) -> PhasorPlane:
-    """Gather what the complex plane shows of a pixel.
+    """Collect the data of a pixel in the complex plane.
 
     Parameters
     ----------
@@ -179,13 +182,13 @@ def phasor_plane(
     here = row - around.first_row, col - around.first_col
     patch = slice(around.first_row, around.first_row + rows), slice(around.first_col, around.first_col + cols)
     single = (layers.mixing[patch] == int(Mixing.ONE_SURFACE)) & (layers.n_modes[patch] == 1)
-    beside = phasors[..., _SAMPLES] > 0
-    beside[here] = False
+    neighbours = phasors[..., _SAMPLES] > 0
+    neighbours[here] = False
     means = phasors[..., _REAL] + 1j * phasors[..., _IMAGINARY]
     ends: tuple[PhasorEnd, ...] = ()
     mixing = Mixing(int(layers.mixing[row, col]))
     if mixing == Mixing.PHASOR:
-        known = beside & single
+        known = neighbours & single
         ends = _ends(
             layers, (row, col), np.abs(means[known]), layers.range[patch][..., 0][known].astype(np.float64),
             scale_mm, unambiguous_range_mm,
@@ -202,8 +205,8 @@ def phasor_plane(
         samples=light[valid] * np.exp(1j * range_mm[valid] / scale_mm),
         mean=complex(means[here]) if own[_SAMPLES] > 0 else None,
         mean_covariance=covariance / max(1.0, own[_SAMPLES]),
-        neighbours=means[beside],
-        neighbour_is_single=single[beside],
+        neighbours=means[neighbours],
+        neighbour_is_single=single[neighbours],
         ends=ends,
     )
 

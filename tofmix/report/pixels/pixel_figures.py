@@ -14,6 +14,7 @@ from tofmix.arrays import FloatArray
 from tofmix.circle import cut_between
 from tofmix.estimation.learnt.pixel_mixture import PixelMixture
 from tofmix.estimation.peaks.density import density
+from tofmix.points import MM_A_METRE as _M
 from tofmix.report.pixels.phasor_figure import PLANE_INCH, draw_plane
 from tofmix.report.pixels.phasor_plane import PhasorPlane
 from tofmix.report.pixels.pixels import GrowingDensity, PixelView
@@ -21,7 +22,7 @@ from tofmix.report.theme import Theme, new_figure
 from tofmix.sensor import NoiseCurve
 from tofmix.wording import counted
 
-_PANEL_INCH, _MOST_COLUMNS = 2.5, 2
+_PANEL_INCH = 2.5
 """Height of a panel, inch, and panels side by side."""
 
 _STRIP_INCH, _SCATTER_INCH = 1.15, 2.4
@@ -33,13 +34,10 @@ _PLACES = 1500
 _MARGIN_SIGMAS = 5.0
 """Margin of a view beyond the outermost surface, in its sigma."""
 
-_MOST_SIGMAS = 150.0
-"""Width of a view in units of the narrowest sigma, beyond which each pixel has a view of its own."""
 _BACKGROUND_SIGMAS = 12.0
 """Under learnt noise, samples this many sigma from every layer are background, and may lie outside the view."""
 _LEAST_MARGIN_M = 0.05  # beyond the outermost sample, m
 _MOST_BINS = 80  # of a histogram
-_M = 1000.0  # mm in a metre
 
 
 def style_axes(axes: Axes, title: str, theme: Theme) -> None:
@@ -73,6 +71,8 @@ def neighbours_figure(
     theme: Theme,
     unambiguous_range_mm: float | None = None,
     plane: PhasorPlane | None = None,
+    most_columns: int = 2,
+    most_sigmas: float = 150.0,
 ) -> Figure:
     """Draw pixels side by side: histogram and density of the samples, fitted components with their means (Fig. 8).
 
@@ -88,15 +88,19 @@ def neighbours_figure(
     theme : Theme
         Colours.
     unambiguous_range_mm : float, optional
-        Where ranges are on a circle: its length, mm. What lies across the fold is then drawn in one piece, past it.
+        Where ranges are on a circle: its length, mm. Surfaces across the fold are then drawn in one piece, beyond it.
     plane : PhasorPlane, optional
         One of the pixels in the complex plane, drawn below.
+    most_columns : int
+        Panels side by side.
+    most_sigmas : float
+        Width of a view in units of the smallest sigma, beyond which each pixel has a separate view.
     """
     cut = _cut(views, unambiguous_range_mm)
     named = [[_told(view, k) for k in range(len(view.range_mm))] for view in views]
     if unambiguous_range_mm is not None:
         views = [view.opened(cut, unambiguous_range_mm) for view in views]
-    columns = min(_MOST_COLUMNS, len(views))
+    columns = min(most_columns, len(views))
     rows = math.ceil(len(views) / columns)
     height = _PANEL_INCH * rows + 0.7
     figure = new_figure(height + (0.0 if plane is None else PLANE_INCH))
@@ -107,7 +111,7 @@ def neighbours_figure(
     low, high = _view(views)
     known = np.concatenate([view.sigma_mm for view in views])
     # Side by side on one axis, as in the paper, unless the components would be needles.
-    shared = known.size == 0 or high - low < _MOST_SIGMAS * float(known.min()) / _M
+    shared = known.size == 0 or high - low < most_sigmas * float(known.min()) / _M
     panels = part.subplots(rows, columns, sharex=shared, squeeze=False)
     for number, (axes, view, names) in enumerate(zip(panels.flat, views, named, strict=False)):
         limits = (low, high) if shared else _view([view])
@@ -168,7 +172,7 @@ def _draw_pixel(
     style_axes(axes, f"{view.name}: {counted(count, 'layer')}{status}", theme)
     highest, samples, mixture = 0.0, view.samples_mm, view.mixture
     own = None if mixture is None else _own_noise(view, mixture)
-    room = _room(count + (0 if own is None else 1 + own.count("\n")))
+    headroom = _headroom(count + (0 if own is None else 1 + own.count("\n")))
     if samples is not None and samples.size:
         bins = np.linspace(range_m[0], range_m[-1], _bins(samples, range_m) + 1)
         bars = np.histogram(samples / _M, bins)[0] / (samples.size * np.diff(bins))
@@ -191,10 +195,10 @@ def _draw_pixel(
     elif samples is not None and samples.size and noise is not None and view.modes_mm is not None:
         p = _M * density(samples, _M * range_m, noise)
         highest = max(highest, float(p.max()))
-        axes.set_ylim(0.0, room * highest)
+        axes.set_ylim(0.0, headroom * highest)
         draw_density(axes, range_m, p, _within(view.modes_mm / _M, range_m[0], range_m[-1]), theme)
-    axes.set_ylim(0.0, room * highest if highest > 0 else 1.0)
-    _mark_layers(axes, view, theme, top=1.05 / room)
+    axes.set_ylim(0.0, headroom * highest if highest > 0 else 1.0)
+    _mark_layers(axes, view, theme, top=1.05 / headroom)
     if count or (samples is not None and samples.size):
         axes.legend(loc="upper left", fontsize=8, handlelength=1.2, borderaxespad=0.2, labelspacing=0.25)
 
@@ -222,7 +226,7 @@ def _own_noise(view: PixelView, mixture: PixelMixture) -> str:
 
 
 def _explain(figure: Figure | SubFigure, theme: Theme, *, learnt: bool) -> None:
-    """Say below the panels what is the same in each."""
+    """Write the common legend below the panels."""
     means = Line2D([], [], color=theme.ink, linestyle="--", linewidth=1.0, label="fitted means, with standard errors")
     if learnt:
         handles = [
@@ -240,12 +244,12 @@ def _explain(figure: Figure | SubFigure, theme: Theme, *, learnt: bool) -> None:
 
 
 def _within(modes_m: FloatArray, low: float, high: float) -> FloatArray:
-    """Modes inside the view: a triangle is not cut at the axes' edge, and would stand beside them."""
+    """Modes inside the view: triangles are not clipped at the axes, and would lie outside."""
     return modes_m[(modes_m >= low) & (modes_m <= high)]
 
 
-def _room(layers: int) -> float:
-    """Height of the axes over the highest curve, so that the legend stands above it."""
+def _headroom(layers: int) -> float:
+    """Height of the axes over the highest curve, with room for the legend."""
     return 1.35 + 0.16 * layers
 
 

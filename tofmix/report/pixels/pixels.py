@@ -1,7 +1,7 @@
 """One pixel and its neighbours: their layers, their samples, and the density as samples come in.
 
-Use `view_pixels` for what the paper's Fig. 8 shows of neighbouring pixels, and
-`grow_density` for its Fig. 7. Drawing is left to `tofmix.report.pixels.pixel_figures`.
+Use `view_pixels` for neighbouring pixels as in the paper's Fig. 8, and `grow_density` for its Fig. 7. Drawing is left
+to `tofmix.report.pixels.pixel_figures`.
 """
 
 from dataclasses import dataclass, replace
@@ -19,9 +19,6 @@ from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.sensor import NoiseCurve, Sensor
-
-SNAPSHOTS = (0.05, 0.15, 0.3, 0.6, 1.0)
-"""Shares of the samples at which Fig. 7 shows the density, as in docs/results/paper.md."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -45,9 +42,9 @@ class PixelView:
     modes_mm : (mode,) float64 or None
         Peaks of the density of these samples; None without samples or without a noise curve.
     mixture : PixelMixture or None
-        The fitted mixture under learnt noise; None where the pixel was fitted with Gaussians of the curve.
+        The fitted mixture under learnt noise; None if the pixel was fitted with Gaussians of the curve.
     mixing : str or None
-        Name of what its samples are of (`tofmix.flags.Mixing`); None in files that do not say it.
+        Name of its kind of mixing (`tofmix.flags.Mixing`); None in files without it.
     """
 
     row: int
@@ -88,7 +85,7 @@ class PixelView:
         )
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the same as dicts and lists, for JSON; None for what is not known.
+        """Return the same as dicts and lists, for JSON; None for unknown values.
 
         ``learnt_noise`` is there with learnt noise alone: the pixel's own width, its background, and how far each of
         its layers drifts within the window. ``mixing`` is there where the file has it.
@@ -158,7 +155,7 @@ class GrowingDensity:
 
 
 def neighbour_columns(col: int, *, cols: int, neighbours: int) -> list[int]:
-    """Columns of a pixel and of `neighbours` beside it, ascending.
+    """Columns of a pixel and of its nearest `neighbours`, ascending.
 
     Nearest first, the right side before the left; at the edge of the image all from the other side.
     """
@@ -299,7 +296,11 @@ def row_samples(recording: SampleSource, *, row: int, start: int, stop: int) -> 
 
 
 def grow_density(
-    samples_mm: FloatArray, sensor: Sensor, *, unambiguous_range_mm: float | None = None
+    samples_mm: FloatArray,
+    sensor: Sensor,
+    *,
+    unambiguous_range_mm: float | None = None,
+    shares: tuple[float, ...] = (0.05, 0.15, 0.3, 0.6, 1.0),
 ) -> GrowingDensity:
     """Add a pixel's samples one by one and look for modes after each.
 
@@ -311,6 +312,8 @@ def grow_density(
         Noise curve and working range.
     unambiguous_range_mm : float, optional
         Length of the circle that ranges are on, mm.
+    shares : tuple of float
+        Shares of the samples at which the density is kept, 0 to 1, as in docs/results/paper.md.
 
     Raises
     ------
@@ -320,7 +323,7 @@ def grow_density(
     if samples_mm.size == 0:
         raise ValueError("the pixel has no valid sample")
     live = IncrementalDensity(sensor, 1, unambiguous_range_mm=unambiguous_range_mm)
-    shown = {max(1, round(share * samples_mm.size)) for share in SNAPSHOTS}
+    shown = {max(1, round(share * samples_mm.size)) for share in shares}
     modes, snapshots = [], []
     for number, sample in enumerate(samples_mm, 1):
         live.add(np.array([[sample]]))

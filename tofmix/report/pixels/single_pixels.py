@@ -16,20 +16,6 @@ from tofmix.recording import SampleSource, samples_a_frame
 from tofmix.report.pixels.pixels import drifts
 from tofmix.report.summary.quantiles import Quantiles
 
-MOST_PIXELS = 1000
-"""Pixels that are looked at, evenly spread over the image; more are not seen in a picture."""
-
-MOST_SAMPLES = 200_000
-"""Samples of all of them: windows of more than `MOST_FRAMES` are thinned out evenly, then pixels."""
-
-MOST_FRAMES = 1000  # of a window; longer windows are thinned out evenly
-
-LEAST_SAMPLES = 12
-"""Samples of a pixel that tell the width of their central 68 %: two at least are outside on either side."""
-
-REACH = 12.0
-"""Samples more than this many sigma from the surface are background. What it adds nearer by is taken off."""
-
 _FRAMES_A_BLOCK = 256  # frames that are read at once
 
 
@@ -74,7 +60,17 @@ class SinglePixels:
 
 
 def single_pixels(
-    layers: Layers, provenance: Provenance, *, recording: SampleSource | None, start: int, stop: int
+    layers: Layers,
+    provenance: Provenance,
+    *,
+    recording: SampleSource | None,
+    start: int,
+    stop: int,
+    most_pixels: int = 1000,
+    most_samples: int = 200_000,
+    most_frames: int = 1000,
+    least_samples: int = 12,
+    reach_sigmas: float = 12.0,
 ) -> SinglePixels:
     """Look at pixels of one layer.
 
@@ -85,9 +81,19 @@ def single_pixels(
     provenance : Provenance
         Of the layers; its sensor has a noise curve.
     recording : SampleSource, optional
-        What the layers were made from.
+        Source of the layers.
     start, stop : int
         Frames of the window.
+    most_pixels : int
+        Pixels that are looked at, evenly spread over the image; more are not seen in a picture.
+    most_samples : int
+        Samples of all of them; there are fewer pixels where they have more.
+    most_frames : int
+        Frames of a window; longer windows are thinned out evenly.
+    least_samples : int
+        Fewest samples of a pixel for the width of their central 68 %: of 12, at least two lie outside on either side.
+    reach_sigmas : float
+        Samples more than this many sigma from the surface are background. What it adds nearer by is taken off.
 
     Raises
     ------
@@ -102,8 +108,8 @@ def single_pixels(
     one = np.flatnonzero(((layers.n_modes == 1) & known & (layers.weight[..., 0] > 0)).ravel())
     each = 1 if recording is None else samples_a_frame(recording)
     frames = (stop - start) * each
-    step = max(1, math.ceil(frames / MOST_FRAMES))
-    most = MOST_PIXELS if recording is None else max(1, min(MOST_PIXELS, MOST_SAMPLES // max(1, frames // step)))
+    step = max(1, math.ceil(frames / most_frames))
+    most = most_pixels if recording is None else max(1, min(most_pixels, most_samples // max(1, frames // step)))
     chosen = one[np.unique(np.linspace(0, max(0, one.size - 1), min(one.size, most)).astype(np.int64))]
     range_mm = layers.range[..., 0].ravel()[chosen].astype(np.float64)
     sigma_mm = layers.sigma[..., 0].ravel()[chosen].astype(np.float64)
@@ -125,7 +131,8 @@ def single_pixels(
         law, _ = PixelNoise.of(sensor).laws()
         away, freedom = _without_drift(away, sigma_mm, weight, density, law)
     number = np.isfinite(away).sum(axis=1)
-    half = np.array([_half_width(*values) for values in zip(away, REACH * sigma_mm, density, weight, strict=True)])
+    each_pixel = zip(away, reach_sigmas * sigma_mm, density, weight, strict=True)
+    half = np.array([_half_width(*values, least_samples) for values in each_pixel])
     half *= np.sqrt(number / np.maximum(number - freedom, 1.0))
     told = np.isfinite(half)
     every = max(1, int(number.sum()))
@@ -163,7 +170,7 @@ def _samples(recording: SampleSource, pixels: IntArray, frames: slice, step: int
 def _without_drift(
     away: FloatArray, sigma_mm: FloatArray, weight: FloatArray, density: FloatArray, law: Law
 ) -> tuple[FloatArray, FloatArray]:
-    """Errors (pixel, frame) less the drift of each pixel, and the degrees of freedom that it takes."""
+    """Errors (pixel, frame) minus the drift of each pixel, and the degrees of freedom of the drift."""
     drift, freedom = drifts_of(
         away, range_mm=np.zeros((len(away), 1)), sigma_mm=sigma_mm[:, np.newaxis], weight=weight[:, np.newaxis],
         rest=np.repeat(density[:, np.newaxis], away.shape[1], axis=1), law=law,
@@ -171,14 +178,14 @@ def _without_drift(
     return away - drift[:, 0] @ legendre(times(away.shape[1])), freedom[:, 0]
 
 
-def _half_width(away: FloatArray, reach: float, density: float, weight: float) -> float:
-    """Half the width of the central 68 % of the errors within `reach`, less the background among them; NaN of few.
+def _half_width(away: FloatArray, reach: float, density: float, weight: float, least_samples: int) -> float:
+    """Half the width of the central 68 % of the errors within `reach`, without background; NaN for few errors.
 
     Quantiles are those of rank (k - 1/3) / (n + 1/3), whose median is right for any distribution (Hyndman and Fan,
     Am. Stat. 50(4), 1996, type 8).
     """
     near = np.sort(away[np.abs(away) < reach])
-    if near.size < LEAST_SAMPLES:
+    if near.size < least_samples:
         return math.nan
     random = 2.0 * reach * density
     share = random / (random + weight)

@@ -8,7 +8,7 @@ from tofmix.report.pixels.pixels import GrowingDensity, PixelView
 from tofmix.wording import counted
 
 _COUNTED_ALONE = (None, *(mixing_name(kind) for kind in (Mixing.ONE_SURFACE, Mixing.EVENTS)))
-"""What the samples are of where a pixel's surfaces were counted by its own samples alone."""
+"""Kinds of mixing in which the samples of the pixel alone gave its surfaces."""
 
 
 def format_pixels(views: list[PixelView], chosen: int) -> str:
@@ -18,7 +18,7 @@ def format_pixels(views: list[PixelView], chosen: int) -> str:
 
 
 def why_layers_stand(views: list[PixelView], options: Mapping[str, str | float]) -> str | None:
-    """Say by what probability a layer was kept; None where surfaces were not counted by likelihood.
+    """Text on the probability of kept layers; None if surfaces were not counted by likelihood.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def why_layers_stand(views: list[PixelView], options: Mapping[str, str | float])
         return None
     limit = float(options.get("false_alarm", 0.0))
     return (
-        f"probability: 1 less the chance that noise alone gains as much likelihood as the layer;"
+        f"probability: 1 minus the probability that noise alone gains as much likelihood as the layer;"
         f"\nestimate kept layers of {1.0 - limit:.6g} or more (--false-alarm {limit:g})"
     )
 
@@ -49,7 +49,7 @@ def _pixel_lines(view: PixelView) -> list[str]:
         lines.append(f"  mixing: {view.mixing.replace('_', ' ')}")
     lines.append(f"  no return {view.weight_no_return:.4f}, outliers {view.weight_outlier:.2g}")
     if view.mixture is not None and count:
-        lines.append(f"  own noise: {_own_noise(view)}")
+        lines.append(f"  noise of the pixel: {_own_noise(view)}")
     if view.modes_mm is not None:
         lines.append(f"  modes of the density (mm): {_listed(view.modes_mm)}")
     return lines

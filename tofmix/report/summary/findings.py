@@ -1,51 +1,21 @@
 """Warnings on a layers file, in one sentence each.
 
-A finding says what was seen and which command to try. The thresholds are for drawing
-attention, not tests: nothing is refused here. `estimate`, `merge` and `report` print the same ones.
+A finding has a text and the commands to try. The thresholds (`Thresholds`) are for drawing attention, not tests:
+nothing is refused here. `estimate`, `merge` and `report` print the same ones.
 """
 
-import math
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from tofmix.flags import Status, status_name
 from tofmix.layers import MAX_LAYERS_LIMIT
-
-SIGMA_TOLERANCE = 0.10
-"""Relative difference of median sigma and curve that is worth a word."""
-
-SCATTER_FACTOR = 2.0
-"""Samples that scatter this much more or less than the curve contradict it.
-
-Two surfaces that samples cannot tell apart, 3 sigma from each other, scatter sqrt(1 + 3^2 / 4) = 1.8 times as much.
-"""
-
-DRIFT_SIGMAS = math.sqrt(12.0 * ((1.0 + SIGMA_TOLERANCE) ** 2 - 1.0))
-"""A steady change over a window of D sigmas adds D^2 / 12 sigma^2 to a variance: sigma by `SIGMA_TOLERANCE` here."""
-
-STATUS_SHARE = 0.05
-"""Share of pixels with one unwelcome status that is worth a word."""
-
-FULL_SHARE = 0.05
-"""Share of pixels that use every layer that is worth a word."""
-
-CLOSE_SIGMAS = 5.0
-"""Distance of two layers of a pixel, in sigmas, below which they count as close."""
-
-CLOSE_SHARE = 0.05
-"""Share of pixels with close layers that is worth a warning."""
-
-_MORE_ITERATIONS = 200
-"""Iterations to advise: four times the default of --max-iter."""
-
-MIN_COMPONENTS = 30
-"""Fewer components than this say nothing of the curve."""
+from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One warning: `code` is stable and for scripts, `text` for people, `commands` are what may mend it."""
+    """One warning: `code` is stable and for scripts, `text` for people, `commands` are possible remedies."""
 
     code: str
     text: str
@@ -97,12 +67,18 @@ class Remedy:
         return self.shorter() if self.noise == "auto" else self.command("--noise", "auto")
 
     def shorter(self, window: int | None = None) -> str:
-        """The command with a shorter window; a third, if not said otherwise, has a ninth of a drift's variance."""
+        """The command with a shorter window; by default a third, which has a ninth of a drift's variance."""
         return self.command("--window", str(max(1, self.window_frames // 3 if window is None else window)))
 
 
-def sample_findings(*, scatter_over_curve: float | None, drift_sigmas: float | None, remedy: Remedy) -> list[Finding]:
-    """List what the samples say against the noise curve, and of drift within a window.
+def sample_findings(
+    *,
+    scatter_over_curve: float | None,
+    drift_sigmas: float | None,
+    remedy: Remedy,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
+) -> list[Finding]:
+    """List contradictions between samples and noise curve, and drift within a window.
 
     Parameters
     ----------
@@ -112,6 +88,8 @@ def sample_findings(*, scatter_over_curve: float | None, drift_sigmas: float | N
         How far the ranges of a quarter of the pixels or more change over a window, in sigmas.
     remedy : Remedy
         The estimate.
+    thresholds : Thresholds
+        From where on a finding is made.
 
     Returns
     -------
@@ -119,25 +97,26 @@ def sample_findings(*, scatter_over_curve: float | None, drift_sigmas: float | N
         Empty if all is well.
     """
     found = []
-    if scatter_over_curve is not None and not 1.0 / SCATTER_FACTOR <= scatter_over_curve <= SCATTER_FACTOR:
+    factor, drift = thresholds.scatter_factor, thresholds.drift_sigmas
+    if scatter_over_curve is not None and not 1.0 / factor <= scatter_over_curve <= factor:
         averaged = ", as averaged or filtered ranges do" if scatter_over_curve < 1.0 else ""
         text = f"Samples scatter {scatter_over_curve:.2g} times as much as the noise curve says (median){averaged}."
         found.append(Finding(code="scatter_off_curve", text=text, commands=(remedy.measure(),)))
-    if drift_sigmas is not None and drift_sigmas > DRIFT_SIGMAS:
+    if drift_sigmas is not None and drift_sigmas > drift:
         # Half of what is worth a word.
-        window = int(0.5 * DRIFT_SIGMAS / drift_sigmas * remedy.window_frames)
+        window = int(0.5 * drift / drift_sigmas * remedy.window_frames)
         text = (
             f"In a quarter of the pixels ranges drift by {drift_sigmas:.1f} sigma or more within the"
-            f" {remedy.window_frames} frames of a window, which can make two layers of one surface."
+            f" {remedy.window_frames} frames of a window, which can split one surface into two layers."
         )
         found.append(Finding(code="drift", text=text, commands=(remedy.shorter(window),)))
     return found
 
 
-def _status_texts(remedy: Remedy) -> dict[Status, tuple[str, tuple[str, ...]]]:
+def _status_texts(remedy: Remedy, more_iterations: int) -> dict[Status, tuple[str, tuple[str, ...]]]:
     """The fault of the pixels of each status, and the commands that may mend it."""
     longer = (remedy.command("--window", str(2 * remedy.window_frames)),) if remedy.windows > 1 else ()
-    more = (remedy.command("--max-iter", str(_MORE_ITERATIONS)),)
+    more = (remedy.command("--max-iter", str(more_iterations)),)
     return {
         Status.TOO_FEW_SAMPLES: ("have fewer valid samples than --min-samples. Record more frames.", longer),
         Status.NOT_CONVERGED: ("did not converge; their layers are rough.", more),
@@ -153,8 +132,9 @@ def count_findings(
     max_layers: int,
     remedy: Remedy,
     close: int = 0,
+    thresholds: Thresholds = DEFAULT_THRESHOLDS,
 ) -> list[Finding]:
-    """List what the counts of pixels say.
+    """List findings from the counts of pixels.
 
     Parameters
     ----------
@@ -169,7 +149,9 @@ def count_findings(
     remedy : Remedy
         The estimate.
     close : int
-        Pixels with two layers within `CLOSE_SIGMAS` of each other.
+        Pixels with two layers within `close_sigmas` of each other.
+    thresholds : Thresholds
+        From where on a finding is made.
 
     Returns
     -------
@@ -177,21 +159,22 @@ def count_findings(
         Empty if all is well.
     """
     found = []
-    for status, (said, commands) in _status_texts(remedy).items():
+    for status, (said, commands) in _status_texts(remedy, thresholds.more_iterations).items():
         share = by_status.get(status_name(status), 0) / max(1, pixels)
-        if share > STATUS_SHARE:
+        if share > thresholds.status_share:
             text = f"{100 * share:.1f} % of the pixels {said}"
             found.append(Finding(code=status_name(status), text=text, commands=commands))
     full = sum(by_surfaces[max_layers:]) / max(1, pixels)
-    if max_layers > 1 and full > FULL_SHARE:
+    if max_layers > 1 and full > thresholds.full_share:
         most = min(2 * max_layers, MAX_LAYERS_LIMIT)
         more = () if max_layers >= most else (remedy.command("--max-layers", str(most)),)
         text = f"{100 * full:.1f} % of the pixels use all {max_layers} layers; there may be more."
         found.append(Finding(code="all_layers_used", text=text, commands=more))
-    if close / max(1, pixels) > CLOSE_SHARE:
+    if close / max(1, pixels) > thresholds.close_share:
         text = (
-            f"{100 * close / pixels:.1f} % of the pixels have two layers within {CLOSE_SIGMAS:g} sigma of each other,"
-            " as few scenes have. Drift within a window causes such pairs, and so does noise above the curve."
+            f"{100 * close / pixels:.1f} % of the pixels have two layers within {thresholds.close_sigmas:g} sigma of"
+            " each other, which is rare in real scenes. Drift within a window causes such pairs, and so does"
+            " noise above the curve."
         )
         commands = tuple(dict.fromkeys((remedy.shorter(), remedy.measure())))
         if remedy.paper:  # its peaks are split by chance alone
@@ -204,15 +187,17 @@ def count_findings(
 
 
 def target_findings(targets: int) -> list[Finding]:
-    """Say what a share is of, where pixels return several targets a frame; `targets` is 0 where they do not."""
+    """Explain shares if pixels return several targets a frame; `targets` is 0 if they do not."""
     if not targets:
         return []
     text = f"Each pixel has up to {targets} targets a frame. A share is the share of its detections, not of the beam."
     return [Finding(code="shares_of_detections", text=text)]
 
 
-def sigma_findings(*, count: int, median: float | None, has_curve: bool, remedy: Remedy) -> list[Finding]:
-    """List what sigma says of the sensor's noise curve.
+def sigma_findings(
+    *, count: int, median: float | None, has_curve: bool, remedy: Remedy, thresholds: Thresholds = DEFAULT_THRESHOLDS
+) -> list[Finding]:
+    """List contradictions between fitted sigma and the sensor's noise curve.
 
     Parameters
     ----------
@@ -222,6 +207,8 @@ def sigma_findings(*, count: int, median: float | None, has_curve: bool, remedy:
         Whether there is a curve.
     remedy : Remedy
         The estimate.
+    thresholds : Thresholds
+        From where on a finding is made.
 
     Returns
     -------
@@ -230,7 +217,7 @@ def sigma_findings(*, count: int, median: float | None, has_curve: bool, remedy:
     """
     if not has_curve:
         return [Finding(code="no_noise_curve", text="The file has no noise curve, so the report cannot check sigma.")]
-    if median is None or count < MIN_COMPONENTS or abs(median - 1.0) <= SIGMA_TOLERANCE:
+    if median is None or count < thresholds.least_components or abs(median - 1.0) <= thresholds.sigma_tolerance:
         return []
     text = f"Sigma is {median:.2f} times the sensor's curve (median): the noise curve and the recording disagree."
     return [Finding(code="sigma_off_curve", text=text, commands=(remedy.measure(),))]

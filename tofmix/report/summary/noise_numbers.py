@@ -12,12 +12,12 @@ from tofmix.sensor import Sensor
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseNumbers:
-    """Learnt noise, or noise with parts beyond a curve. None stands for a part that is not there.
+    """Learnt noise, or noise with parts beyond a curve. None means that the part is missing.
 
     Parameters
     ----------
     line : str
-        All of it in words, as `tofmix estimate` says it.
+        All parts in words, as in the line of `tofmix estimate`.
     sigma_least_mm, sigma_most_mm : float
         Least and largest sigma of the curve.
     shape : str

@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray, IntArray
 
-KEY_LIMIT = 65_536
-"""Different values held at most; a 144 x 176 image has 25,344."""
-
 _SIGN = np.uint32(0x8000_0000)
 _LARGEST_FINITE_KEY = np.uint32(0xFF7F_FFFF)
 
@@ -40,10 +37,10 @@ class ValueCounts:
     Parameters
     ----------
     limit : int
-        Different values held at most, at least 1.
+        Different values held at most, at least 1; a 144 x 176 image has 25,344.
     """
 
-    def __init__(self, limit: int = KEY_LIMIT) -> None:
+    def __init__(self, limit: int = 65_536) -> None:
         self._limit = limit
         self._shift = 0
         self._keys = np.empty(0, dtype=np.uint32)
@@ -95,7 +92,7 @@ class ValueCounts:
             self._keys, self._counts = _united(self._keys >> np.uint32(1), self._counts)
 
     def _values(self) -> FloatArray:
-        """Middle of what each key stands for, float64."""
+        """Middle of the values of each key, float64."""
         low = self._keys << np.uint32(self._shift)
         high = np.minimum(low | np.uint32((1 << self._shift) - 1), _LARGEST_FINITE_KEY)
         middle: FloatArray = (_decoded(low).astype(np.float64) + _decoded(high).astype(np.float64)) / 2

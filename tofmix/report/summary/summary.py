@@ -16,7 +16,6 @@ from tofmix.flags import Mixing, Status, mixing_name, status_name
 from tofmix.layers import Layers, Provenance
 from tofmix.report.sources import LayersSource
 from tofmix.report.summary.findings import (
-    CLOSE_SIGMAS,
     Finding,
     Remedy,
     count_findings,
@@ -25,15 +24,13 @@ from tofmix.report.summary.findings import (
 )
 from tofmix.report.summary.noise_numbers import NoiseNumbers, noise_numbers
 from tofmix.report.summary.quantiles import Quantiles, ValueCounts, spread_of
+from tofmix.report.summary.thresholds import DEFAULT_THRESHOLDS, Thresholds
 from tofmix.sensor import NoiseCurve
-
-DOMINANT_WEIGHT = 0.5
-"""Components above this share tell of the noise curve; weak ones tell of the fit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LayerSummary:
-    """One layer over all pixels and windows. None stands where there is no such value.
+    """One layer over all pixels and windows. None means no such value.
 
     Medians are over the layer's `count` components; `sigma_over_curve_median` is sigma divided by the sensor's
     sigma(r) at the component's range.
@@ -57,9 +54,8 @@ class MixingNumbers:
     line : str
         The law in words.
     phasor_share : float or None
-        Share of the samples at edges that are phasor sums; None if no pixel tells it.
-    telling_pixels : int
-        Pixels that tell it.
+        Share of the samples at edges that are phasor sums; None if no pixel determines it. telling_pixels : int Pixels
+        that determine it.
     pixels : dict
         Pixels by the names of `tofmix.flags.Mixing`.
     """
@@ -103,9 +99,9 @@ class Summary:
     noise : NoiseNumbers or None
         The noise, where it has learnt parts, or parts of a file, beyond sigma by range and amplitude.
     mixing : MixingNumbers or None
-        The law of mixing, where it was measured.
+        The measured mixing.
     warnings : tuple of Finding
-        What to be wary of.
+        Warnings.
     """
 
     source: str
@@ -146,7 +142,7 @@ class Summary:
         return values | {"warnings": [finding.as_dict() for finding in self.warnings]}
 
 
-def summarise(layers_file: LayersSource) -> Summary:
+def summarise(layers_file: LayersSource, *, thresholds: Thresholds = DEFAULT_THRESHOLDS) -> Summary:
     """Summarise a layers file, reading one window at a time.
 
     Quantiles are exact up to 65,536 different values and bounded in memory past
@@ -156,6 +152,8 @@ def summarise(layers_file: LayersSource) -> Summary:
     ----------
     layers_file : LayersSource
         For example an open `tofmix.io.layers.layers_file.LayersFile`.
+    thresholds : Thresholds
+        From where on a finding is made.
 
     Returns
     -------
@@ -163,7 +161,7 @@ def summarise(layers_file: LayersSource) -> Summary:
         Over all windows.
     """
     provenance = layers_file.provenance
-    tally = _Tally(layers_file.max_layers, noise_of(provenance), provenance.unambiguous_range_mm)
+    tally = _Tally(layers_file, thresholds)
     windows, rows, cols = layers_file.shape
     for k in range(windows):
         tally.add(layers_file.read_window(k))
@@ -208,7 +206,9 @@ def _mixing(layers_file: LayersSource, tally: "_Tally") -> MixingNumbers | None:
     return MixingNumbers(line=law.words(), phasor_share=share, telling_pixels=law.pixels, pixels=counts)
 
 
-def find(layers_file: LayersSource, remedy: Remedy | None = None) -> tuple[Finding, ...]:
+def find(
+    layers_file: LayersSource, remedy: Remedy | None = None, *, thresholds: Thresholds = DEFAULT_THRESHOLDS
+) -> tuple[Finding, ...]:
     """List the findings of a layers file, the same as in its summary, with less work.
 
     Parameters
@@ -216,11 +216,13 @@ def find(layers_file: LayersSource, remedy: Remedy | None = None) -> tuple[Findi
     layers_file : LayersSource
         The file; read window by window.
     remedy : Remedy, optional
-        What the remedies' commands are about; by default the recording under the name that the file gives.
+        Names in the commands; by default the name of the recording in the file.
+    thresholds : Thresholds
+        From where on a finding is made.
     """
     provenance = layers_file.provenance
     windows, rows, cols = layers_file.shape
-    tally = _FindingTally(layers_file.max_layers, noise_of(provenance), provenance.unambiguous_range_mm)
+    tally = _FindingTally(layers_file, thresholds)
     for k in range(windows):
         tally.add(layers_file.read_window(k))
     return tally.findings(layers_file, windows * rows * cols, remedy or remedy_for(provenance, windows))
@@ -239,26 +241,27 @@ def remedy_for(provenance: Provenance, windows: int, recording: str | None = Non
 
 
 class _FindingTally:
-    """Running counts over windows of what findings are about."""
+    """Running counts over windows for the findings."""
 
-    def __init__(self, max_layers: int, curve: NoiseCurve | None, length: float | None) -> None:
-        self._curve = curve
-        self._length = length
-        self.surfaces = [0] * (max_layers + 1)
+    def __init__(self, layers_file: LayersSource, thresholds: Thresholds) -> None:
+        self._curve = noise_of(layers_file.provenance)
+        self._length = layers_file.provenance.unambiguous_range_mm
+        self._thresholds = thresholds
+        self.surfaces = [0] * (layers_file.max_layers + 1)
         self.close = 0
         self._status: dict[int, int] = {}
         self.dominant_ratio = ValueCounts()
 
     def add(self, window: Layers) -> None:
         self.surfaces = _added(self.surfaces, window.n_modes)
-        self.close += _close(window, self._length)
+        self.close += _close(window, self._length, self._thresholds.close_sigmas)
         values, counts = np.unique(window.status, return_counts=True)
         for value, count in zip(values.tolist(), counts.tolist(), strict=True):
             self._status[value] = self._status.get(value, 0) + count
-        self.dominant_ratio.add(self.ratio(window)[window.weight > DOMINANT_WEIGHT])
+        self.dominant_ratio.add(self.ratio(window)[window.weight > self._thresholds.dominant_weight])
 
     def ratio(self, window: Layers) -> FloatArray:
-        """Sigma over the curve's, of each layer; NaN where there is none."""
+        """Sigma over the curve's, of each layer; NaN without a curve."""
         range_mm = window.range.astype(np.float64)
         ratio = np.full(range_mm.shape, np.nan)
         if self._curve is not None:
@@ -275,6 +278,7 @@ class _FindingTally:
             median=self.dominant_ratio.quantiles(0.5)[0] if by_range else None,
             has_curve=curve is not None,
             remedy=remedy,
+            thresholds=self._thresholds,
         )
         of_counts = count_findings(
             pixels=pixels,
@@ -283,6 +287,7 @@ class _FindingTally:
             max_layers=layers_file.max_layers,
             close=self.close,
             remedy=remedy,
+            thresholds=self._thresholds,
         )
         return *of_sigma, *of_counts, *target_findings(layers_file.provenance.targets)
 
@@ -293,17 +298,17 @@ class _FindingTally:
 
 
 class _Tally(_FindingTally):
-    """Running counts over windows of all that a summary tells."""
+    """Running counts over windows for the summary."""
 
-    def __init__(self, max_layers: int, curve: NoiseCurve | None, length: float | None) -> None:
-        super().__init__(max_layers, curve, length)
+    def __init__(self, layers_file: LayersSource, thresholds: Thresholds) -> None:
+        super().__init__(layers_file, thresholds)
         self.peaks = [0]
-        self._layers = [_LayerTally() for _ in range(max_layers)]
+        self._layers = [_LayerTally() for _ in range(layers_file.max_layers)]
         self.no_return = ValueCounts()
         self.samples = ValueCounts()
         self.widths = ValueCounts()
         self.mixing = [0]
-        self.undecided = [0] * (max_layers + 1)
+        self.undecided = [0] * (layers_file.max_layers + 1)
 
     def add(self, window: Layers) -> None:
         super().add(window)
@@ -349,18 +354,18 @@ class _LayerTally:
         self.ratio = ValueCounts()
 
 
-def _close(window: Layers, length: float | None) -> int:
-    """Pixels with two layers within `CLOSE_SIGMAS` of each other, across the fold of a circle as well."""
+def _close(window: Layers, length: float | None, close_sigmas: float) -> int:
+    """Pixels with two layers within `close_sigmas` of each other, across the fold of a circle as well."""
     gap = np.diff(window.range, axis=-1)
     sigma = np.maximum(window.sigma[..., 1:], window.sigma[..., :-1])
     with np.errstate(invalid="ignore"):
-        close = (gap < CLOSE_SIGMAS * sigma).any(axis=-1)
+        close = (gap < close_sigmas * sigma).any(axis=-1)
     if length is not None:
         last = np.maximum(window.n_modes.astype(np.int64), 1)[..., np.newaxis] - 1
         far, sigma_far = (np.take_along_axis(values, last, -1)[..., 0] for values in (window.range, window.sigma))
         across = window.range[..., 0] + length - far
         with np.errstate(invalid="ignore"):
-            close |= (window.n_modes > 1) & (across < CLOSE_SIGMAS * np.maximum(window.sigma[..., 0], sigma_far))
+            close |= (window.n_modes > 1) & (across < close_sigmas * np.maximum(window.sigma[..., 0], sigma_far))
     return int(close.sum())
 
 

@@ -1,7 +1,6 @@
 """A summary as a short plain text table for the terminal.
 
-For scripts use `Summary.as_dict`. ASCII only and at most 80 columns, so that it
-reads the same everywhere.
+For scripts use `Summary.as_dict`. ASCII only and at most 80 columns, for any terminal.
 """
 
 import textwrap

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.equiangular import Equiangular
 from tofmix.errors import BadInputError
-from tofmix.projection import cell_nodes
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import cell_nodes
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.casting.cast_cells import cast_cells, reached_cells
 from tofmix.simulation.casting.cast_kernel import cast_row, reached_row
@@ -23,18 +23,21 @@ from tofmix.simulation.model import Model
 from tofmix.simulation.surface import MAX_LENGTH_MM
 from tofmix.simulation.truth import Truth
 
-# A surface or a gap of less than this share of a pixel is left out, and the others take its place. Shares are right
-# to 0.001; one sample in 10,000 is what the sensor's random values (p(c_r)) yield anyway; and an edge that lies on the
-# border of two pixels must not count as a surface of both by a rounding error.
 MIN_SHARE = 1.0e-4
+"""A surface or a gap of less than this share of a pixel is left out, and the others take its place.
+
+Shares are right to 0.001; one sample in 10,000 is what the sensor's random values (p(c_r)) yield anyway; and an edge
+that lies on the border of two pixels must not count as a surface of both by a rounding error.
+"""
+
 MAX_SURFACES = 4096  # so that never all shares of a pixel are below MIN_SHARE
-MAX_LAYERS = 255  # n_modes is uint8
+MAX_LAYERS = int(np.iinfo(np.uint8).max)  # of n_modes
 
 _T = TypeVar("_T", bound=np.generic)
 
 
 def cast_scene(model: Model, *, time_s: float = 0.0) -> Truth:
-    """Work out what each pixel of the model's camera sees.
+    """Compute the surfaces, shares and ranges in each pixel of the model's camera.
 
     A surface is seen from both sides, at ranges above 0 up to `range_max_mm`; the nearest hides the others, and of
     two in one plane the first in the model is seen. Shares are right to 0.001 for edges of any direction, those along
@@ -73,8 +76,8 @@ def cast_scene(model: Model, *, time_s: float = 0.0) -> Truth:
 class MovingCaster:
     """Casts a scene in which some surfaces move, time after time.
 
-    Only the pixels in which a moving surface may be seen are cast anew; the others are as they are without them. The
-    values are those of a still scene with the surfaces at their places, bit by bit, with room for `layers` surfaces.
+    Only pixels that may see a moving surface are cast again; the others do not change. The values are those of a still
+    scene with the surfaces at their places, bit by bit, with room for `layers` surfaces.
 
     Parameters
     ----------
@@ -153,7 +156,7 @@ def _cast(model: Model, wanted: BoolArray | None = None) -> Seen:
 
 
 def _row_caster(sensor: SensorProfile, scene: SceneArrays) -> Callable[[int, BoolArray, FloatArray], None]:
-    """What casts one image row: its number, pixels (col,) wanted, and zeros (col, S, 3) that receive the sums.
+    """Function that casts one image row, from its number and the wanted pixels (col,), into zeros (col, S, 3).
 
     Cells of equal angles have kernels of their own, which take sines and cosines once a row and once a column.
     """
@@ -187,7 +190,7 @@ def _angles(sensor: SensorProfile, optics: Equiangular) -> tuple[FloatArray, Flo
 
 
 def sift(sums: FloatArray, first_pixel: int) -> Seen:
-    """What a row's pixels see, without shares below `MIN_SHARE`; the others fill the pixel."""
+    """The surfaces in a row's pixels, without shares below `MIN_SHARE`; the others fill the pixel."""
     share = sums[:, :, 0]
     nothing = 1.0 - share.sum(axis=1)
     share = np.where(share >= MIN_SHARE, share, 0.0)
@@ -206,7 +209,7 @@ def sift(sums: FloatArray, first_pixel: int) -> Seen:
 
 
 def truth_of(model: Model, seen: Seen) -> Truth:
-    """Sort what each pixel sees from near to far."""
+    """Sort the surfaces of each pixel from near to far."""
     sensor = model.sensor
     counts = np.bincount(seen.pixel, minlength=sensor.rows * sensor.cols)
     if counts.max() > MAX_LAYERS:

@@ -2,9 +2,9 @@
 
 They validate nothing; call `tofmix.simulation.casting.cast`.
 
-They work as those of `tofmix.simulation.casting.cast_kernel`: what one surface fills gets a
-few beams, what an edge crosses is cut finer. A pixel's cell is a patch through nine
-rays, and each beam counts by the solid angle around it.
+They work as those of `tofmix.simulation.casting.cast_kernel`: a cell that one surface fills gets a few beams, and a
+cell with an edge is divided. A pixel's cell is a patch through nine rays, and each beam counts by the solid angle
+around it.
 """
 
 import math
@@ -12,8 +12,8 @@ import math
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.cells import fill_patch, patch_direction, patch_solid_angle
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
+from tofmix.optics.cells import fill_patch, patch_direction, patch_solid_angle
 from tofmix.simulation.casting.cast_kernel import (
     LATTICE,
     LATTICE_STEP,
@@ -156,7 +156,7 @@ def cast_cells(nodes: FloatArray, scene: SceneArrays, wanted: BoolArray, sums: F
     Parameters
     ----------
     nodes : (3, 2 cols + 1, 3) float64
-        Rays of the row's cells, from `tofmix.projection.cell_nodes`.
+        Rays of the row's cells, from `tofmix.optics.projection.cell_nodes`.
     scene : SceneArrays
         S surfaces.
     wanted : (col,) bool

@@ -2,11 +2,10 @@
 
 They validate nothing; call `tofmix.simulation.casting.cast`.
 
-`tofmix.simulation.casting.cast_cells` has those of other projections, and takes from here what judges cells and beams.
+`tofmix.simulation.casting.cast_cells` has those of other projections, and uses the tests of cells and beams from here.
 
-A cell (a pixel, or one of the 32 x 32 parts of one that an edge crosses) is
-first judged as a whole: from its centre and its radius, does one surface, or
-nothing, fill it? Only what is left open is cut finer, down to single beams.
+A cell (a pixel, or one of the 32 x 32 parts of one that an edge crosses) is first judged as a whole: from its centre
+and its radius, does one surface, or nothing, fill it? Only undecided cells are divided, down to single beams.
 """
 
 import math
@@ -14,21 +13,30 @@ import math
 import numpy as np
 
 from tofmix.arrays import BoolArray, FloatArray, IntArray
-from tofmix.jit import jit
+from tofmix.compiled.jit import jit
 from tofmix.simulation.casting.scene import SceneArrays
 
 NOTHING = -1  # no surface in any beam of the cell
 MIXED = -2  # an edge, a crease or the range limit may cross the cell
 SMOOTH_BEAMS = 8  # beams a side of a pixel that one surface fills
 SUBCELLS = 32  # cells a side of a pixel that an edge crosses
-# Beams in such a cell that an edge crosses: a rank-1 lattice (i, 19 i mod 64) / 64, whose projections on both axes
-# are evenly spaced, so that an edge along the grid is found to 1 / 64 of a cell. 19 gives nearly the longest
-# shortest distance between points of any generator, and serves oblique edges better than the longest.
+
 LATTICE = 64
+"""Beams in such a cell: a rank-1 lattice (i, 19 i mod 64) / 64.
+
+Its projections on both axes are evenly spaced, so that an edge along the grid is found to 1 / 64 of a cell. 19 gives
+nearly the longest shortest distance between points of any generator, and serves oblique edges better than the longest.
+"""
+
 LATTICE_STEP = 19  # generator: row of the lattice's point in the next column
-# Each cell shifts its lattice by the golden ratio's plane sequence (R2), or an oblique edge would meet the same
-# points in the same way in every cell along it and their errors would add up.
+
 SHIFT_ACROSS = 0.7548776662466927
+"""Shift of the lattice from cell to cell, by the golden ratio's plane sequence (R2): 1 / g with g^3 = g + 1.
+
+Without it an oblique edge would meet the same points in the same way in every cell along it, and their errors would
+add up.
+"""
+
 SHIFT_DOWN = 0.5698402909980532  # the square of the same
 _TIE = 1.0e-9  # relative difference of ranges below which two surfaces are one plane: the first in the model is seen
 
@@ -37,7 +45,7 @@ _TIE = 1.0e-9  # relative difference of ranges below which two surfaces are one 
 def judge(
     x: float, y: float, z: float, radius: float, scene: SceneArrays, candidates: IntArray, count: int, kept: IntArray
 ) -> tuple[int, int]:
-    """What fills the cell around direction (x, y, z): a surface, NOTHING or MIXED; and how many may be seen in it.
+    """Content of the cell around direction (x, y, z): a surface, NOTHING or MIXED; and its number of possible surfaces.
 
     Those that may be seen are written to `kept`, in the order of `candidates`.
     """

@@ -1,4 +1,4 @@
-"""Cast one camera's pixels many times, quickly, and as smooth functions of where the surfaces stand.
+"""Cast one camera's pixels many times, quickly, and as smooth functions of the poses of the surfaces.
 
 Use it where a scene is fitted: shares are areas, which change evenly with a surface's place; those of
 `tofmix.simulation.casting.cast` are counts of beams. Both are right to 0.001. Recordings are simulated by the other.
@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
-from tofmix.projection import Projection, cell_nodes, pixel_extent_rad
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import Projection, cell_nodes, pixel_extent_rad
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.casting.cast import Seen, cast_scene, sift, truth_of
 from tofmix.simulation.casting.cast_cells import BULGE
@@ -26,7 +26,7 @@ _STRAIGHT_RAD = 0.013
 """A part of a cell up to which an edge that is bent by the projection passes for straight: to 0.0005 of its area."""
 
 _COARSE_RAD = 0.05
-"""Extent of a pixel beyond which second moments say too little of its directions: its beams are cast one by one."""
+"""Extent of a pixel beyond which second moments describe its directions too roughly: its beams are cast one by one."""
 
 _AT_ONCE = 4_000_000  # numbers that a cast holds
 
@@ -57,7 +57,7 @@ class PolygonCaster:
         self._cells = _cells(sensor.optics, sensor.shape)  # type: ignore[arg-type]  # a frozen dataclass
 
     def cast(self, model: Model) -> Truth:
-        """What each pixel sees of a model of this camera, whose effects move nothing; see `cast_scene`."""
+        """The surfaces in each pixel, for a model of this camera without moving effects; see `cast_scene`."""
         if self._coarse:
             return cast_scene(model)
         scene, count = scene_arrays(model), max(1, len(model.surfaces))
@@ -133,7 +133,7 @@ def _moments(patches: FloatArray, *, even: bool) -> tuple[FloatArray, FloatArray
 
 
 def _weights(patches: FloatArray, *, even: bool) -> FloatArray:
-    """Weights (pixel, 6) of places in each cell: its solid angle, or its angles alike."""
+    """Weights (pixel, 6) of places in each cell: by solid angle, or equal for all angles."""
     out = np.zeros((len(patches), 6))
     out[:, 0] = 1.0
     if even:

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from tofmix.arrays import FloatArray, IntArray
-from tofmix.cells import patch_ray
-from tofmix.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing, jit
+from tofmix.optics.cells import patch_ray
 from tofmix.simulation.casting.cast_kernel import MIXED, judge
 from tofmix.simulation.casting.scene import SceneArrays
 
@@ -28,7 +28,7 @@ _STEP = 0.25  # of a cell, for slopes of the cosine
 
 
 class Scratch(NamedTuple):
-    """Room for what is worked out for one cell.
+    """Scratch memory of one cell.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _cosine(patch: FloatArray, scene: SceneArrays, surface: int, u: float, v: fl
 def _add_part(
     patch: FloatArray, weight: FloatArray, scene: SceneArrays, surface: int, moments: FloatArray, sums: FloatArray
 ) -> None:
-    """Add what a surface has of a cell: its share, and share times mean range and mean cosine, to second order."""
+    """Add a surface's part of a cell: its share, and share times mean range and mean cosine, to second order."""
     share = weight[0] * moments[0] + weight[1] * moments[1] + weight[2] * moments[2] + (
         weight[3] * moments[3] + weight[4] * moments[4] + weight[5] * moments[5]
     )  # fmt: skip
@@ -218,7 +218,7 @@ def _find_conditions(
     patch: FloatArray, scene: SceneArrays, centre: FloatArray, radius: float, seen: IntArray, n_seen: int,
     scratch: Scratch,
 ) -> bool:  # fmt: skip
-    """What cuts the cell, of each surface that may be seen. Returns whether the limit of the range, a circle, does."""
+    """Fill the boundaries of each possible surface in the cell; return whether the largest range is one."""
     round_one = False
     for k in range(n_seen):
         s = seen[k]
@@ -275,7 +275,7 @@ def _cast_part(
     patch: FloatArray, scene: SceneArrays, centre: FloatArray, radius: float, seen: IntArray, n_seen: int, k: int,
     corners: int, scratch: Scratch,
 ) -> int:  # fmt: skip
-    """Add the moments of what is seen of the k-th surface in a polygon: without what others hide of it.
+    """Add the moments of the visible part of the k-th surface in a polygon.
 
     By inclusion and exclusion over the subsets of those that hide. Returns 1 where they are too many, else 0.
     """

@@ -6,10 +6,8 @@ plane through the sensor and that edge), and one for the range. With N the
 plane's unit normal away from the sensor and h its distance, the range along the
 beam is r = h / (N . d) and the cosine of incidence N . d.
 
-Being linear with unit vectors, a condition that holds at a cell's centre by more
-than the cell's radius holds in all of it. That is what lets
-`tofmix.simulation.casting.cast` find every pixel that an edge crosses, however thin the
-object.
+Being linear with unit vectors, a condition that holds at a cell's centre by more than the cell's radius holds in all of
+it. So `tofmix.simulation.casting.cast` finds every pixel with an edge, even of a thin object.
 """
 
 from typing import NamedTuple

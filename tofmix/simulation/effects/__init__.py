@@ -1,9 +1,8 @@
 """The effects of real cameras: one file an effect, one registry.
 
-An effect is declared once: its parameters with units and bounds, the level at
-which it acts, what it does to samples, and what it does to a pixel's predictive
-distribution. `simulate` runs it, ``--explain`` and docs/reference/effects.md describe it,
-and a fit searches its parameters, all from that declaration.
+An effect is declared once: its parameters with units and bounds, its level, its action on samples, and its action on
+the predicted distribution of a pixel. `simulate`, ``--explain``, docs/reference/effects.md and the fits of `reconcile`
+all use this declaration.
 """
 
 from tofmix.simulation.effects.base import Effect, EffectTruth, Level

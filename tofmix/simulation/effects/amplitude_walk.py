@@ -1,4 +1,4 @@
-"""A bias that depends on how bright the sample is."""
+"""A bias that depends on the amplitude of a sample."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -16,9 +16,9 @@ _LARGEST_MM = 1.0e5  # beyond any range: amplitude 0 must not give infinity
 class AmplitudeWalk(Effect):
     """Bias ``scale_mm * (reference_amplitude / amplitude) ** exponent``.
 
-    At low signal, charge lags behind in the pixel, and its non-linearity turns the phase: dark targets seem nearer or
-    farther than bright ones at the same range. Some mm to a few cm between black and white targets are reported.
-    The amplitude is that of the light, after all light effects; a bias is limited to 100 m.
+    At low signal, charge lags behind in the pixel, and its non-linearity turns the phase: dark targets appear nearer or
+    farther than bright ones at the same range. Some mm to a few cm between black and white targets are reported. The
+    amplitude is the light's, after all light effects. The bias is limited to 100 m.
 
     References
     ----------
@@ -39,7 +39,9 @@ class AmplitudeWalk(Effect):
     reference_amplitude: float = number(
         "Amplitude at which the bias is `scale_mm`.", unit="1", low=0, high=1e6, low_open=True
     )
-    exponent: float = number("How fast it falls with amplitude.", unit="1", low=0, high=4, default=1, typical=(0.5, 2))
+    exponent: float = number(
+        "Exponent of its decrease with amplitude.", unit="1", low=0, high=4, default=1, typical=(0.5, 2)
+    )
 
     def explain(self) -> str:
         """One sentence."""

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tofmix.arrays import FloatArray
-from tofmix.equiangular import Equiangular
-from tofmix.projection import beam_directions_of
+from tofmix.optics.equiangular import Equiangular
+from tofmix.optics.projection import beam_directions_of
 from tofmix.sensors.profile import SensorProfile
 from tofmix.simulation.effects.parameter import Parameter, declared_parameters
 from tofmix.toml_table import nearest
@@ -54,8 +54,8 @@ LEVEL_NAMES = {
 class Target(Enum):
     """The part of the distribution of a pixel's samples that an effect changes most."""
 
-    BIAS = "mean, at all times alike"
-    TREND = "mean, in the course of time"
+    BIAS = "mean, the same at all times"
+    TREND = "mean, changing in time"
     MIXTURE = "shares of several surfaces in one sample"
     SPREAD = "noise"
     VALUES = "values that a sample can have"
@@ -63,18 +63,18 @@ class Target(Enum):
 
 
 class Latent(Enum):
-    """Which hidden state links samples under an effect, so that they are not independent given its parameters."""
+    """Hidden state that links the samples of an effect: given its parameters, they are not independent."""
 
     NONE = "none"
     FRAME = "a state of each frame"
     PIXEL = "a value of each pixel"
     MEMORY = "the noise of the frame before"
-    LATTICE = "a lattice of values"
+    STEP = "a quantisation step"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Context:
-    """Camera, time and random streams for an effect.
+    """Camera, time and random streams that an effect uses.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ class Context:
         return float(image[[0, 0, -1, -1], [0, -1, 0, -1]].min())
 
     def recording_rng(self, effect: "Effect") -> np.random.Generator:
-        """The effect's own random stream of a recording, for what does not change from frame to frame."""
+        """The effect's random stream of a recording, for draws that are constant over the frames."""
         return _stream(self.seed, effect, _RECORDING)
 
     def frame_rng(self, effect: "Effect") -> np.random.Generator:
@@ -139,14 +139,14 @@ class Context:
 
 
 def _stream(seed: int, effect: "Effect", *key: int) -> np.random.Generator:
-    """A stream of its own for each kind and surface: one effect more changes no draw of the others."""
+    """A separate stream for each kind and surface: a further effect changes no draw of the others."""
     name = zlib.crc32(f"{effect.kind} {getattr(effect, 'surface', '')}".encode())
     return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(name, *key))))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EffectTruth:
-    """A draw for an effect, as a recording's ``truth/effects`` holds it.
+    """A draw of an effect, as in ``truth/effects`` of a recording.
 
     Parameters
     ----------
@@ -157,9 +157,9 @@ class EffectTruth:
     values : array
         Of these dimensions.
     unit : str
-        Unit; ``1`` for none.
+        Unit; ``1`` without a dimension.
     long_name : str
-        What it is.
+        Description of the values.
     """
 
     name: str
@@ -176,42 +176,43 @@ class Effect:
     Raises
     ------
     ValueError
-        If a parameter is out of its bounds. The message begins with the key, and has value and bound.
+        If a parameter is out of its bounds. The message names the key, the value and the bound.
 
     Attributes
     ----------
     kind : str
-        Its name in a model.
+        Name in a model file.
     level : Level
-        Where it acts.
+        Level at which it acts.
     signature : str
-        How it shows: against what axis, in which statistic.
+        The statistic that shows it, and over which axis.
     typical : str
         Magnitudes of real cameras.
     basis : str
-        Where they are from: ``physics`` (a formula, held by a test), ``reported`` (literature, recalled and not
+        Source of the magnitudes: ``physics`` (a formula that a test checks), ``reported`` (literature, recalled and not
         checked against a copy), or ``assumed``.
     predicts : str
-        Which part of its action on a pixel's distribution has a closed form, and what stands for the rest.
+        The part of its action on a pixel's distribution that has a closed form, and the approximation of the rest.
     target : Target
-        What it changes most.
+        Property of the distribution that it changes most.
     shows_in : tuple of str
-        Statistics of `tofmix.reconciliation.panel` that it changes, so that it is never named for what shows elsewhere;
-        none for a law that is exact, which needs no such check.
+        Statistics of `tofmix.reconciliation.panel` that it changes. It is never named for a deviation in other
+        statistics. Empty for an exact law, which needs no such check.
     latent : Latent
-        What links samples under it. `reconcile` searches for a kind without a hidden state by its parameters alone.
+        Hidden state that links its samples. `reconcile` searches for a kind without a hidden state by its parameters
+        alone.
     exact_law : bool
-        Whether a camera has its law exactly. Each sample that such an effect explains gains as much as many that are a
-        little off.
+        Whether cameras follow its law exactly. Then a single sample that fits exactly gains as much as many samples
+        that fit roughly.
     changes_in_time : bool
         Whether the distribution of a pixel's samples depends on the time. `reconcile` then predicts it at several times
         of the recording.
     static_partner : str
-        Kind of what is static in an effect that changes in time; empty for none.
+        Kind of the static part of an effect that changes in time; empty for none.
     acts_on_phase : bool
-        Whether a camera without a modulation frequency cannot have it.
+        Whether it needs a camera with a modulation frequency.
     averages : bool
-        Whether it can be simulated in a camera that averages on board.
+        Whether a camera that averages on board can be simulated with it.
     """
 
     kind: ClassVar[str]
@@ -254,7 +255,7 @@ class Effect:
         raise NotImplementedError
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
-        """Refuse what does not fit the camera or the scene.
+        """Refuse an effect that does not fit the camera or the scene.
 
         Raises
         ------
@@ -271,7 +272,7 @@ class Effect:
             raise ValueError(f"map: shape {plane.values.shape} differs from the image {(sensor.rows, sensor.cols)}")
 
     def plausible(self, sensor: SensorProfile) -> bool:  # noqa: ARG002  for those that depend on the camera
-        """Whether the numbers are such as this effect has, and not another cause in its guise; `reconcile` asks."""
+        """Whether the parameters are plausible for this effect, not the trace of another cause; for `reconcile`."""
         for parameter in self.parameters().values():
             value, (low, high) = getattr(self, parameter.name), parameter.plausible
             if isinstance(value, int | float) and not low <= value <= high:
@@ -287,7 +288,7 @@ class Effect:
         return surface
 
     def prepare(self, context: Context, n_frames: int) -> Any:  # noqa: ANN401, ARG002  the effect's own
-        """Draw what holds for a whole recording of `n_frames`; it comes back as ``context.prepared``."""
+        """Draw the values that hold for a whole recording of `n_frames`; `context.prepared` returns them."""
         return None
 
     def truth(self, prepared: Any) -> tuple[EffectTruth, ...]:  # noqa: ANN401, ARG002  the effect's own
@@ -295,14 +296,14 @@ class Effect:
         return ()
 
     def expect(self, prediction: "Prediction", context: Context) -> Any:  # noqa: ANN401, ARG002  the effect's own
-        """Work out what a light effect needs to know of the whole scene; it comes back as ``context.expected``.
+        """Compute the data of the whole scene for a light effect; `context.expected` returns them.
 
         `prediction` has the light effects before this one applied.
         """
         return None
 
     def act(self, echoes: "Echoes", context: Context) -> None:
-        """Change echoes in place: samples of a frame, or components of a prediction alike."""
+        """Change echoes in place: the samples of a frame, or the components of a prediction."""
         raise NotImplementedError
 
     def colour(self, noise: FloatArray, before: FloatArray) -> FloatArray:  # noqa: ARG002  for those that remember

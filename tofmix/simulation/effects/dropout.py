@@ -1,4 +1,4 @@
-"""Samples that are lost, by chance or because they are dark."""
+"""Samples that are lost at random, or because they are dark."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 class Dropout(Effect):
     """Samples are invalid with `probability`, and where amplitude plus Gaussian noise falls below `threshold`.
 
-    Cameras mark samples of too little amplitude as invalid: at their default threshold, far or dark surfaces lose
-    some or all of their samples, and what has no return loses all. Lost packets and conflicting read-outs take
-    samples by chance. The amplitude is that of the light, after all light effects. A threshold of 0 is none.
+    Cameras mark samples of low amplitude as invalid. At the default threshold of a camera, far or dark surfaces lose
+    some or all of their samples, and open space loses all. Lost packets and read-out conflicts remove samples at
+    random. The amplitude is the light's, after all light effects. A threshold of 0 removes none.
     """
 
     kind: ClassVar[str] = "dropout"
@@ -32,13 +32,13 @@ class Dropout(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("invalid",)
 
     probability: float = number(
-        "Share that is lost by chance.", unit="1", low=0, high=1, default=0, zero=0, typical=(0.001, 0.2)
+        "Share of the samples that is lost at random.", unit="1", low=0, high=1, default=0, zero=0, typical=(0.001, 0.2)
     )
     threshold: float = number(
-        "Least amplitude that is valid; 0 for none.", unit="1", low=0, high=1e9, default=0, zero=0, typical=(1, 200)
+        "Smallest valid amplitude; 0 for no limit.", unit="1", low=0, high=1e9, default=0, zero=0, typical=(1, 200)
     )
     threshold_noise: float = number(
-        "Standard deviation of the amplitude that is compared.", unit="1", low=0, high=1e9, default=0
+        "Standard deviation of the noise on the compared amplitude.", unit="1", low=0, high=1e9, default=0
     )
 
     def explain(self) -> str:
@@ -48,7 +48,7 @@ class Dropout(Effect):
         return f"{' and '.join(part for part in (chance, dark) if part)} are lost"
 
     def sample(self, samples: FrameSamples, context: Context) -> None:
-        """Lose what chance and threshold take."""
+        """Lose samples at random and by threshold."""
         rng = context.frame_rng(self)
         lost = rng.random(samples.shape) < self.probability
         if self.threshold > 0:

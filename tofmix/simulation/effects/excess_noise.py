@@ -1,4 +1,4 @@
-"""More noise than the sensor's curve says."""
+"""More noise than the sensor's curve gives."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -12,8 +12,8 @@ from tofmix.simulation.effects.parameter import number
 class ExcessNoise(Effect):
     """Sigma times `factor`.
 
-    Phase noise is sqrt(B) / A: more ambient light, or a weaker emitter, makes every sigma larger by the same factor
-    where the background dominates. Four times the background electrons double it.
+    Phase noise is sqrt(B) / A: if the background dominates, more ambient light or a weaker emitter increases every
+    sigma by the same factor. Four times the background electrons double sigma.
 
     References
     ----------
@@ -28,7 +28,7 @@ class ExcessNoise(Effect):
     target: ClassVar[Target] = Target.SPREAD
     shows_in: ClassVar[tuple[str, ...]] = ("spread", "tails", "skew", "spread_pattern", "memory")
 
-    factor: float = number("Sigma is that many times larger.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3))
+    factor: float = number("Factor on sigma.", unit="1", low=0.01, high=100, zero=1, typical=(1.05, 3))
 
     def explain(self) -> str:
         """One sentence."""

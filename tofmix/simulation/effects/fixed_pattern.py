@@ -14,11 +14,11 @@ from tofmix.simulation.effects.parameter import PixelMap, number, pixel_map
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedPattern(Effect):
-    """Each pixel has its own bias: a sum of a pixel's, its column's and its row's, drawn once a recording, or a map.
+    """Each pixel has a constant bias: the sum of a pixel, a column and a row bias from the seed, or a map.
 
-    Clock lines reach pixels after different delays, column by column, and capacitances differ from pixel to pixel.
-    Some mm are reported after the factory's calibration, some cm without. The pattern is drawn from the recording's
-    seed; a map stays the same whatever the seed, as a camera's own pattern does.
+    Clock lines reach pixels after different delays, column by column, and capacitances differ from pixel to pixel. Some
+    mm are reported after the factory's calibration, some cm without. The pattern is drawn from the recording's seed. A
+    map is independent of the seed, like the pattern of a real camera.
 
     References
     ----------
@@ -34,8 +34,8 @@ class FixedPattern(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("bias", "pattern")
     latent: ClassVar[Latent] = Latent.PIXEL
     predicts: ClassVar[str] = (
-        "exact for the map, or for what the seed draws; over all patterns it is a random effect that pixels of one "
-        "column or row share"
+        "exact for the map, or for the pattern that the seed draws; over all patterns a random effect that pixels of"
+        " one column or row share"
     )
 
     pixel_sigma_mm: float = number(
@@ -48,7 +48,7 @@ class FixedPattern(Effect):
         "Spread from row to row.", unit="mm", low=0, high=1000, default=0, zero=0, typical=(0.5, 10)
     )
     map: PixelMap | None = pixel_map(  # noqa: RUF009
-        "Bias of each pixel; takes the place of the drawn ones."
+        "Bias of each pixel; replaces the drawn biases."
     )
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:

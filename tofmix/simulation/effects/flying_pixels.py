@@ -1,4 +1,4 @@
-"""Mixed pixels: the rival of equation (1), in which one sample mixes all that the pixel sees."""
+"""Mixed pixels: the alternative to equation (1), in which one sample mixes all surfaces of the pixel."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -20,13 +20,13 @@ _SEVERAL = 2  # surfaces at least, whose light mixes
 class FlyingPixels(Effect):
     """With `probability`, a pixel that sees several surfaces, or a surface and nothing, returns the phasor sum of all.
 
-    A pixel collects the light of its whole beam, so the physics of one exposure is the phasor sum,
-    z = sum_i share_i A_i exp(2 pi i r_i / d_u): a range between the surfaces. What returns nothing adds nothing, so
-    that beside it a surface keeps its range, and has its share of the amplitude. Equation (1) instead lets each sample
-    come from one surface or from none. 0 is equation (1), 1 the phasor sum. Each pixel and frame decides by itself,
-    whatever its event; its sigma is sigma(r) |z| / |z'|, r and z those of that event, or, where that is no return, of
-    the surface with the most light. The surfaces' phasors are those that the light effects before this one in the
-    file give.
+    A pixel collects the light of its whole beam, so the physics of one exposure is the phasor sum, z = sum_i share_i
+    A_i exp(2 pi i r_i / d_u): a range between the surfaces. Open space adds nothing. So a surface next to open space
+    keeps its range, with its share of the amplitude. In equation (1) each sample shows one surface or none. Probability
+    0 is equation (1), and 1 is the phasor sum. Each pixel and frame is drawn independently of the surface that equation
+    (1) drew. The sigma of a mixed sample is sigma(r) |z| / |z'|, with r and z of the drawn surface; if no return was
+    drawn, with r and z of the surface with the most light. Light effects before this one in the file act on the phasors
+    of the surfaces.
 
     References
     ----------
@@ -48,11 +48,11 @@ class FlyingPixels(Effect):
         """One sentence."""
         return (
             f"in pixels that see several surfaces, or a surface and nothing, {100 * self.probability:g} % of the "
-            "samples are the phasor sum of all, between several surfaces at a range where nothing stands"
+            "samples are the phasor sum of all: between several surfaces, at a range without a surface"
         )
 
     def expect(self, prediction: "Prediction", context: Context) -> "_Mixed":  # noqa: ARG002
-        """What mixes, and in which pixels."""
+        """The mixed samples and their pixels."""
         area = prediction.area()
         seen = np.zeros(prediction.shape[1], dtype=np.int64)
         for number_ in np.unique(prediction.surface[area > 0]):
@@ -101,10 +101,10 @@ class FlyingPixels(Effect):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Mixed:
-    """What a frame's mixed samples are made of; arrays are (pixel,).
+    """Components of a frame's mixed samples; arrays are (pixel,).
 
-    A no-return sample has neither turn nor noise of its own. The surface with the most light, share times amplitude,
-    lends it both.
+    A no-return sample has neither turn nor noise. It takes both from the surface with the most light, share times
+    amplitude.
 
     Parameters
     ----------

@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 class Interference(Effect):
     """In bursts of frames, noise of `sigma_mm` is added in quadrature to every pixel that sees a surface.
 
-    The light of a second camera is not in step with ours: over one exposure it adds a phasor of any phase. Frame
-    clocks beat, so that it comes in bursts. Some cm to some ten cm while it lasts (a foreign phasor of 10 % of
-    the target's own turns the range by up to 120 mm at 20 MHz). Frames are disturbed or not by a two-state Markov
-    chain: bursts last `burst_frames` on average, and pauses as long as makes `probability` of all frames. Where that
-    asks for pauses shorter than a frame, they last one frame and the bursts are longer.
+    The light of a second camera has another phase: over one exposure it adds a phasor of random phase. The frame clocks
+    of the cameras beat, so the disturbance comes in bursts. During a burst the noise is some cm to some ten cm (a
+    foreign phasor of 10 % of the target's own changes the range by up to 120 mm at 20 MHz). A two-state Markov chain
+    disturbs frames: bursts last `burst_frames` on average, and pauses have the length that gives the share
+    `probability` of all frames. If pauses would be shorter than a frame, they last one frame and the bursts are longer.
 
     References
     ----------
@@ -38,8 +38,8 @@ class Interference(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("bursts", "common_mode", "spread")
     latent: ClassVar[Latent] = Latent.FRAME
     predicts: ClassVar[str] = (
-        "the marginal is exact, a mixture of disturbed and quiet; that all pixels of a frame are disturbed together, "
-        "in bursts, is a latent state of each frame"
+        "exact for a single sample: a mixture of disturbed and quiet frames. A latent state of each frame disturbs"
+        " all its pixels together, in bursts"
     )
 
     probability: float = number(

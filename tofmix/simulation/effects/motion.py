@@ -1,4 +1,4 @@
-"""A surface that moves while it is recorded."""
+"""A surface that moves during the recording."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion(Effect):
-    """The surface moves along its normal, from where the model puts it at time 0.
+    """The surface moves along its normal, from its position in the model at time 0.
 
-    Each frame is cast anew: ranges, shares and edges follow. Within a frame the surface stands still, and the four
-    correlation samples see one scene; a camera that takes them one after the other errs at moving edges, which is
-    not simulated. A person walks at about 1400 mm/s; a settling tripod creeps by micrometres a second.
+    Each frame is cast again: ranges, shares and edges follow. Within a frame the surface stands still, and the four
+    correlation samples see one scene. A camera that takes them one after the other has errors at moving edges; these
+    are not simulated. A person walks at about 1400 mm/s; a settling tripod moves by micrometres a second.
     """
 
     kind: ClassVar[str] = "motion"

@@ -1,4 +1,4 @@
-"""Light that reaches a surface twice: directly, and by way of another one."""
+"""Light that reaches a surface twice: directly, and through another surface."""
 
 import cmath
 import math
@@ -20,10 +20,10 @@ _LONGEST = 0.95
 class Multipath(Effect):
     """z of one surface becomes z (1 + share exp(i pi extra_path / d_u)).
 
-    Light that bounces off a wall, a floor or a neighbouring board on its way arrives later and makes the surface
-    seem farther: by 44 mm at 20 MHz for 10 % of light on a path 1 m longer. In corners, some cm to some ten cm are
-    reported. One constant share and path for the whole surface: near a real corner both change from pixel to pixel.
-    A path that is longer by a whole turn of the modulation, 15 m at 20 MHz, moves no range: it only looks like noise.
+    Light that is reflected by a wall, a floor or another board on its way arrives later. The surface appears farther:
+    by 44 mm at 20 MHz for 10 % of light on a path 1 m longer. In corners, some cm to some ten cm are reported. Share
+    and path are constant over the surface; near a real corner both vary from pixel to pixel. A path that is longer by a
+    whole turn of the modulation, 15 m at 20 MHz, changes no range, only the noise.
 
     References
     ----------
@@ -44,7 +44,7 @@ class Multipath(Effect):
         "Amplitude of the second path over that of the first.", unit="1", low=0, high=1, zero=0, typical=(0.02, 0.5)
     )
     extra_path_mm: float = number(
-        "How much longer the second path is in all, there and back.",
+        "Extra length of the second path, there and back.",
         unit="mm",
         low=0,
         high=200_000,
@@ -58,7 +58,7 @@ class Multipath(Effect):
     def explain(self) -> str:
         """One sentence."""
         return (
-            f'"{self.surface}" is also lit by way of another surface: {100 * self.share:g} % more light on a path '
+            f'"{self.surface}" is also lit through another surface: {100 * self.share:g} % more light on a path '
             f"that is {self.extra_path_mm:g} mm longer"
         )
 

@@ -1,4 +1,4 @@
-"""Random values beyond those that the sensor has anyway."""
+"""Random values in addition to the sensor's own."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outliers(Effect):
-    """Samples uniform over the working range, with this probability on top of `outlier_probability`.
+    """Samples are uniform over the working range with this probability, in addition to `outlier_probability`.
 
-    Bit errors, cosmic and switching disturbances, samples taken while the exposure changed. The paper supplies 1e-4
-    for the SR-3000; 1e-3 to 1e-2 is what a worn or disturbed camera shows. A random value
-    replaces whatever its pixel would have returned, after all but stuck pixels and quantisation, and is never lost.
+    Causes are bit errors, cosmic rays, switching disturbances, and changes of the exposure time. The paper gives 1e-4
+    for the SR-3000; a worn or disturbed camera has 1e-3 to 1e-2. A random value replaces the pixel's sample after all
+    effects but stuck pixels and quantisation. It is never lost.
     """
 
     kind: ClassVar[str] = "outliers"
@@ -54,7 +54,7 @@ class Outliers(Effect):
         return f"{100 * self.probability:g} % more samples are random values anywhere in the working range"
 
     def sample(self, samples: FrameSamples, context: Context) -> None:
-        """Put random values in the place of what is no random value yet."""
+        """Replace samples that are not random values yet."""
         rng, sensor = context.frame_rng(self), context.sensor
         others = 1 - np.broadcast_to(sensor.random_share, sensor.shape).ravel()
         hit = rng.random(samples.shape) * others < self.probability

@@ -1,7 +1,7 @@
 """A parameter of an effect, declared once: unit, bounds, default and a sentence.
 
-The parser, the refusals, the tables of docs/reference/effects.md, ``--explain`` and a fit
-read this one declaration.
+The parser, the error messages, the tables of docs/reference/effects.md, ``--explain`` and the fits use this
+declaration.
 """
 
 import math
@@ -32,25 +32,25 @@ class Parameter:
     Parameters
     ----------
     name : str
-        Its key in the model file, with the unit at its end.
+        Key in the model file, ending in the unit.
     unit : str
-        Unit in words of the contract: ``mm``, ``rad``, ``s``, ``1``; empty for a name.
+        Unit as in the formats: ``mm``, ``rad``, ``s``, ``1``; empty for a name.
     sentence : str
-        What it is.
+        Description in one sentence.
     low, high : float
-        Bounds of a number; infinite where there is none.
+        Bounds of a number; infinite without a bound.
     low_open, high_open : bool
         Whether the bound itself is refused.
     default : float or None
-        What stands where the key is left out; None if there is none.
+        Value if the key is left out; None without a default.
     required : bool
         Whether the key must be given.
     zero : float or None
-        The value at which the effect vanishes, whatever its other parameters; None if it has none.
+        Value at which the effect vanishes for all other parameters; None without such a value.
     typical : (float, float)
-        Magnitudes that real cameras show: where a search may start. NaN for none.
+        Magnitudes of real cameras, the start of a search. NaN for none.
     plausible : (float, float)
-        Beyond it a number that a search finds is of another cause.
+        Limits of a plausible number; a search result beyond them has another cause.
     holds : Holds
         A number, a surface's name, or a map.
     """
@@ -71,7 +71,7 @@ class Parameter:
 
     @property
     def bounds(self) -> str:
-        """The interval in which it must lie, such as ``(0, 1000]``; empty for what is no number."""
+        """The interval in which it must lie, such as ``(0, 1000]``; empty if it is not a number."""
         if self.holds is not Holds.NUMBER:
             return ""
         left = "(" if self.low_open or math.isinf(self.low) else "["
@@ -95,14 +95,14 @@ def _shown(value: float) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelMap:
-    """A value of each pixel, measured or drawn before.
+    """A map with a value for each pixel.
 
     Parameters
     ----------
     path : str
-        Its file's path as the model has it; empty for a map that has none.
+        Path of the file, as in the model; empty for a map without a file.
     values : (row, col) float32
-        mm; what NaN means is the effect's to say.
+        Values, mm. The effect defines the meaning of NaN.
     """
 
     path: str

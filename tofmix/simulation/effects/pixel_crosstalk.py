@@ -1,4 +1,4 @@
-"""Light or charge that leaks into the neighbouring pixels."""
+"""Light or charge that leaks into neighbouring pixels."""
 
 import math
 from collections.abc import Iterator
@@ -24,8 +24,8 @@ class PixelCrosstalk(Effect):
     """z becomes (1 - 4 share) z + share (sum of the four neighbours' z in that frame), the image's edge repeated.
 
     Charge diffuses between pixels, and a lens out of focus spreads a point over several. A share of some per cent is
-    usual for either. Ranges are pulled across edges, and neighbours' events show in a pixel's
-    spread. Samples without a return have z = 0 and stay as they are.
+    usual for either. Ranges near edges move towards the other surface, and the samples of the neighbours add to the
+    spread of a pixel. Samples without a return have z = 0 and do not change.
     """
 
     kind: ClassVar[str] = "pixel_crosstalk"
@@ -57,7 +57,7 @@ class PixelCrosstalk(Effect):
         samples.replace_phasor(z, (1 - 4 * self.share) * z + self.share * leaked)
 
     def predict(self, prediction: "Prediction", context: Context) -> None:
-        """What the two most uncertain neighbours see is told apart; of the others, first and second moments count."""
+        """Keep the surfaces of the two most uncertain neighbours separate; use two moments of the others."""
         shape = (context.sensor.rows, context.sensor.cols)
         z, area = prediction.phasor(), prediction.area()
         all_, top, rest = _moments(z, area)

@@ -12,9 +12,9 @@ from tofmix.simulation.effects.parameter import number
 class RangeOffset(Effect):
     """Every range is longer by `offset_mm`.
 
-    Signals take time in the camera: through the driver of the light source, the cables and the pixel. A
-    calibration removes most of that delay; what it leaves is a constant. 10 mm are 67 ps of delay, so some mm to some
-    cm remain where the camera was never calibrated at its own temperature and settings.
+    Signals have a delay in the driver of the light source, the cables and the pixel. A calibration removes most of it
+    and leaves a constant. 10 mm correspond to a delay of 67 ps. So some mm to some cm remain if the camera was never
+    calibrated at its own temperature and settings.
 
     References
     ----------

@@ -1,8 +1,7 @@
 """The effects as a Markdown page: ``python -m tofmix.simulation.effects.reference > docs/reference/effects.md``.
 
-Made from the registry alone, so that the page says what the code does: docstrings,
-declared parameters, magnitudes and their basis. The figures beside it are drawn by
-``python docs/figures/effect_figures.py``.
+The page consists of the docstrings, parameters, magnitudes and their basis in the registry. ``python
+docs/figures/effect_figures.py`` draws its figures.
 """
 
 import inspect
@@ -21,7 +20,7 @@ _HEAD = f"""\
 
 Made by `{COMMAND}`; change the effects, not this page.
 
-Without effects, `tofmix simulate` draws samples from equation (1). A model lists what its camera does beyond that:
+Without effects, `tofmix simulate` draws samples from equation (1). A model lists the further effects of its camera:
 
 ```toml
 [[effect]]
@@ -30,36 +29,37 @@ amplitude_mm = 12.0
 phase_rad = 0.3
 ```
 
-`tofmix simulate MODEL --explain` says in words what a model will do. [model.md](../explanation/model.md) explains the
-two forward models of a mixed pixel, equation (1) and the phasor sum.
+`tofmix simulate MODEL --explain` describes a simulation in words. [model.md](../explanation/model.md) explains the two
+forward models of a mixed pixel, equation (1) and the phasor sum.
 
 ## How effects act together
 
-- Effects act level by level, whatever their order in the file: geometry, light, correlation, range, read-out. Within
-  a level they act in file order. A kind may be there twice only with another surface.
-- z is a sample's phasor, amplitude times exp(2 pi i r / d_u), d_u = c / (2 f). A light effect replaces z by z': the
-  range is then d_u arg(z') / 2 pi on the turn nearest the old one, the amplitude |z'|, sigma times |z| / |z'|. Where
-  light cancels itself, sigma grows up to a factor of 1e9, and samples end at the limits of what can be stored.
-- Sigma is taken at the surface's true range, before any bias. Bias effects leave it alone.
-- **No return.** Samples without a return have z = 0 and stay around `range_max_mm` with their noise, whatever happens
-  to the light, the range or sigma of the others. Only `temporal_correlation`, `outliers`, `dropout`, `stuck_pixels`
-  and `quantisation` act on them. Samples of a surface with reflectivity 0 have z = 0 too: light effects leave them.
-- **Random values**, those of `outlier_probability` as well, replace whatever their pixel would have returned, after
-  all but stuck pixels and quantisation. They are never lost, and their amplitude is 0. What lies behind one still
-  reaches its neighbours by `pixel_crosstalk`, and its noise goes on in `temporal_correlation`.
+- Effects act level by level, in any order of the file: geometry, light, correlation, range, read-out. Within a level
+  they act in file order. A kind may occur twice only with another surface.
+- z is the phasor of a sample, amplitude times exp(2 pi i r / d_u), d_u = c / (2 f). A light effect replaces z by z'.
+  The range is then d_u arg(z') / 2 pi on the turn nearest the old range, the amplitude is |z'|, and sigma is multiplied
+  by |z| / |z'|. Where light cancels, sigma grows up to a factor of 1e9, and samples end at the limits of storage.
+- Sigma belongs to the surface's true range, before any bias. Bias effects do not change it.
+- **No return.** Samples without a return have z = 0 and stay around `range_max_mm` with their noise. Effects on light,
+  range or sigma do not change them. Only `temporal_correlation`, `outliers`, `dropout`, `stuck_pixels` and
+  `quantisation` act on them. Samples of a surface with reflectivity 0 have z = 0 too, and light effects do not change
+  them.
+- **Random values**, also those of `outlier_probability`, replace the pixel's sample after all effects but stuck pixels
+  and quantisation. They are never lost, and their amplitude is 0. The replaced sample still acts on its neighbours by
+  `pixel_crosstalk`, and its noise continues in `temporal_correlation`.
 - A stuck pixel returns its value in every frame: none of its samples is lost.
-- Every effect draws from a random stream of its own, by seed, kind, surface and frame. One effect more, or one of
-  magnitude zero, changes no draw of the others.
-- With `--averaged`, all but the read-out effects act on each exposure, and read-out effects on the mean: `threshold`
-  is then held against the amplitude of the whole time. Effects that have no meaning there are refused (below).
-- A `map` is an .npy file of float32, (row, col), named by a path within the model's folder. Paths that are absolute
-  or lead out of it are refused: a model and its maps stay one folder.
-- What is drawn once a recording is part of its truth, in `truth/effects`; see [formats.md](formats.md).
+- Every effect has a separate random stream, by seed, kind, surface and frame. A further effect, or one of magnitude
+  zero, changes no draw of the others.
+- With `--averaged`, read-out effects act on the mean, and all others on each exposure. `threshold` is then compared
+  with the amplitude of the whole time. Effects without a meaning there are refused (below).
+- A `map` is an .npy file of float32, (row, col), given by a path within the model's folder. Absolute paths, and paths
+  out of the folder, are refused: a model and its maps stay in one folder.
+- Draws that hold for a whole recording are part of its truth, in `truth/effects`; see [formats.md](formats.md).
 
 ## Magnitudes
 
-The basis of each figure: *physics*, it follows from a formula and a test holds it; *reported*, it is in the
-literature, but was recalled, and no copy was at hand to check it; *assumed*, neither.
+The basis of each figure: *physics*, it follows from a formula that a test checks; *reported*, it is in the literature,
+but was recalled without a copy to check; *assumed*, neither.
 """
 _FIGURES = """\
 Pictures are drawn by `python docs/figures/effect_figures.py`. Grey is the scene without the effect, colour with it;

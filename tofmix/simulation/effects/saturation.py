@@ -1,4 +1,4 @@
-"""Samples that fill the pixel's well."""
+"""Bright samples that exceed the full well of the pixel."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Saturation(Effect):
-    """Samples of an amplitude over `full_well_amplitude` are invalid.
+    """Samples with an amplitude above `full_well_amplitude` are invalid.
 
-    A pixel holds so many electrons; bright or near surfaces fill it, the taps lose their difference, and the camera
-    marks the sample as invalid. Where it happens follows from exposure and reflectivity: in the units of a
-    model, a white board at 1 m and 1.2 ms has an amplitude of about 1000. The amplitude is that of the light, after
-    all light effects; ambient light, which fills the well as well, is not simulated.
+    A pixel holds a limited number of electrons. Bright or near surfaces fill it, the taps lose their difference, and
+    the camera marks the sample as invalid. The limit depends on exposure and reflectivity: in the units of a model, a
+    white board at 1 m and 1.2 ms has an amplitude of about 1000. The amplitude is the light's, after all light effects.
+    Ambient light also fills the well; it is not simulated.
     """
 
     kind: ClassVar[str] = "saturation"
@@ -41,9 +41,9 @@ class Saturation(Effect):
         return f"samples of amplitude over {self.full_well_amplitude:g} are invalid"
 
     def sample(self, samples: FrameSamples, context: Context) -> None:  # noqa: ARG002
-        """Lose what is too bright."""
+        """Lose samples that are too bright."""
         samples.lose(samples.amplitude > self.full_well_amplitude)
 
     def predict(self, prediction: "Prediction", context: Context) -> None:  # noqa: ARG002
-        """Move the weight of what is too bright to the invalid samples."""
+        """Move the weight of components that are too bright to the invalid samples."""
         prediction.lose((prediction.amplitude > self.full_well_amplitude).astype(np.float64))

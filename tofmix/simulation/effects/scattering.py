@@ -15,11 +15,11 @@ if TYPE_CHECKING:
 class Scattering(Effect):
     """z becomes z + share * M, M the image's expected mean phasor.
 
-    Light is reflected between lens and chip and spreads over the image. Bright near objects pull dark far ones
-    towards them: a stray phasor of 1, 3, 10 % of the target's own amplitude, from 1.0 m onto 3.6 m, shortens the
-    range by 9.8, 29.9, 104 mm at 20 MHz. What is more than half a turn farther is pushed away instead. M is weighted
-    by area, no return counting as 0, with the light effects before this one in the file; the stray light of a real
-    lens is not flat but falls off with the distance in the image, which is not simulated.
+    Light is reflected between lens and chip and spreads over the image. Bright near objects shorten the ranges of dark
+    far ones: a stray phasor of 1, 3, 10 % of the target's own amplitude, from 1.0 m onto 3.6 m, shortens the range by
+    9.8, 29.9, 104 mm at 20 MHz. Surfaces more than half a turn farther appear farther instead. M is weighted by area,
+    with 0 for no return, and includes the light effects before this one in the file. The stray light of a real lens
+    decreases with the distance in the image; here it is uniform.
 
     References
     ----------

@@ -19,10 +19,10 @@ _HIGHEST_MM = 65_534  # the largest range that a recording stores
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StuckPixels(Effect):
-    """A share of the pixels, drawn once a recording, or those of a map, always return one value.
+    """Some pixels always return one value: a share drawn once a recording, or the pixels of a map.
 
-    Defects of the chip: a pixel that is saturated by its dark current, or does not work at all. Makers accept some
-    0.01 to 0.1 %. A stuck pixel returns its value whatever else happens, dropout included.
+    The cause is a defect of the chip: a pixel that its dark current saturates, or that does not work. Makers accept
+    some 0.01 to 0.1 %. No other effect, including dropout, changes the value of a stuck pixel.
     """
 
     kind: ClassVar[str] = "stuck_pixels"
@@ -33,12 +33,14 @@ class StuckPixels(Effect):
     target: ClassVar[Target] = Target.VALUES
     latent: ClassVar[Latent] = Latent.PIXEL
     exact_law: ClassVar[bool] = True
-    predicts: ClassVar[str] = "exact for the map, or for what the seed draws; over all draws a pixel is stuck or not"
+    predicts: ClassVar[str] = (
+        "exact for the map, or for the pixels that the seed draws; over all draws a pixel is stuck or not"
+    )
 
     share: float = number("Share of the pixels.", unit="1", low=0, high=1, default=0, zero=0, typical=(1e-4, 0.01))
     value_mm: float = number("What they return.", unit="mm", low=1, high=_HIGHEST_MM, default=1)
     map: PixelMap | None = pixel_map(  # noqa: RUF009
-        "What each stuck pixel returns, NaN where the pixel works; replaces the others."
+        "Value of each stuck pixel, NaN for working pixels; replaces the other parameters."
     )
 
     def check(self, sensor: SensorProfile, surfaces: tuple[str, ...]) -> None:
@@ -53,7 +55,7 @@ class StuckPixels(Effect):
     def explain(self) -> str:
         """One sentence."""
         if self.map is not None:
-            return f"the pixels that {self.map.path or 'a map'} names always return one value"
+            return f"the pixels in {self.map.path or 'a map'} always return one value"
         return f"{100 * self.share:g} % of the pixels always return {self.value_mm:g} mm"
 
     def prepare(self, context: Context, n_frames: int) -> FloatArray:  # noqa: ARG002
@@ -70,7 +72,7 @@ class StuckPixels(Effect):
         return (EffectTruth(name=self.kind, dims=("row", "col"), values=values, unit="mm", long_name=name),)
 
     def sample(self, samples: FrameSamples, context: Context) -> None:
-        """Replace what stuck pixels measured."""
+        """Replace the samples of stuck pixels."""
         stuck = ~np.isnan(context.prepared)
         samples.measured_mm = np.where(stuck, context.prepared, samples.measured_mm)
         samples.stuck = samples.stuck | stuck

@@ -1,4 +1,4 @@
-"""A surface that stands elsewhere than the model says."""
+"""A surface with another pose than in the model."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, ClassVar
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfacePose(Effect):
-    """The surface is shifted along the normal that the model gives it and turned about its centre, with its edges.
+    """The surface, with its edges, is shifted along its normal in the model and turned about its centre.
 
-    Not an error of the camera: the scene was measured wrongly, or moved since. Its rival is `range_offset`; a second
-    surface tells them apart, and on a surface seen at an angle the ranges change by shift / cos(incidence).
-    Boards placed by hand stand right to some mm or some cm, and to a degree or two. One that is metres away is another
-    scene.
+    This is not an error of the camera: the scene was measured wrongly, or something moved later. The alternative
+    explanation is `range_offset`; a second surface separates the two. On a surface at an angle, ranges change by shift
+    / cos(incidence). Boards placed by hand are right to some mm or some cm, and to a degree or two. An error of metres
+    means another scene.
     """
 
     kind: ClassVar[str] = "surface_pose"
@@ -47,7 +47,7 @@ class SurfacePose(Effect):
         turns = (("yaw", self.yaw_deg), ("pitch", self.pitch_deg))
         said = " and ".join(f"{angle:+.4g} degrees in {name}" for name, angle in turns if angle)
         turn = f", turned by {said}" if said else ""
-        return f'"{self.surface}" stands {self.shift_mm:+.4g} mm along its normal from where the model puts it{turn}'
+        return f'"{self.surface}" lies {self.shift_mm:+.4g} mm along its normal from its position in the model{turn}'
 
     def place(self, surface: "Surface", time_s: float) -> "Surface":  # noqa: ARG002
         """Move the surface."""

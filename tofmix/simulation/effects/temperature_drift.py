@@ -15,8 +15,8 @@ from tofmix.simulation.effects.parameter import number
 class TemperatureDrift(Effect):
     """Bias ``amplitude_mm * (1 - exp(-t / time_constant_s))``, t the time since the first frame.
 
-    The delay of the light source's driver and of the pixel changes with temperature, and both warm up after
-    power-on. Some mm to some ten mm over 20 to 40 minutes are reported; the time constant is that of the housing.
+    The delay of the light source's driver and of the pixel changes with temperature, and both warm up after power-on.
+    Some mm to some ten mm over 20 to 40 minutes are reported. The time constant is the housing's.
 
     References
     ----------
@@ -34,7 +34,7 @@ class TemperatureDrift(Effect):
     static_partner: ClassVar[str] = "range_offset"
 
     amplitude_mm: float = number(
-        "Bias in the end; negative where ranges become shorter.",
+        "Final bias; negative if ranges become shorter.",
         unit="mm",
         low=-1000,
         high=1000,
@@ -42,7 +42,7 @@ class TemperatureDrift(Effect):
         typical=(2, 50),
     )
     time_constant_s: float = number(
-        "Time after which 63 % of it is there.", unit="s", low=0, high=1e6, low_open=True, typical=(60, 1800)
+        "Time until 63 % of the final bias.", unit="s", low=0, high=1e6, low_open=True, typical=(60, 1800)
     )
 
     def explain(self) -> str:

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 class TemporalCorrelation(Effect):
     """Each pixel's standardised noise is AR(1) from frame to frame: e_t = rho e_(t-1) + sqrt(1 - rho^2) w_t.
 
-    Charge that stays behind in the pixel, flicker noise of the read-out, or a filter in the camera's software link a
-    frame to the one before. A software filter reaches 0.5 and more; charge that lags, some 0.01. The memory runs on
-    across changes of surface, lost samples and random values. Where the camera's noise has a shape of its own, this is
-    so of its normal scores. The spread of a sample is unchanged; averages of n
-    frames have a variance larger by about (1 + rho) / (1 - rho).
+    Charge that remains in the pixel, flicker noise of the read-out, or a filter in the camera's software links a frame
+    to the one before. rho is 0.5 and more for a software filter, and some 0.01 for remaining charge. The memory
+    continues across changes of surface, lost samples and random values. If the camera's noise has a shape, the normal
+    scores of the errors are AR(1). The spread of a sample does not change. The variance of averages of n frames
+    increases by about (1 + rho) / (1 - rho).
     """
 
     kind: ClassVar[str] = "temporal_correlation"
@@ -33,13 +33,13 @@ class TemporalCorrelation(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("memory", "neighbour_correlation", "common_mode")
     latent: ClassVar[Latent] = Latent.MEMORY
     predicts: ClassVar[str] = (
-        "it changes no marginal distribution; a pixel's next noise, given its last e, is normal around rho e with "
-        "variance 1 - rho^2"
+        "the distribution of single samples stays the same; after an error e, the next error of the pixel is normal"
+        " about rho e with variance 1 - rho^2"
     )
     averages: ClassVar[bool] = False
 
     coefficient: float = number(
-        "rho, the correlation of a frame's noise with the one before.",
+        "rho, the correlation of the noise in consecutive frames.",
         unit="1",
         low=-1,
         high=1,
@@ -51,7 +51,7 @@ class TemporalCorrelation(Effect):
 
     def explain(self) -> str:
         """One sentence."""
-        return f"each pixel's noise remembers the frame before, with a correlation of {self.coefficient:g}"
+        return f"the noise of each pixel correlates with its noise in the frame before, by {self.coefficient:g}"
 
     def colour(self, noise: FloatArray, before: FloatArray) -> FloatArray:
         """One step of the AR(1) process."""

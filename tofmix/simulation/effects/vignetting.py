@@ -1,4 +1,4 @@
-"""Illumination and lens that are weaker towards the image's corners."""
+"""Illumination and lens that are weaker towards the corners of the image."""
 
 import math
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ from tofmix.simulation.effects.parameter import number
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vignetting(Effect):
-    """Amplitude times (cos az cos el)^n, sigma divided by it: the angle off the axis is that of a pixel's direction.
+    """Amplitude times (cos az cos el)^n, and sigma divided by it; the angles are those of the pixel's direction.
 
-    A lens images with cos^4 of the angle off its axis, and the emitter's lobe adds its own fall: for cos^4 alone, the
-    corner of 47 x 39 degrees has 1.78 times the sigma of the centre. n is such that the pixel in the
-    image's corner has `corner_factor` times the sigma.
+    The brightness of a lens falls with cos^4 of the angle off its axis, and the emitter's lobe falls too. For cos^4
+    alone, the corner of 47 x 39 degrees has 1.78 times the sigma of the centre. n follows from `corner_factor`, the
+    ratio of sigma in the corner of the image.
     """
 
     kind: ClassVar[str] = "vignetting"
@@ -31,7 +31,7 @@ class Vignetting(Effect):
     shows_in: ClassVar[tuple[str, ...]] = ("spread", "tails", "skew", "spread_pattern", "memory")
 
     corner_factor: float = number(
-        "Sigma of the pixel in the image's corner, in that of the axis.",
+        "Sigma in the corner of the image, divided by sigma on the axis.",
         unit="1",
         low=1,
         high=100,

@@ -1,4 +1,4 @@
-"""Harmonics of the modulation: a bias that swings with range."""
+"""Harmonics of the modulation: a bias that is a sine of range."""
 
 import math
 from dataclasses import dataclass
@@ -13,12 +13,13 @@ from tofmix.simulation.effects.parameter import number
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wiggling(Effect):
-    """Bias ``amplitude_mm * sin(8 pi r / d_u + phase_rad)``, r the range before it.
+    """Bias ``amplitude_mm * sin(8 pi r / d_u + phase_rad)``, with the range r before the bias.
 
-    Four correlation samples a period recover the phase of a pure sine. The light is no pure sine: its third and
-    fifth harmonics fold onto the fundamental and return four times a turn. A third harmonic of relative strength h
-    in the correlation turns the phase by up to h rad, thus d_u h / 2 pi: 12 mm for 1 % at 20 MHz, 60 mm for 5 %, with a
-    period of d_u / 4 = 1.874 m. A real camera's noise and amplitude wiggle too; here the bias alone does.
+    Four correlation samples a period give the phase of a pure sine. The light is not a pure sine: its third and fifth
+    harmonics alias onto the fundamental, with four periods a turn. A third harmonic of relative strength h in the
+    correlation changes the phase by up to h rad, thus the range by d_u h / 2 pi: 12 mm for 1 % at 20 MHz, 60 mm for 5
+    %, with a period of d_u / 4 = 1.874 m. In a real camera, noise and amplitude vary in the same way; here only the
+    bias does.
 
     References
     ----------
@@ -37,7 +38,7 @@ class Wiggling(Effect):
 
     amplitude_mm: float = number("Largest bias.", unit="mm", low=0, high=1000, zero=0, typical=(3, 60))
     phase_rad: float = number(
-        "Phase of the swing at range 0.", unit="rad", low=-2 * math.pi, high=2 * math.pi, default=0
+        "Phase of the sine at range 0.", unit="rad", low=-2 * math.pi, high=2 * math.pi, default=0
     )
 
     def explain(self) -> str:

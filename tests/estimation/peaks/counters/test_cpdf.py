@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawing import draw
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
+from support.drawing import draw
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import Cpdf
@@ -64,7 +64,7 @@ def test_no_return_is_a_peak_at_the_ranges_end(rng: np.random.Generator, sensor:
 
 
 @pytest.mark.parametrize("samples", [[1000.0], [1000.0, 3000.0, 5000.0], [1e6, 1e6, 1e6], [-1e6, -1e6, 1e6]])
-def test_where_nothing_piles_up_there_is_still_a_guess(samples: list[float], sensor: Sensor) -> None:
+def test_pixel_without_a_mode_has_a_guess(samples: list[float], sensor: Sensor) -> None:
     block = np.array(samples, dtype=np.float32)[:, np.newaxis]
     peaks = Cpdf().peaks(sort_samples(block), beam_of(sensor))
     assert peaks.found[0] == 0
@@ -73,7 +73,7 @@ def test_where_nothing_piles_up_there_is_still_a_guess(samples: list[float], sen
     assert peaks.height[0, 0] > 0
 
 
-def test_pixels_without_samples_and_sensors_without_an_end(sensor: Sensor) -> None:
+def test_empty_pixels_and_sensors_without_range_max_are_handled(sensor: Sensor) -> None:
     block = np.full((20, 2), np.nan, np.float32)
     block[:, 0] = 2000.0
     for camera in (sensor, replace(sensor, range_min_mm=None, range_max_mm=None)):

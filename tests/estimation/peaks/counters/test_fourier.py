@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drawing import draw
 from numpy.typing import NDArray
+from support.drawing import draw
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import Fourier
@@ -65,7 +65,7 @@ def test_samples_just_past_the_end_do_not_come_back_at_the_start(rng: np.random.
 
 
 @pytest.mark.parametrize("samples", [[1000.0], [1e6, 1e6], [-1e6]])
-def test_where_no_maximum_reaches_the_level_there_is_still_a_guess(samples: list[float], sensor: Sensor) -> None:
+def test_pixel_without_a_maximum_above_the_level_has_a_guess(samples: list[float], sensor: Sensor) -> None:
     block = np.array([*samples, 1e6], dtype=np.float32)[:, np.newaxis]
     peaks = Fourier(level=0.9).peaks(sort_samples(block), beam_of(sensor))
     assert peaks.found[0] == 0
@@ -73,7 +73,7 @@ def test_where_no_maximum_reaches_the_level_there_is_still_a_guess(samples: list
     assert peaks.height[0, 0] > 0
 
 
-def test_pixels_without_samples_and_sensors_without_an_end(sensor: Sensor) -> None:
+def test_empty_pixels_and_sensors_without_range_max_are_handled(sensor: Sensor) -> None:
     block = np.full((20, 2), np.nan, np.float32)
     block[:, 0] = 2000.0
     for camera in (sensor, replace(sensor, range_min_mm=None, range_max_mm=None)):

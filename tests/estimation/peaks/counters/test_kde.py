@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from drawing import draw
+from support.drawing import draw
 
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.peaks.counters import Kde
@@ -11,7 +11,7 @@ from tofmix.estimation.samples import sort_samples
 from tofmix.sensor import Sensor
 
 
-def test_a_block_is_its_pixels(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_peaks_of_a_block_equal_those_of_each_pixel(rng: np.random.Generator, sensor: Sensor) -> None:
     assert sensor.noise is not None
     block = draw(rng, sensor, ranges_mm=[1000, 2500], shares=[0.4, 0.6], n=80, pixels=40)
     block[:, 3] = np.nan

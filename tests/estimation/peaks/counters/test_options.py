@@ -8,10 +8,10 @@ import click
 import h5py
 import numpy as np
 import pytest
-from drawing import draw
-from files import boards, write_recording
+from support.drawing import draw
+from support.files import boards, write_recording
 
-from tofmix.cli.estimate import COUNTER_OPTIONS, estimate
+from tofmix.cli.estimate.command import COUNTER_OPTIONS, estimate
 from tofmix.cli.main import run
 from tofmix.errors import ExitCode
 from tofmix.estimation.layering import layer_pixels
@@ -76,7 +76,7 @@ def test_the_layers_file_names_the_counter_and_its_own_parameters_alone(name: st
         pytest.param("fourier", "level", "0.9", marks=pytest.mark.slow),
     ],
 )
-def test_every_option_does_something(counter: str, option: str, value: str, recording: Path) -> None:
+def test_every_counter_option_changes_the_layers(counter: str, option: str, value: str, recording: Path) -> None:
     peaks = []
     for extra in ([], [f"--{option}", value]):
         assert _estimate(recording, "--counter", counter, *extra) == 0
@@ -99,7 +99,7 @@ def test_options_of_another_counter_are_refused(
 
 
 @pytest.mark.parametrize("name", COUNTERS)
-def test_two_boards_come_out_of_every_counter(name: str, rng: np.random.Generator, sensor: Sensor) -> None:
+def test_every_counter_finds_two_boards(name: str, rng: np.random.Generator, sensor: Sensor) -> None:
     samples = draw(rng, sensor, ranges_mm=[1000, 3500], shares=[0.4, 0.6], n=100, pixels=50)
     layers = layer_pixels(samples, sensor, EstimateOptions(counter=COUNTERS[name]()))
     right = layers.n_modes == 2

@@ -12,7 +12,7 @@ MAX_PEAKS = 64
 """Most peaks whose places are kept; more than that in one pixel is noise."""
 
 SIGMAS_BEYOND = 4.0
-"""Samples of what lies at the ends of the working range, no return above all, reach this many sigma beyond."""
+"""Samples of surfaces at the ends of the working range, and of no return, extend this many sigma beyond it."""
 
 
 class Peaks(NamedTuple):

@@ -1,7 +1,7 @@
 """The paper's first attempt (section IV a): maxima of a difference of the cumulative distribution.
 
-Kept for comparison; docs/explanation/counters.md shows why `Kde` is the default. Nothing in it
-knows the noise curve: what it tells apart is set by its bins.
+Kept for comparison; docs/explanation/counters.md shows why `Kde` is the default. It does not use the noise curve: its
+bins set the resolution.
 """
 
 import math
@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.peaks.counters.base import SIGMAS_BEYOND, Peaks, no_peaks
 from tofmix.estimation.samples import SortedSamples
-from tofmix.jit import jit
 
 FEWEST_BINS, MOST_BINS = 2, 100  # bounds of `bins`
 LARGEST_RATIO = 10.0  # upper bound of `ratio`: a wider step joins all surfaces of a working range

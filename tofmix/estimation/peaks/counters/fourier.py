@@ -10,10 +10,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.peaks.counters.base import MAX_PEAKS, SIGMAS_BEYOND, Peaks, no_peaks
 from tofmix.estimation.samples import SortedSamples
-from tofmix.jit import jit
 
 GRID = 16
 """Points of the grid to the shortest wavelength of the series."""
@@ -54,7 +54,7 @@ def _off_grid(p: FloatArray, g: int) -> float:
 
 @jit
 def _unwrapped(r: float, period: float, samples: FloatArray) -> float:
-    """Of the two ranges that the series cannot tell apart, r and r + period, the one nearer to a sample."""
+    """Of the two ranges that are equal to the series, r and r + period, the one nearer to a sample."""
     nearest, further = math.inf, math.inf
     for sample in samples:
         nearest = min(nearest, abs(sample - r))

@@ -7,12 +7,12 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.estimation.peaks.counters.base import Peaks, no_peaks
 from tofmix.estimation.peaks.modes import find_peaks
 from tofmix.estimation.samples import SortedSamples, gather, padded
-from tofmix.jit import jit
 
 
 @jit

@@ -1,0 +1,204 @@
+"""`tofmix estimate --scheduler`: a scheduler and two workers as processes of their own."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+from support.files import boards, write_recording
+
+from tofmix.errors import ExitCode
+from tofmix.io.layers.layers_file import open_layers
+from tofmix.report.summary.summary import find, remedy_for
+
+pytestmark = [
+    pytest.mark.cluster,
+    pytest.mark.skipif(find_spec("distributed") is None, reason="distributed is not installed"),
+]
+
+DASK = (sys.executable, "-m", "distributed.cli.dask_scheduler"), (sys.executable, "-m", "distributed.cli.dask_worker")
+SMALL_BLOCKS = (
+    "import sys, tofmix.pipeline.cluster as cluster\n"
+    "cluster.BLOCK_SAMPLES, cluster._CONNECT_TIMEOUT_S = 1 << 17, 2\n"
+    "from tofmix.cli.main import run\nrun(sys.argv[1:])\n"
+)
+TOFMIX = (sys.executable, "-c", SMALL_BLOCKS)
+
+
+class Cluster:
+    """Processes of one cluster, and the scheduler file by which they find each other."""
+
+    def __init__(self, folder: Path) -> None:
+        self.file = folder / "scheduler.json"
+        self.folder = folder
+        self.workers: list[subprocess.Popen[bytes]] = []
+        self.scheduler = self._start(
+            *DASK[0], "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", self.file
+        )
+        while not self.file.exists():
+            assert self.scheduler.poll() is None, "the scheduler did not start"
+            time.sleep(0.05)
+
+    def _start(self, *command: object) -> "subprocess.Popen[bytes]":
+        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
+        with (self.folder / "log").open("ab") as log:
+            return subprocess.Popen(
+                [str(part) for part in command], stdout=log, stderr=log, cwd=self.folder, env=environment
+            )
+
+    def add_worker(self) -> None:
+        options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", self.folder / "scratch")
+        self.workers.append(self._start(*DASK[1], "--scheduler-file", self.file, *options))
+
+    def close(self) -> None:
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    cluster = Cluster(tmp_path_factory.mktemp("cluster"))
+    try:
+        cluster.add_worker()
+        cluster.add_worker()
+        yield cluster
+    finally:
+        cluster.close()
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recording")
+    return write_recording(folder / "a.h5", boards(1000, 20, 24), chunks=(100, 5, 24), compression="gzip")
+
+
+def command(recording: Path, output: Path, *extra: object) -> list[str]:
+    arguments = ("estimate", recording, "-o", output, "--window", 40, "--stride", 8, "--mixing", "events", *extra)
+    return [*TOFMIX, *(str(argument) for argument in arguments)]
+
+
+def run(recording: Path, output: Path, *extra: object) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(command(recording, output, *extra), capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def expected(recording: Path) -> bytes:
+    output = recording.with_name("local")
+    done = run(recording, output)
+    assert done.returncode == 0, done.stderr
+    return output.read_bytes()
+
+
+@pytest.mark.compiled("25,344 fits, twice")
+def test_unmixed_layers_of_phasor_sums_have_the_bytes_of_a_local_run(cluster: Cluster, tmp_path: Path) -> None:
+    made = [*TOFMIX, "simulate", "three-boards", "--averaged", "--frames", "30", "-o", str(tmp_path / "boards.h5")]
+    subprocess.run(made, check=True, capture_output=True)
+    for output, extra in (("local.layers.h5", ()), ("cluster.layers.h5", ("--scheduler", str(cluster.file)))):
+        given = ("estimate", str(tmp_path / "boards.h5"), "-o", str(tmp_path / output), "--mixing", "phasor", *extra)
+        done = subprocess.run([*TOFMIX, *given], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+    assert (tmp_path / "cluster.layers.h5").read_bytes() == (tmp_path / "local.layers.h5").read_bytes()
+    with open_layers(tmp_path / "local.layers.h5") as layers:
+        assert layers.mixing_law is not None
+
+
+def first_blocks_of(running: "subprocess.Popen[str]", folder: Path) -> None:
+    """Wait until the first blocks are in the journal."""
+    journal = folder / ".a.layers.h5.journal-wal"
+    while running.poll() is None and not (journal.exists() and journal.stat().st_size > 200_000):
+        time.sleep(0.01)
+    assert running.poll() is None, "it ended too early"
+
+
+@pytest.mark.compiled("58,080 fits")
+def test_ctrl_c_cancels_remaining_blocks_and_keeps_finished_ones(
+    cluster: Cluster, recording: Path, expected: bytes, tmp_path: Path
+) -> None:
+    output = tmp_path / "a.layers.h5"
+    running = subprocess.Popen(
+        command(recording, output, "--scheduler", cluster.file), stderr=subprocess.PIPE, text=True
+    )
+    first_blocks_of(running, tmp_path)
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=60)
+    assert running.returncode == -signal.SIGINT
+    assert err == "tofmix: interrupted\ntofmix: finished blocks are kept; --resume continues\n"
+    count = (
+        "import sys, time\nfrom distributed import Client\n"
+        "with Client(scheduler_file=sys.argv[1]) as client:\n"
+        "    tasks = lambda dask_scheduler: len(dask_scheduler.tasks)\n"
+        "    while client.run_on_scheduler(tasks):\n        time.sleep(0.1)\n"
+    )
+    subprocess.run([sys.executable, "-c", count, cluster.file], check=True, timeout=60)
+    resumed = run(recording, output, "--resume")
+    assert "blocks from the interrupted run" in resumed.stderr
+    assert output.read_bytes() == expected
+
+
+def doubts(output: Path, recording: Path) -> set[str]:
+    """What the recordings of these tests make doubtful: they scatter less than their curve says."""
+    with open_layers(output) as file:
+        return {
+            f"tofmix: {output}: {f.line}"
+            for f in find(file, remedy_for(file.provenance, file.shape[0], str(recording)))
+        }
+
+
+def test_the_bytes_are_those_of_a_local_run(cluster: Cluster, tmp_path: Path) -> None:
+    small = write_recording(tmp_path / "a.h5", boards(56, 4, 6))
+    outputs = tmp_path / "local", tmp_path / "cluster"
+    for output, extra in zip(outputs, ([], ["--scheduler", cluster.file]), strict=True):
+        done = run(small, output, *extra)
+        assert done.returncode == 0, done.stderr
+        assert set(done.stderr.splitlines()) <= doubts(output, small)
+    assert outputs[0].read_bytes() == outputs[1].read_bytes()
+
+
+@pytest.mark.compiled("58,080 fits")
+def test_the_bytes_are_those_of_a_local_run_though_a_worker_is_killed(
+    cluster: Cluster, recording: Path, expected: bytes, tmp_path: Path
+) -> None:
+    output = tmp_path / "a.layers.h5"
+    running = subprocess.Popen(
+        command(recording, output, "--scheduler", cluster.file),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    first_blocks_of(running, tmp_path)
+    cluster.workers[0].kill()
+    out, err = running.communicate(timeout=120)
+    assert running.returncode == 0, err
+    assert "pixels by surfaces" in out
+    assert set(err.splitlines()) <= doubts(output, recording)
+    assert output.read_bytes() == expected
+    assert [path.name for path in tmp_path.iterdir()] == ["a.layers.h5"]
+
+
+def test_path_missing_on_worker_exits_with_3(cluster: Cluster, recording: Path, tmp_path: Path) -> None:
+    # The workers' view of the file is that of /proc/self, which is another one in each process.
+    with recording.open("rb") as file:
+        os.dup2(file.fileno(), 77)
+        done = subprocess.run(
+            command(Path("/proc/self/fd/77"), tmp_path / "out", "--scheduler", cluster.file),
+            capture_output=True, text=True, check=False, pass_fds=(77,),
+        )  # fmt: skip
+        os.close(77)
+    assert done.returncode == ExitCode.BAD_INPUT
+    assert done.stderr.startswith("tofmix: /proc/self/fd/77: ")
+    assert "recordings must lie where every worker sees them by the same path" in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_missing_scheduler_is_a_storage_error(recording: Path, tmp_path: Path) -> None:
+    done = run(recording, tmp_path / "out", "--scheduler", "tcp://127.0.0.1:1")
+    assert done.returncode == ExitCode.STORAGE
+    assert done.stderr.startswith("tofmix: --scheduler tcp://127.0.0.1:1: cannot be reached")
+    assert done.stderr.count("\n") == 1

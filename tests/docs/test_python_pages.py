@@ -1,0 +1,92 @@
+"""The Python pages and docs/reference/formats.md do what they say: their blocks run, in order, as one program each."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.files import boards, write_recording
+
+from tofmix.flags import STATUS_MEANINGS, status_name
+from tofmix.layers import LAYER_FIELDS
+from tofmix.simulation.model_toml import parse_model
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = ("tutorials/python.md", "how-to/python.md", "reference/formats.md")
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
+
+def program(page: str) -> str:
+    """The page's blocks, each on the lines where it stands in the page, so that a traceback names them."""
+    lines = [""] * (page.count("\n") + 1)
+    for block in BLOCK.finditer(page):
+        first = page.count("\n", 0, block.start(1))
+        for offset, line in enumerate(block[1].splitlines()):
+            lines[first + offset] = line
+    return "\n".join(lines)
+
+
+def tofmix(folder: Path, *arguments: str) -> None:
+    """Run the command line in a folder."""
+    subprocess.run([sys.executable, "-m", "tofmix", *arguments], cwd=folder, check=True, capture_output=True)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the files that the pages name."""
+    folder = tmp_path_factory.mktemp("docs")
+    write_recording(folder / "recording.h5", boards(100))
+    tofmix(folder, "estimate", "recording.h5")
+    tofmix(folder, "simulate", "three-boards", "--frames", "20", "-o", "boards.h5")
+    tofmix(folder, "estimate", "boards.h5")
+    tofmix(folder, "surfaces", "boards.layers.h5")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what a clone of the repository has, and nothing else: a reader runs the tutorial there."""
+    folder = tmp_path_factory.mktemp("clone")
+    (folder / "sample_data").symlink_to(DOCS.parent / "sample_data")
+    return folder
+
+
+@pytest.mark.slow
+@pytest.mark.compiled("it estimates 25,344 pixels")
+@pytest.mark.parametrize("name", PAGES)
+def test_every_block_runs_without_a_warning(folder: Path, clone: Path, name: str) -> None:
+    if name.startswith("tutorials/"):
+        folder = clone
+    code = program((DOCS / name).read_text(encoding="utf-8"))
+    assert "import" in code
+    (folder / "page.py").write_text(code, encoding="utf-8")
+    command = [sys.executable, "-W", "error", "page.py"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"docs/{name} (line numbers are the page's):\n{done.stderr}"
+    assert done.stderr == ""
+    if name == "reference/formats.md":
+        tofmix(folder, "estimate", "mine.h5", "--overwrite")
+
+
+def test_every_fenced_block_is_run_or_parsed() -> None:
+    for name in PAGES:
+        fences = re.findall(r"^```(.*)$", (DOCS / name).read_text(encoding="utf-8"), re.MULTILINE)
+        assert set(fences[::2]) <= {"python", "toml"}, name
+        assert set(fences[1::2]) == {""}, name
+
+
+def test_the_model_of_the_page_is_read() -> None:
+    page = (DOCS / "reference/formats.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    assert parse_model(text, source="docs/reference/formats.md").surfaces[0].name == "white board"
+
+
+def test_the_tables_of_layers_and_statuses_are_those_of_the_code() -> None:
+    page = (DOCS / "reference/formats.md").read_text(encoding="utf-8")
+    types = {"u1": "uint8", "u2": "uint16", "u4": "uint32", "f4": "float32"}
+    for spec in LAYER_FIELDS:
+        dims = "window, row, col, layer" if spec.per_layer else "window, row, col"
+        assert f"| `{spec.name}` | {dims} | {types[spec.dtype]} | {spec.units} |" in page
+    for status, meaning in STATUS_MEANINGS.items():
+        assert f"| {int(status)} | {status_name(status)} | {meaning}" in page.replace("`", "")

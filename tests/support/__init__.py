@@ -1,0 +1,1 @@
+"""What several folders of tests use: slow twins of kernels, made-up recordings, scenes with their truth, programs."""

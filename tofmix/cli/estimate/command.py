@@ -1,0 +1,264 @@
+"""The command ``tofmix estimate``: a recording in, a layers file out."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from tofmix.cli.estimate.noise import circle_choice, outlier_choice, spell
+from tofmix.cli.options import (
+    AUTO,
+    HDF5_PATH,
+    MEMORY,
+    PATH,
+    SHARD,
+    default_workers,
+    examples,
+    json_option,
+    overwrite_option,
+)
+from tofmix.errors import UsageError
+
+if TYPE_CHECKING:
+    from tofmix.estimation.peaks.counters import Counter
+
+COUNTER_OPTIONS = {"kde": ("gamma", "epsilon"), "cpdf": ("bins", "ratio"), "fourier": ("order", "level")}
+"""The counters and their options: `tofmix.estimation.peaks.counters.COUNTERS` in words, for it imports numba."""
+
+
+@examples(
+    """
+tofmix estimate sample_data/three_boards.h5 -o boards.layers.h5
+tofmix estimate long.h5 --window 100 --stride 50 --resume
+tofmix estimate monday/*.h5 --output-dir layers
+tofmix estimate foreign.h5 --noise auto --outliers auto
+tofmix estimate foreign.h5 --noise auto --noise-shape gaussian --noise-widths common
+tofmix estimate foreign.h5 --noise sr3000 --sigma tied
+tofmix estimate folded.h5 --wrap
+tofmix estimate boards.h5 --counter cpdf --bins 30 -o cpdf.layers.h5
+tofmix estimate boards.h5 --paper --gamma 0.1 -o paper.layers.h5
+"""
+)
+@click.command(short_help="Recover the surfaces in each pixel of a recording.")
+@click.argument("recordings", type=PATH, nargs=-1, required=True)
+@click.option("-o", "--output", type=HDF5_PATH, help="Layers file to write.  [default: RECORDING with .layers.h5]")
+@click.option(
+    "--output-dir", type=PATH, help="Folder for the layers files of several recordings; a missing folder is made."
+)
+@click.option("--window", type=click.IntRange(1), help="Frames of one estimate.  [default: all]")
+@click.option("--stride", type=click.IntRange(1), help="Frames from one window to the next.  [default: the window]")
+@click.option(
+    "--sigma",
+    type=click.Choice(["tied", "prior", "free"]),
+    default="prior",
+    show_default=True,
+    help="Sigma of a surface. tied: the noise curve. prior: pulled towards the curve. free: fitted, as in the paper.",
+)
+@click.option(
+    "--noise", metavar="file|auto|PROFILE",
+    help="Source of the noise curve: the file, its samples (auto), or a built-in sensor such as sr3000."
+    "  [default: file; auto where the file has no curve]",
+)  # fmt: skip
+@click.option(
+    "--noise-shape", type=click.Choice(["gaussian", "auto"]), default="auto", show_default=True,
+    help="Shape of the error in measured noise: Gaussian, or learnt from the samples.",
+)  # fmt: skip
+@click.option(
+    "--noise-widths", type=click.Choice(["common", "own", "auto"]), default="auto", show_default=True,
+    help="Width of measured noise: one of all pixels (common), of each pixel (own), or as the samples show (auto).",
+)  # fmt: skip
+@click.option(
+    "--outliers", default="file", show_default=True, metavar="file|auto|P",
+    help="Share of random values p(c_r): from the file, counted in its samples (auto), or a number.",
+)  # fmt: skip
+@click.option(
+    "--max-layers", type=click.IntRange(1, 32), default=6, show_default=True, help="Most surfaces in a pixel."
+)
+@click.option(
+    "--refine", type=click.Choice(["likelihood", "none"]), default="likelihood", show_default=True,
+    help="likelihood: count surfaces by likelihood, from the peaks on. none: count the peaks, as in the paper.",
+)  # fmt: skip
+@click.option(
+    "--false-alarm", type=click.FloatRange(1e-6, 0.1), default=0.001, show_default=True,
+    help="Probability that a pixel with one surface gets more than one; with --refine likelihood.",
+)  # fmt: skip
+@click.option(
+    "--counter", type=click.Choice(tuple(COUNTER_OPTIONS)), default="kde", show_default=True,
+    help="Method that finds the peaks: the kernel density, or one of the paper's two others, for comparison.",
+)  # fmt: skip
+@click.option(
+    "--gamma", type=click.FloatRange(0, 1, max_open=True), default=0.02, show_default=True,
+    help="kde: smallest share of the samples in a peak of the density.",
+)  # fmt: skip
+@click.option(
+    "--epsilon", type=click.FloatRange(0, min_open=True), default=0.01, show_default=True,
+    help="kde: largest slope at a peak, in units of p(r) / h(r).",
+)  # fmt: skip
+@click.option(
+    "--bins", type=click.IntRange(2, 100), default=15, show_default=True,
+    help="cpdf: bins of the cumulative distribution over the working range.",
+)  # fmt: skip
+@click.option(
+    "--ratio", type=click.FloatRange(1, 10, min_open=True), default=1.1, show_default=True,
+    help="cpdf: k of F(r) = P(k r) - P(r).",
+)  # fmt: skip
+@click.option(
+    "--order", type=click.IntRange(1, 64), default=16, show_default=True, help="fourier: last term of the series."
+)
+@click.option(
+    "--level", type=click.FloatRange(0, 1, max_open=True), default=0.1, show_default=True,
+    help="fourier: smallest share of the samples in a peak of the series.",
+)  # fmt: skip
+@click.option(
+    "--unambiguous-range", type=click.FloatRange(0, min_open=True), metavar="MM",
+    help="Unambiguous range, mm. Ranges fold at this length; a surface at the fold counts once.",
+)  # fmt: skip
+@click.option(
+    "--wrap",
+    is_flag=True,
+    help="Set --unambiguous-range to c / 2f, from the recording's modulation frequency f.",
+)
+@click.option(
+    "--mixing", type=click.Choice(["auto", "events", "phasor"]), default="auto", show_default=True,
+    help="How surfaces mix in a sample. events: each sample shows one surface. phasor: light adds up, and neighbours"
+    " help to unmix it. auto: measure.",
+)  # fmt: skip
+@click.option(
+    "--paper", is_flag=True,
+    help="Use the paper's own algorithm, for comparison; --gamma is its threshold.",
+)  # fmt: skip
+@click.option("--max-iter", type=click.IntRange(1, 65535), default=50, show_default=True, help="Most EM iterations.")
+@click.option(
+    "--tol", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=1e-3, show_default=True,
+    help="EM stops when each mean moves by less than this many sigma, and each share by less than this.",
+)  # fmt: skip
+@click.option(
+    "--min-samples", type=click.IntRange(2), default=3, show_default=True,
+    help="Fewest valid samples of a fitted pixel.",
+)  # fmt: skip
+@click.option(
+    "--force",
+    is_flag=True,
+    allow_from_autoenv=False,
+    help="Use averaged frames as samples; not needed with --mixing phasor.",
+)
+@click.option(
+    "--workers", type=click.IntRange(1), help="Threads; their number changes no result.  [default: all cores]"
+)
+@click.option(
+    "--memory", type=MEMORY, default="1GB", show_default=True, metavar="SIZE",
+    help="Limit of the memory, such as 300MB or 1.5GB; the limit changes no result.",
+)  # fmt: skip
+@click.option(
+    "--resume", is_flag=True, allow_from_autoenv=False,
+    help="Continue an interrupted run of the same options; a finished output stays.",
+)  # fmt: skip
+@click.option(
+    "--shard", type=SHARD, metavar="I/N",
+    help="Compute only part I of N, for job arrays; `tofmix merge` joins the parts.",
+)  # fmt: skip
+@click.option(
+    "--scheduler", metavar="ADDRESS|FILE",
+    help="Compute on the workers of a dask.distributed scheduler: its address or its scheduler file.",
+)  # fmt: skip
+@json_option
+@overwrite_option
+@click.pass_context
+def estimate(
+    context: click.Context,
+    /,
+    recordings: tuple[Path, ...],
+    output: Path | None,
+    output_dir: Path | None,
+    window: int | None,
+    stride: int | None,
+    noise: str | None,
+    outliers: str,
+    noise_shape: str,
+    noise_widths: str,
+    unambiguous_range: float | None,
+    wrap: bool,
+    workers: int | None,
+    memory: int,
+    shard: tuple[int, int] | None,
+    resume: bool,
+    scheduler: str | None,
+    force: bool,
+    overwrite: bool,
+    as_json: bool,
+    **choices: float | str | bool,
+) -> None:
+    """Recover the surfaces in each pixel of RECORDINGS, HDF5 files.
+
+    The peaks of the kernel density of a pixel's samples give the first surfaces.
+    Expectation-maximisation fits their ranges, shares and sigmas, and the
+    likelihood decides which surfaces stay. The result is a layers file with the
+    dimensions window, row, col and layer, near to far. Several recordings need
+    --output-dir; - reads their names from stdin, one a line.
+    """
+    from tofmix.cli.estimate.request import Request
+    from tofmix.cli.estimate.runs import estimate_files
+    from tofmix.estimation.noise_choice import check_parts
+    from tofmix.estimation.settings import EstimateOptions
+
+    if stride is not None and window is None:
+        raise UsageError("--stride needs --window")
+    if scheduler is not None and shard is not None:
+        raise UsageError("--shard and --scheduler exclude each other: a shard is computed on this machine")
+    if choices["refine"] == "none" and context.get_parameter_source("false_alarm") is not ParameterSource.DEFAULT:
+        raise UsageError("--false-alarm belongs to --refine likelihood, not to --refine none")
+    if choices["paper"]:
+        _check_paper(context)
+    try:
+        counter = _counter(context, choices)
+        length = circle_choice(unambiguous_range, wrap=wrap)
+        options = EstimateOptions(counter=counter, unambiguous_range_mm=length, **choices)  # type: ignore[arg-type]  # click has checked the types
+        other = None if noise in (None, AUTO) else noise
+        check_parts(options, shape=noise_shape, widths=noise_widths, other_noise=other, spell=spell)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
+    request = Request(
+        options=options,
+        wrap=wrap,
+        window=window,
+        stride=stride,
+        noise=noise,
+        outliers=outlier_choice(outliers),
+        noise_shape=noise_shape,
+        noise_widths=noise_widths,
+        workers=workers or default_workers(),
+        memory_bytes=memory,
+        shard=shard,
+        resume=resume,
+        overwrite=overwrite,
+        scheduler=scheduler,
+        force=force,
+    )
+    estimate_files(recordings, output, output_dir, request, as_json=as_json)
+
+
+def _check_paper(context: click.Context) -> None:
+    """Refuse options that the paper's algorithm does not have."""
+    for name in (
+        "sigma", "refine", "false_alarm", "counter", "epsilon", "max_iter", "tol", "unambiguous_range", "wrap", "mixing"
+    ):  # fmt: skip
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            raise UsageError(
+                f"--{name.replace('_', '-')} and --paper exclude each other: the paper's algorithm has no such option"
+            )
+
+
+def _counter(context: click.Context, choices: dict[str, Any]) -> "Counter":
+    """Take the counter and its options out of the choices; options of another counter are refused."""
+    from tofmix.estimation.peaks.counters import COUNTERS
+
+    kind, own = choices.pop("counter"), {}
+    for owner, names in COUNTER_OPTIONS.items():
+        for name in names:
+            value = choices.pop(name)
+            if owner == kind:
+                own[name] = value
+            elif context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+                raise UsageError(f"--{name} belongs to --counter {owner}, not to --counter {kind}")
+    return COUNTERS[kind](**own)

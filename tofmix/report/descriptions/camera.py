@@ -1,0 +1,28 @@
+"""Description of a camera's own file, and the camera of a model."""
+
+from tofmix.report.descriptions.description import Description, Section
+from tofmix.report.descriptions.sections import sensor_section
+from tofmix.report.summary.findings import Finding
+from tofmix.sensors.profile import SensorProfile
+from tofmix.sensors.sheet import CameraSheet
+
+
+def describe_sensor(camera: CameraSheet, *, name: str) -> Description:
+    """Describe a camera's own file."""
+    sections = {"sensor": profile_section(camera) | {"outlier_probability": camera.outlier_probability}}
+    if camera.sources:
+        sections["sources"] = {str(number): text for number, text in enumerate(camera.sources, 1)}
+    return Description(kind="sensor", name=name, sections=sections, warnings=profile_findings(camera))
+
+
+def profile_section(camera: SensorProfile | CameraSheet) -> Section:
+    """The section of a camera with its image."""
+    return {"rows": camera.rows, "cols": camera.cols} | sensor_section(camera.sensor())
+
+
+def profile_findings(camera: SensorProfile | CameraSheet) -> tuple[Finding, ...]:
+    """A warning if nobody has confirmed the figures of a camera that names its sources."""
+    if camera.confirmed or not camera.sources:
+        return ()
+    text = f"Figures of {camera.name} are unconfirmed; its sources give the origin of each."
+    return (Finding(code="unconfirmed_sensor", text=text),)

@@ -1,0 +1,61 @@
+"""Description of a layers file. `tofmix.report.summary.summary` describes the results of an estimate."""
+
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tofmix.flags import Status, status_name
+from tofmix.report.descriptions.description import Description, Section
+from tofmix.report.descriptions.sections import noise_section, sensor_section, view_findings
+from tofmix.report.sources import LayersSource
+from tofmix.report.summary.findings import count_findings, target_findings
+from tofmix.report.summary.summary import remedy_for
+
+
+class LayersHeader(LayersSource, Protocol):
+    """Interface of a layers file, as `tofmix.io.layers.layers_file.LayersFile` has it."""
+
+    def read_field(self, name: str, window: int) -> NDArray[Any]:
+        """One dataset of one window."""
+
+
+def describe_layers(file: LayersHeader, *, name: str, file_bytes: int) -> Description:
+    """Describe a layers file from its header, its counts and its status, read window by window."""
+    windows, rows, cols = file.shape
+    provenance = file.provenance
+    surfaces = np.zeros(file.max_layers + 1, dtype=np.int64)
+    by_status: dict[str, int] = dict.fromkeys((status_name(s) for s in Status), 0)
+    for window in range(windows):
+        counts = np.bincount(file.read_field("n_modes", window).ravel(), minlength=file.max_layers + 1)
+        surfaces += counts[: file.max_layers + 1]
+        status = file.read_field("status", window)
+        for known in Status:
+            by_status[status_name(known)] += int((status == known).sum())
+    sections: dict[str, Section] = {
+        "sizes": {
+            "windows": windows, "rows": rows, "cols": cols, "max_layers": file.max_layers, "file_bytes": file_bytes,
+            "window_frames": int(file.window_stop[0] - file.window_start[0]),
+            "frames_left_out": provenance.frames_left_out,
+        },
+        "units": {"range": "mm", "sigma": "mm", "range_stderr": "mm", "weight": "1"},
+        "made_from": {
+            "source": provenance.source, "source_sha256": provenance.source_sha256, "tofmix_version": provenance.version
+        },
+        "options": dict(sorted(provenance.options.items())),
+        "sensor": sensor_section(provenance.sensor),
+    }  # fmt: skip
+    noise = noise_section(provenance.sensor)
+    sections |= {"noise": noise} if noise else {}
+    law = file.mixing_law
+    sections |= {"mixing": {"law": law.words(), **law.as_dict()}} if law is not None else {}
+    warnings = count_findings(
+        pixels=windows * rows * cols, by_status=by_status, by_surfaces=surfaces.tolist(), max_layers=file.max_layers,
+        remedy=remedy_for(provenance, windows),
+    )  # fmt: skip
+    return Description(
+        kind="layers",
+        name=name,
+        sections=sections,
+        warnings=(*warnings, *target_findings(provenance.targets), *view_findings(provenance.sensor, (rows, cols))),
+    )

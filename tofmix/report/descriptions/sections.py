@@ -1,0 +1,74 @@
+"""Sections that descriptions of several kinds of files have: the camera, its noise, its view."""
+
+import numpy as np
+
+from tofmix.optics.projection import projection_values
+from tofmix.report.descriptions.description import Section
+from tofmix.report.summary.findings import Finding
+from tofmix.report.summary.noise_numbers import noise_numbers
+from tofmix.sensor import RARE_SENSOR_NUMBERS, SENSOR_NUMBERS, NoiseCurve, Sensor
+
+
+def sensor_section(sensor: Sensor) -> Section:
+    """The section of a camera; None stands for numbers that are not known."""
+    section: Section = {"name": sensor.name}
+    section |= {key: getattr(sensor, key) for key in SENSOR_NUMBERS}
+    section |= {key: getattr(sensor, key) for key in RARE_SENSOR_NUMBERS if getattr(sensor, key) is not None}
+    if sensor.projection is not None:
+        section["projection"] = sensor.projection.name
+        for key, value in projection_values(sensor.projection).items():
+            section[key] = list(value) if isinstance(value, tuple) else value
+    noise = sensor.noise
+    section["noise_range_mm"] = None if noise is None else noise.range_mm.tolist()
+    section["noise_sigma_mm"] = None if noise is None else noise.sigma_mm.tolist()
+    if noise is not None and noise.law is not None:
+        section["noise_reference_amplitude"] = noise.law.reference.tolist()
+        section["noise_amplitude"] = noise.law.amplitude.tolist()
+        section["noise_amplitude_factor"] = noise.law.factor.tolist()
+    if noise is not None:
+        section |= _noise_parts(noise)
+    return section
+
+
+def _noise_parts(noise: NoiseCurve) -> Section:
+    """Parts of a noise curve beyond sigma; empty if the error is Gaussian and equal in all pixels."""
+    parts: Section = {}
+    if noise.shape is not None:
+        parts["noise_shape_z"] = noise.shape.z.tolist()
+        parts["noise_shape_density"] = noise.shape.density.tolist()
+        parts["noise_shape_skewness"], parts["noise_shape_excess_kurtosis"] = noise.shape.moments()[2:]
+    if noise.width_spread:
+        parts["noise_width_spread"] = noise.width_spread
+    if noise.background is not None:
+        low, middle, high = np.quantile(noise.background, (0.0, 0.5, 1.0))
+        parts |= {"noise_background_least": low, "noise_background_median": middle, "noise_background_most": high}
+    return {key: float(value) if isinstance(value, np.floating) else value for key, value in parts.items()}
+
+
+def noise_section(sensor: Sensor) -> Section:
+    """The noise of a layers file in a line and part by part; nothing where it is a Gaussian of the curve."""
+    numbers = noise_numbers(sensor)
+    if numbers is None:
+        return {}
+    section: Section = {"found": numbers.line, "shape": numbers.shape}
+    parts: Section = {
+        "skewness": numbers.skewness,
+        "excess_kurtosis": numbers.excess_kurtosis,
+        "width_spread": numbers.width_spread,
+        "drift_mm": numbers.drift_mm,
+        "memory": numbers.memory,
+    }
+    if numbers.background is not None:
+        parts |= {f"background_{name}": getattr(numbers.background, name) for name in ("q05", "q50", "q95")}
+    return section | {key: value for key, value in parts.items() if value is not None}
+
+
+def view_findings(sensor: Sensor, shape: tuple[int, int]) -> list[Finding]:
+    """A warning if points cannot be placed: no field of view, or one that the image (rows, columns) cannot have."""
+    try:
+        if sensor.optics is not None:
+            sensor.optics.check(shape)
+            return []
+    except ValueError as error:
+        return [Finding(code="unfit_projection", text=f"Points cannot be placed: {error}.")]
+    return [Finding(code="no_field_of_view", text="No field of view: points cannot be placed; export needs --fov.")]

@@ -1,0 +1,49 @@
+"""When something about a layers file is worth a warning."""
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thresholds:
+    """From where on a finding is made. They draw attention; they are no tests, and nothing is refused by them.
+
+    Parameters
+    ----------
+    sigma_tolerance : float
+        Relative difference of the median sigma and the noise curve.
+    scatter_factor : float
+        Factor by which samples scatter more or less than the curve, at least 1. Two surfaces 3 sigma
+        apart that samples do not separate scatter sqrt(1 + 3^2 / 4) = 1.8 times as much.
+    status_share, full_share, close_share : float
+        Share of the pixels with one unwelcome status, with every layer in use, with close layers, 0 to 1.
+    close_sigmas : float
+        Distance of two layers of a pixel, in sigmas, below which they are close.
+    least_components : int
+        Fewest components for a statement about the curve.
+    dominant_weight : float
+        Components above this share, 0 to 1, test the noise curve; weak ones depend on the fit.
+    more_iterations : int
+        Iterations to advise where fits do not converge: four times the default of ``--max-iter``.
+    """
+
+    sigma_tolerance: float = 0.10
+    scatter_factor: float = 2.0
+    status_share: float = 0.05
+    full_share: float = 0.05
+    close_share: float = 0.05
+    close_sigmas: float = 5.0
+    least_components: int = 30
+    dominant_weight: float = 0.5
+    more_iterations: int = 200
+
+    @property
+    def drift_sigmas(self) -> float:
+        """Drift over a window, sigmas: a steady change of D sigmas adds D^2 / 12 sigma^2 to a variance.
+
+        Sigma then is larger by `sigma_tolerance`.
+        """
+        return math.sqrt(12.0 * ((1.0 + self.sigma_tolerance) ** 2 - 1.0))
+
+
+DEFAULT_THRESHOLDS = Thresholds()

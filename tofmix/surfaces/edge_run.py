@@ -1,0 +1,187 @@
+"""Numbers of an edge from the shares of a run of pixels, and whether these agree with it. Compiled.
+
+Levenberg and Marquardt's method over angle, offset and the third number of `edge_shape`. No share is held; all are
+weighed.
+"""
+
+import math
+
+from tofmix.arrays import FloatArray
+from tofmix.compiled.jit import borrowing
+from tofmix.surfaces.edge_shape import (
+    ANGLE,
+    ARC,
+    BAR,
+    COV_ANGLE,
+    FLOOR,
+    LINE,
+    OFFSET,
+    SAMPLES,
+    SHARE,
+    THIRD,
+    VAR_ANGLE,
+    VAR_OFFSET,
+    VAR_THIRD,
+    X,
+    Y,
+    predict,
+)
+from tofmix.surfaces.settings import EdgeSettings
+
+_ARC_ERROR = 0.014
+"""Error of the area under an arc, in units of its curvature squared, pixels^2: rms over places and directions."""
+
+_PRIOR = (4.0, 4.0, 4.0)
+"""Weights of the first guess of angle (1/rad^2), offset (1/pixel^2) and the third number: they keep a fit regular."""
+
+
+@borrowing
+def _variance(share: float, pixel: FloatArray, bend: float) -> float:
+    """Variance of a measured share where the true one is `share`; the area under an arc is not exact."""
+    own = (share * (1.0 - share) + 0.25 / pixel[SAMPLES]) / pixel[SAMPLES] + pixel[FLOOR]
+    return float(own + (_ARC_ERROR * bend * bend) ** 2)
+
+
+@borrowing
+def is_of_run(
+    kind: int, fit: FloatArray, down: float, right: float, pixel: FloatArray, back: float, ahead: float,
+    settings: EdgeSettings,
+) -> bool:  # fmt: skip
+    """Whether a collected pixel lies at the edge of normal (down, right), not farther along it than the run."""
+    along = -right * pixel[X] + down * pixel[Y]
+    if along < -back - 0.5 or along > ahead + 0.5:
+        return False
+    off = down * pixel[X] + right * pixel[Y]
+    if kind == ARC:
+        across, bend = off - fit[OFFSET], fit[THIRD]
+        if bend * across >= 1.0:
+            return False  # the other side of the circle
+        radius = math.sqrt((1.0 - bend * across) ** 2 + bend * bend * along * along)
+        off = fit[OFFSET] + (2.0 * across - bend * (across * across + along * along)) / (1.0 + radius)
+    least = fit[OFFSET] - settings.half_width
+    most = (fit[THIRD] if kind == BAR else fit[OFFSET]) + settings.half_width
+    return bool(least <= off <= most)
+
+
+@borrowing
+def _equations(
+    kind: int, pixels: FloatArray, count: int, fit: FloatArray, start: FloatArray, back: float, ahead: float,
+    normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray, settings: EdgeSettings,
+) -> float:  # fmt: skip
+    """Fill the normal equations of a run about the numbers of `fit`; return chi-square, the first guess's included."""
+    numbers = 2 if kind == LINE else 3
+    down, across = math.cos(fit[ANGLE]), math.sin(fit[ANGLE])
+    total = 0.0
+    for i in range(3):
+        off = start[ANGLE + i] - fit[ANGLE + i]
+        right[i] = _PRIOR[i] * off
+        total += _PRIOR[i] * off * off
+        for j in range(3):
+            normal[i, j] = _PRIOR[i] if i == j else 0.0
+    for k in range(count):
+        if not is_of_run(kind, fit, down, across, pixels[k], back, ahead, settings):
+            continue
+        predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
+        weight = 1.0 / _variance(out[0], pixels[k], fit[THIRD] if kind == ARC else 0.0)
+        miss = pixels[k, SHARE] - out[0]
+        total += weight * miss * miss
+        for i in range(numbers):
+            right[i] += weight * out[1 + i] * miss
+            for j in range(numbers):
+                normal[i, j] += weight * out[1 + i] * out[1 + j]
+    return total
+
+
+@borrowing
+def adjust(
+    kind: int, pixels: FloatArray, count: int, fit: FloatArray, start: FloatArray, back: float, ahead: float,
+    steps: int, normal: FloatArray, right: FloatArray, out: FloatArray, work: FloatArray, settings: EdgeSettings,
+) -> None:  # fmt: skip
+    """Fit the numbers of an edge to its run, from those of `fit`, which is changed; its variances are filled.
+
+    Levenberg and Marquardt's method.
+    """
+    damping, converged = 0.0, False
+    total = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work, settings)
+    for _ in range(steps):
+        if converged:
+            break
+        angle, offset, third = fit[ANGLE], fit[OFFSET], fit[THIRD]
+        a, b, c = normal[0, 0] * (1.0 + damping), normal[0, 1], normal[0, 2]
+        d, e, f = normal[1, 1] * (1.0 + damping), normal[1, 2], normal[2, 2] * (1.0 + damping)
+        co_a, co_b, co_c = d * f - e * e, c * e - b * f, b * e - c * d
+        whole = a * co_a + b * co_b + c * co_c
+        turn = (co_a * right[0] + co_b * right[1] + co_c * right[2]) / whole
+        move = (co_b * right[0] + (a * f - c * c) * right[1] + (b * c - a * e) * right[2]) / whole
+        bend = (co_c * right[0] + (b * c - a * e) * right[1] + (a * d - b * b) * right[2]) / whole
+        fit[ANGLE] += min(max(turn, -0.3), 0.3)
+        fit[OFFSET] += min(max(move, -0.4), 0.4)
+        if kind == ARC:
+            fit[THIRD] = min(
+                max(fit[THIRD] + min(max(bend, -0.1), 0.1), -settings.most_curvature), settings.most_curvature
+            )
+        elif kind == BAR:
+            fit[THIRD] = max(fit[THIRD] + min(max(bend, -0.4), 0.4), fit[OFFSET] + 0.05)
+        converged = abs(turn) < 1e-4 and abs(move) < 1e-4 and abs(bend) < 1e-4  # noqa: PLR2004  rad, pixels: far below errors
+        new = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work, settings)
+        if new > total:
+            fit[ANGLE], fit[OFFSET], fit[THIRD] = angle, offset, third
+            damping = max(10.0 * damping, 0.1)
+            total = _equations(kind, pixels, count, fit, start, back, ahead, normal, right, out, work, settings)
+        else:
+            total = new
+            damping = 0.1 * damping if damping > 0.01 else 0.0  # noqa: PLR2004  hardly any
+    a, b, c, d, e, f = normal[0, 0], normal[0, 1], normal[0, 2], normal[1, 1], normal[1, 2], normal[2, 2]
+    co_a, co_b, co_c = d * f - e * e, c * e - b * f, b * e - c * d
+    whole = a * co_a + b * co_b + c * co_c
+    fit[VAR_ANGLE], fit[COV_ANGLE] = co_a / whole, co_b / whole
+    fit[VAR_OFFSET], fit[VAR_THIRD] = (a * f - c * c) / whole, (a * d - b * b) / whole
+
+
+@borrowing
+def disagreement(
+    kind: int, pixels: FloatArray, count: int, fit: FloatArray, back: float, ahead: float, inner_back: float,
+    inner_ahead: float, out: FloatArray, work: FloatArray, settings: EdgeSettings,
+) -> float:  # fmt: skip
+    """Chi-square of the pixels of a run that are not of the inner run, in standard deviations of the normal law.
+
+    Pixels that are pure, as they should be, count neither way.
+    """
+    total, told = 0.0, 0
+    down, right = math.cos(fit[ANGLE]), math.sin(fit[ANGLE])
+    for k in range(count):
+        if not is_of_run(kind, fit, down, right, pixels[k], back, ahead, settings):
+            continue
+        along = -right * pixels[k, X] + down * pixels[k, Y]
+        if -inner_back - 0.5 <= along <= inner_ahead + 0.5:
+            continue
+        predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
+        variance = _variance(out[0], pixels[k], fit[THIRD] if kind == ARC else 0.0)
+        variance += out[1] * out[1] * fit[VAR_ANGLE] + 2.0 * out[1] * out[2] * fit[COV_ANGLE]
+        variance += out[2] * out[2] * fit[VAR_OFFSET] + out[3] * out[3] * fit[VAR_THIRD]
+        miss = pixels[k, SHARE] - out[0]
+        z2 = miss * miss / variance
+        if z2 > 0.1 or 0.001 < out[0] < 0.999:  # noqa: PLR2004  nothing is told of the edge
+            total += z2
+            told += 1
+    if told == 0:
+        return 0.0
+    # Wilson and Hilferty (1931): the cube root of chi-square is nearly normal.
+    spread = 2.0 / (9.0 * told)
+    return float(((total / told) ** (1.0 / 3.0) - 1.0 + spread) / math.sqrt(spread))
+
+
+@borrowing
+def chi_square(
+    kind: int, pixels: FloatArray, count: int, fit: FloatArray, back: float, ahead: float, out: FloatArray,
+    work: FloatArray, settings: EdgeSettings,
+) -> float:  # fmt: skip
+    """Chi-square of a run."""
+    down, right = math.cos(fit[ANGLE]), math.sin(fit[ANGLE])
+    total = 0.0
+    for k in range(count):
+        if is_of_run(kind, fit, down, right, pixels[k], back, ahead, settings):
+            predict(kind, fit[ANGLE], fit[OFFSET], fit[THIRD], pixels[k], out, work)
+            miss = pixels[k, SHARE] - out[0]
+            total += miss * miss / _variance(out[0], pixels[k], fit[THIRD] if kind == ARC else 0.0)
+    return total

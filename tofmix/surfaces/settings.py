@@ -1,0 +1,162 @@
+"""Thresholds of surfaces and edges, each with its unit; `reconstruct` takes them.
+
+They are tuples, so that kernels take them too.
+
+docs/results/surfaces.md shows what the defaults find.
+"""
+
+from typing import NamedTuple
+
+
+class LinkSettings(NamedTuple):
+    """Which layers are of one surface.
+
+    Parameters
+    ----------
+    least_probability : float
+        A layer that is less sure is of no surface, 0 to 1.
+    unknown_error : float
+        Relative error of a range whose standard error is not known.
+    prior_slope : float
+        Standard deviation of a surface's slope, tangent of the angle off the beam, before its neighbours are seen.
+    most_sigmas : float
+        A layer is on a plane that it misses by up to this many standard deviations.
+    surface_cost : float
+        Cost of a surface, shared by its layers, as a squared misfit: its three numbers, each known to one in a hundred.
+    apart_cost : float
+        Cost of a neighbouring pixel that does not see a layer's surface, in squared standard deviations.
+    sweeps : int
+        Most passes that give layers to planes anew.
+    least_piece : int
+        Layers from which on a piece of a surface may be joined to another that it does not touch.
+    same_plane_odds : float
+        Odds that two pieces are of one plane, before their planes are compared.
+    slight_misfit : float
+        Mean squared misfit that joining may add, in variances: half a standard deviation a layer cannot be seen.
+    least_layers : int
+        Layers of a surface at least: a plane has three numbers.
+    """
+
+    least_probability: float = 0.5
+    unknown_error: float = 0.01
+    prior_slope: float = 1.5
+    most_sigmas: float = 4.0
+    surface_cost: float = 28.0
+    apart_cost: float = 0.5
+    sweeps: int = 4
+    least_piece: int = 8
+    same_plane_odds: float = 0.01
+    slight_misfit: float = 0.25
+    least_layers: int = 3
+
+
+class ShareSettings(NamedTuple):
+    """What pixels see, and where a surface ends.
+
+    Parameters
+    ----------
+    least_open_samples : float
+        Samples without a return from which on a pixel sees open space: fewer may be lost by chance.
+    unseen_share : float
+        Error of the share of a pixel with one surface, where shares are unmixed: half the share below which unmixing
+        finds no second surface.
+    crease : float
+        Relative gap between two surfaces at the border of two pixels, from which on one ends there: less may be a
+        crease.
+    border_margin : float
+        Distance beyond a pixel's border, pixels, up to which an edge at the border is the pixel's own.
+    most_off : float
+        Relative distance of a layer from its surface's plane, beyond which the fine image has the layer's own range.
+    """
+
+    least_open_samples: float = 3.0
+    unseen_share: float = 0.03
+    crease: float = 0.03
+    border_margin: float = 0.003
+    most_off: float = 0.1
+
+
+class EdgeSettings(NamedTuple):
+    """Edges through runs of pixels, and what they cover.
+
+    Parameters
+    ----------
+    longest_run : int
+        Pixels on each side that a run grows to at most.
+    fast_run : float
+        Pixels on a side from which on a run grows by two at a time.
+    first_turn : float
+        Change of direction, rad, that a run may have after its first pixels.
+    steps : int
+        Steps of Levenberg and Marquardt's method after a run has grown.
+    agree_sigmas : float
+        Standard deviations up to which a run agrees: one in a thousand that belongs to it does not.
+    curvature_gain, corner_gain : float
+        Chi-square that a curvature, or a corner, must save: three standard errors.
+    half_width : float
+        Distance from the edge, pixels, up to which pixels are of its run.
+    most_curvature : float
+        Largest curvature, 1/pixel: an arc of a smaller circle is hidden in a few pixels.
+    short_run : float
+        A run shorter than this on one side, pixels, may end at a corner.
+    around : int
+        Pixels around, in which an edge's neighbours are continued.
+    most_edges : int
+        Edges that are compared in a pixel at most: the ones with the longest runs.
+    same_angle, same_place : float
+        Two edges within this, rad and pixels, are one.
+    bar_cosine : float
+        Cosine between the two sides of a bar at least, one turned round.
+    least_bar : float
+        Width of a bar, pixels, at least, for the error of its end.
+    graze_area : float
+        Area of a pixel below which an edge that grazes it changes nothing: less than half a part of 16 x 16.
+    graze_sigmas : float
+        A pixel of one surface may see another one up to this many standard errors of its share.
+    shared_variance : float
+        Part of an unmixed share's variance from the phasors of the neighbouring surfaces. A surface is fitted in half
+        a window of 9 x 9 pixels, its light with a weight that falls with a standard deviation of 2
+        pixels. That is some 12 to 25 pixels, and the fit is continued from their middle to the pixel: its variance is
+        0.1 to 0.3 of a pixel's own, for each of both surfaces.
+    alike_distance : float
+        Distance h, pixels: two pixels that are d apart have a part exp(-(d / h)^2) of that in common, as it is for
+        weights of a standard deviation of 2 pixels.
+    """
+
+    longest_run: int = 12
+    fast_run: float = 4.0
+    first_turn: float = 0.15
+    steps: int = 4
+    agree_sigmas: float = 3.0
+    curvature_gain: float = 9.0
+    corner_gain: float = 9.0
+    half_width: float = 1.5
+    most_curvature: float = 0.3
+    short_run: float = 3.0
+    around: int = 3
+    most_edges: int = 8
+    same_angle: float = 0.15
+    same_place: float = 0.25
+    bar_cosine: float = 0.9
+    least_bar: float = 0.1
+    graze_area: float = 0.002
+    graze_sigmas: float = 3.0
+    shared_variance: float = 0.25
+    alike_distance: float = 4.0
+
+
+class SurfaceSettings(NamedTuple):
+    """All thresholds of surfaces.
+
+    Parameters
+    ----------
+    link, share, edge
+        Of these steps.
+    """
+
+    link: LinkSettings = LinkSettings()
+    share: ShareSettings = ShareSettings()
+    edge: EdgeSettings = EdgeSettings()
+
+
+DEFAULT_SETTINGS = SurfaceSettings()
