@@ -72,7 +72,7 @@ def test_unknown_sensors_are_refused_with_their_exit_code(tofmix: Tofmix, tmp_pa
     for arguments, code, text in (
         (("sensors", "sr300"), ExitCode.USAGE, 'did you mean "sr3000"'),
         (("sensors", "--toml"), ExitCode.USAGE, "give its NAME"),
-        (("sensors", "l515", "--toml", "--json"), ExitCode.USAGE, "choose one"),
+        (("sensors", "l515", "--toml", "--json"), ExitCode.USAGE, "exclude each other"),
         (("estimate", tmp_path / "a.h5", "--noise", "l515"), ExitCode.USAGE, "the noise of L515 is not known"),
     ):
         refused = tofmix(*arguments)

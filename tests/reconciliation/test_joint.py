@@ -113,7 +113,7 @@ def test_second_distance_separates_an_offset_from_a_pose(model: Model) -> None:
     settings = Settings(kinds=("range_offset", "surface_pose"), tolerance=0.0)
     single = reconcile(near, first, settings)
     alone = single.as_dict()
-    assert any("cannot tell range_offset from surface_pose" in line for line in summary_lines(single))
+    assert any("cannot separate range_offset from surface_pose" in line for line in summary_lines(single))
     assert {kind for group in alone["aliases"] for kind in group["kinds"]} == {"range_offset", "surface_pose"}
     both = reconcile(near, first, settings, also=[(far, second)])
     assert _kinds(both) == ["range_offset"]

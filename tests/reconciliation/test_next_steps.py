@@ -68,7 +68,7 @@ def test_aliases_name_the_recording_that_separates_them(small: Model) -> None:
     board = replace(small, surfaces=(Surface(name="board", center_mm=(0, 0, 1500), size_mm=(9000, 9000)),))
     hidden = MAKE["range_offset"](offset_mm=3.0)
     result = reconcile(board, recorded(board, hidden), Settings(kinds=("range_offset", "surface_pose")))
-    assert any("cannot tell" in step and "record a second surface" in step for step in result.next_steps)
+    assert any("cannot separate" in step and "record a second surface" in step for step in result.next_steps)
 
 
 def test_advice_that_another_advice_contains_is_left_out() -> None:
