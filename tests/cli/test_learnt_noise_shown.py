@@ -89,7 +89,7 @@ def test_inspect_prints_and_draws_the_mixture(
     arguments = ("inspect", layers, "--pixel", f"{row},{col}", "--recording", recording)
     said = tofmix(*arguments, "-o", figure)
     assert said.code == 0, said.err
-    own_noise = r"^  own noise: width \d\.\d\d, background \d+\.\d %, drift \(mm\): \d+\.\d$"
+    own_noise = r"^  noise of the pixel: width \d\.\d\d, background \d+\.\d %, drift \(mm\): \d+\.\d$"
     assert re.search(own_noise, said.out, re.MULTILINE)
     assert "<svg" in figure.read_text()
     pixel = next(p for p in json.loads(tofmix(*arguments, "--json").out)["pixels"] if p["col"] == col)
