@@ -111,6 +111,6 @@ def test_report_omits_learnt_noise_of_a_gaussian_curve(tofmix: Tofmix, tmp_path:
     assert "\nnoise\n" not in tofmix("info", layers).out
     assert json.loads(tofmix("report", layers, "--json").out)["noise"] is None
     said = tofmix("inspect", layers, "--pixel", "1,1", "--recording", recording)
-    assert "own noise" not in said.out
+    assert "noise of the pixel" not in said.out
     pixels = json.loads(tofmix("inspect", layers, "--pixel", "1,1", "--json").out)["pixels"]
     assert all("learnt_noise" not in pixel for pixel in pixels)
