@@ -135,7 +135,7 @@ def _growth(view: "PixelView", file: "LayersFile") -> "GrowingDensity":
 def _plane(
     layers: "Layers", file: "LayersFile", source: "SampleSource", window: int, pixel: tuple[int, int]
 ) -> "PhasorPlane | None":
-    """The pixel in the complex plane; None where the file does not say what samples are of, or without amplitudes."""
+    """The pixel in the complex plane; None if the file has no mixing or no amplitudes."""
     from tofmix.report.pixels.phasor_plane import phasor_plane, read_around
 
     made, (row, col) = file.provenance, pixel

@@ -131,7 +131,7 @@ def _fail(text: str, code: ExitCode) -> NoReturn:
 
 
 def _discard(stream: TextIO) -> None:
-    """Keep the interpreter from failing again, at exit, on what a stream still holds: its exit code would be 120."""
+    """Keep the interpreter from failing again at exit, on the rest of a stream's buffer, with exit code 120."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 

@@ -23,7 +23,7 @@ CELLS = 20
 """Parts of the working range."""
 
 LEAST_IN_CELL = 5
-"""Outliers a part on average, from which the median part tells."""
+"""Mean outliers in a part of the range, from which on the median over parts is used."""
 
 _SUSPECT_FACTOR = 1.35  # a series whose spread is that many times sigma(r) may see two surfaces
 _BLOCK = 8192  # series at once, for memory
@@ -97,13 +97,13 @@ def _alone(
 
 
 def _overlap(first: FloatArray, last: FloatArray, edges: FloatArray) -> FloatArray:
-    """Length (series, cell) of what the intervals [first, last] cover of each cell."""
+    """Length (series, cell) of each cell that the intervals [first, last] cover."""
     cover = np.minimum(last[:, None], edges[None, 1:]) - np.maximum(first[:, None], edges[None, :-1])
     return np.asarray(np.maximum(cover, 0.0), dtype=np.float64)
 
 
 def _share(seen: FloatArray, exposure: FloatArray, length: float) -> float:
-    """p(c_r) from outliers seen in each cell and what was exposed, samples times mm."""
+    """p(c_r) from the outliers in each cell and its exposure, samples times mm."""
     total, exposed = float(seen.sum()), float(exposure.sum())
     trials = max(exposed / length, 1.0)
     share = (total + 0.5) / (trials + 1.0)

@@ -28,7 +28,7 @@ LEAST_SAMPLES = 12
 """Fewest samples of a pixel for the width of their central 68 %: at least two lie outside on either side."""
 
 REACH = 12.0
-"""Samples more than this many sigma from the surface are background. What it adds nearer by is taken off."""
+"""Samples more than this many sigma from the surface are background. Its part nearer by is subtracted."""
 
 _FRAMES_A_BLOCK = 256  # frames that are read at once
 
