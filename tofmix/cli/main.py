@@ -42,7 +42,7 @@ Completion of commands and options, for this shell:
   _TOFMIX_COMPLETE=fish_source tofmix | source
 
 \b
-Environment: an option that takes a value, as TOFMIX_COMMAND_OPTION.
+Environment: TOFMIX_COMMAND_OPTION sets an option that takes a value.
   TOFMIX_ESTIMATE_WORKERS=1 tofmix estimate boards.h5
   NUMBA_CACHE_DIR=/opt/tofmix-kernels tofmix warmup
 
