@@ -69,7 +69,7 @@ def test_no_return_is_separate_if_two_sigma_of_it_lie_before_the_fold(
     st.floats(1.0, 200.0),
     st.floats(0.0, 4999.0),
 )
-def test_the_cut_keeps_what_is_across_the_fold_in_one_piece(places: list[float], sigma: float, turn: float) -> None:
+def test_cut_keeps_surfaces_across_the_fold_in_one_piece(places: list[float], sigma: float, turn: float) -> None:
     range_mm = np.sort((np.array(places) + turn) % 5000.0)
     cut = cut_between(range_mm, np.full(len(places), sigma), 5000.0)
     opened = open_at(range_mm, cut, 5000.0)

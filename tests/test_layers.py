@@ -12,7 +12,7 @@ def test_the_list_and_the_class_agree() -> None:
     assert len({spec.name for spec in LAYER_FIELDS}) == len(LAYER_FIELDS)
 
 
-def test_empty_layers_count_nothing_and_know_nothing() -> None:
+def test_empty_layers_have_zero_counts_and_nan_values() -> None:
     layers = Layers.empty((2, 3), 4)
     assert layers.shape == (2, 3)
     assert layers.max_layers == 4

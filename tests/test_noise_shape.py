@@ -26,7 +26,7 @@ def test_standardised_moves_any_density_to_median_0_and_width_1() -> None:
     assert shape.moments()[2] == pytest.approx(1.0, abs=0.01)  # 2 / sqrt(4)
 
 
-def test_a_shape_made_of_its_own_numbers_has_the_same_to_the_last_digit() -> None:
+def test_shape_rebuilt_from_its_numbers_is_equal_to_the_last_digit() -> None:
     rng = np.random.default_rng(4)
     for points in (11, 57, 200):
         once = NoiseShape.standardised(np.sort(rng.normal(0.0, 3.0, points)), rng.uniform(0.1, 1.0, points))

@@ -76,7 +76,7 @@ def test_to_xarray_equals_the_saved_file_opened_with_xarray(recording: Path, tmp
             np.testing.assert_array_equal(variable.values, file[name].values)
 
 
-def test_save_does_not_replace_a_file_unasked(recording: Path, tmp_path: Path) -> None:
+def test_save_does_not_replace_a_file_without_overwrite(recording: Path, tmp_path: Path) -> None:
     found = tm.estimate(recording)
     (tmp_path / "there.h5").write_bytes(b"mine")
     with pytest.raises(UsageError, match="exists"):

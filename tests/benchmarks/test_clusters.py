@@ -199,7 +199,7 @@ def test_step_of_continuous_samples_is_zero() -> None:
     assert step_of(5.0 * rng.integers(0, 50, 1000).astype(np.float64)) == 5.0
 
 
-def test_splice_has_the_distance_the_share_and_the_number_of_pixels_asked_for() -> None:
+def test_splice_has_the_requested_distance_share_and_number_of_pixels() -> None:
     rng = np.random.default_rng(17)
     recording = tofmix.from_array(np.rint(500.0 + 20.0 * rng.standard_normal((100, 20, 20))), units="mm", sensor=CAMERA)
     made = real_recordings.SinglePixels(

@@ -90,7 +90,7 @@ def test_decaying_shares_have_their_ratio_and_the_means_of_their_samples(
     assert fit.weight.sum() == pytest.approx(1 - sensor.outlier_probability, abs=1e-9)
 
 
-def test_no_return_is_a_count_beside_decaying_shares(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_no_return_share_is_a_count_with_decaying_shares(rng: np.random.Generator, sensor: Sensor) -> None:
     samples = np.concatenate([rng.normal(1000.0, 20.0, 80), rng.normal(6000.0, 20.0, 20)])
     fit = fit_decaying_shares(samples, [1000.0], replace(sensor, noise=FLAT), ratio=0.5)
     assert fit.weight_no_return == pytest.approx(0.2, abs=1e-3)

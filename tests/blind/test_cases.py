@@ -43,7 +43,7 @@ def _small(name: str) -> Built:
     return build(case, OPEN_SEED, camera=CAMERA)
 
 
-def test_list_of_cases_has_each_kind_level_and_half_as_often_as_said() -> None:
+def test_list_of_cases_has_each_kind_level_and_half_in_the_stated_number() -> None:
     assert len({c.name for c in all_cases()}) == len(all_cases())
     cases = [c for c in all_cases() if c.setting == "ordinary"]
     assert cases == all_cases()[: len(cases)]

@@ -70,7 +70,7 @@ _KINDS = ["wiggling", *(pytest.param(k, marks=pytest.mark.slow) for k in BIASES 
     "room_light", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["ordinary", "room light"]
 )
 @pytest.mark.parametrize("kind", _KINDS)
-def test_faint_bias_is_explained_by_no_rival(kind: str, *, room_light: bool) -> None:
+def test_no_rival_explains_a_faint_bias(kind: str, *, room_light: bool) -> None:
     """What the best rival leaves stands out by 6 standard errors and more, on every family."""
     for family in (ROOM_LIGHT if room_light else FAMILIES)[kind]:
         trial = _trial(family, 3, room_light=room_light)

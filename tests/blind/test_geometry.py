@@ -48,7 +48,7 @@ def test_directions_are_those_of_the_contract() -> None:
 
 
 @pytest.mark.parametrize("family", ["boards", "corridor", "room"])
-def test_package_and_bench_cast_a_scene_alike(family: str) -> None:
+def test_package_and_bench_cast_the_same_scene(family: str) -> None:
     """Two casts that share no code: shares within 0.001 of each other's error, ranges within a tenth of a mm."""
     view = View(rows=24, cols=32, fov_horizontal_deg=60.0, fov_vertical_deg=45.0, range_max_mm=7000.0)
     surfaces = draw_scene(family, [4], view).surfaces

@@ -57,7 +57,7 @@ def test_same_lens_sees_the_same_scene_with_other_numbers_of_rows_and_columns() 
 
 
 @pytest.mark.parametrize("family", ["boards", "corridor"])
-def test_package_and_bench_cast_a_scene_alike_through_a_lens(family: str, tmp_path: Path) -> None:
+def test_package_and_bench_cast_the_same_scene_through_a_lens(family: str, tmp_path: Path) -> None:
     device = replace(draw_device(5, 1), rows=24, cols=32, range_max_mm=7000.0, outlier_probability=0.0)
     device = replace(device, lens=draw_lens(device, np.random.default_rng(2)))
     surfaces = draw_scene(family, [4], device.view).surfaces

@@ -26,7 +26,7 @@ def _built(name: str, rows: int = 32, cols: int = 40, frames: int = 100) -> Buil
     return build(case, OPEN_SEED, camera={"rows": rows, "cols": cols, "frames": frames})
 
 
-def test_reconcile_that_copies_the_model_closes_nothing(fake: tuple[str, ...], tmp_path: Path) -> None:
+def test_reconcile_that_copies_the_model_closes_no_gap(fake: tuple[str, ...], tmp_path: Path) -> None:
     plan = Plan(reconcile=(*fake, "copy"), ceiling=False, simulate=simulate_here)
     result = score(_built("wiggling-clear-0-0", 24, 32, 60), tmp_path, plan)
     assert "failed" not in result

@@ -266,7 +266,7 @@ def test_a_long_csv_may_name_its_unit_and_count_from_1(tofmix: Tofmix, tmp_path:
         ("frame,row,col,target,range\n0,0,0,0,9\n0,4000,4000,60,9\n", (), "61 targets of 4001 x 4001 pixels; no more"),
     ],
 )
-def test_csv_that_does_not_fit_is_refused_in_one_line(
+def test_invalid_csv_is_refused_in_one_line(
     tofmix: Tofmix, tmp_path: Path, text: str, options: tuple[str, ...], reason: str
 ) -> None:
     (tmp_path / "a.csv").write_text(text)

@@ -147,7 +147,7 @@ def test_a_closed_pipe_gives_no_traceback() -> None:
 
 @pytest.mark.compiled("a scene of 25,344 pixels in another process")
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
-def test_a_signal_leaves_nothing_behind(tmp_path: Path, number: signal.Signals) -> None:
+def test_signal_leaves_no_partial_output(tmp_path: Path, number: signal.Signals) -> None:
     # 10^6 frames take minutes: the signal comes in the middle.
     command = [*PROGRAM, "simulate", "three-boards", "--frames", "1000000", "-o", str(tmp_path / "a.h5")]
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

@@ -42,7 +42,7 @@ def test_command_writes_the_pages_into_a_folder(tmp_path: Path) -> None:
     assert {p.name: p.read_text() for p in (tmp_path / "man").iterdir()} == man_pages()
 
 
-def test_command_without_a_folder_says_its_usage() -> None:
+def test_command_without_a_folder_prints_its_usage() -> None:
     done = subprocess.run([sys.executable, "-m", "tofmix.cli.man_pages"], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "usage" in done.stderr

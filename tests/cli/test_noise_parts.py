@@ -190,7 +190,7 @@ def test_reconcile_keeps_the_noise_parts_and_their_map(tofmix: Tofmix, recording
         np.testing.assert_array_equal(given.read_range(every, every), made.read_range(every, every))
 
 
-def test_reconcile_refuses_a_background_beside_a_memory(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
+def test_reconcile_refuses_a_background_with_a_memory(tofmix: Tofmix, recording: Path, tmp_path: Path) -> None:
     path = tmp_path / "memory.toml"
     path.write_text(model_text("background = 0.1", '[[effect]]\nkind = "temporal_correlation"\ncoefficient = 0.5\n'))
     said = tofmix("reconcile", path, recording, "-o", tmp_path / "gap")

@@ -142,7 +142,7 @@ def test_right_model_agrees_and_another_projection_is_noted(
         ),
     ],
 )
-def test_optics_that_no_camera_has_are_told_and_stop_only_what_needs_them(
+def test_impossible_optics_are_noted_and_refused_where_needed(
     tofmix: Tofmix, tmp_path: Path, attributes: dict[str, Any], text: str
 ) -> None:
     path = write_recording(tmp_path / "a.h5", boards(40), attributes=attributes)

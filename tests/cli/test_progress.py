@@ -85,7 +85,7 @@ def test_every_command_takes_quiet(tofmix: Tofmix) -> None:
 
 
 @pytest.mark.slow
-def test_quiet_drops_notes_of_verify_and_names_of_pages_beside_json(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_quiet_drops_notes_of_verify_and_names_of_pages_with_json(tofmix: Tofmix, tmp_path: Path) -> None:
     recording = write_recording(tmp_path / "a.h5", boards(20), noise=None)
     assert "no noise curve" in tofmix("verify", recording).err
     assert tofmix("verify", recording, "--quiet").err == ""

@@ -25,12 +25,12 @@ def printed(**environment: str) -> bytes:
     return subprocess.run(command, capture_output=True, check=True, env=os.environ | environment).stdout
 
 
-def test_the_page_in_docs_is_what_the_command_prints() -> None:
+def test_page_in_docs_equals_the_output_of_the_command() -> None:
     if PAGE.read_bytes() != printed():
         pytest.fail(f"docs/reference/cli.md is not what the commands say; write it anew: {reference.COMMAND}")
 
 
-def test_page_of_exit_codes_is_what_the_command_prints() -> None:
+def test_page_of_exit_codes_equals_the_output_of_the_command() -> None:
     page = PAGE.with_name("exit-codes.md").read_text(encoding="utf-8")
     assert page == reference.exit_codes(), f"run: {reference.EXIT_CODES_COMMAND}"
     assert all(f"| {int(code)} | " in page for code in EXIT_CODE_MEANINGS)

@@ -11,7 +11,7 @@ from tofmix.errors import ExitCode
 from tofmix.sensors import PROFILES
 
 
-def test_the_list_names_every_profile_and_marks_what_is_not_known(tofmix: Tofmix) -> None:
+def test_list_names_every_profile_and_marks_unknown_values(tofmix: Tofmix) -> None:
     done = tofmix("sensors")
     assert done.code == 0
     lines = {line.split()[0]: line for line in done.out.splitlines()[1:]}

@@ -65,7 +65,7 @@ def test_surfaces_file_is_written_next_to_the_layers(tofmix: Tofmix, layers: Pat
         subprocess.run([sys.executable, CONTRACT, out], check=True)
 
 
-def test_the_edge_between_two_boards_is_found_where_it_is(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
+def test_edge_between_two_boards_is_found_at_its_true_place(tofmix: Tofmix, layers: Path, tmp_path: Path) -> None:
     assert tofmix("surfaces", layers, "--factor", 4).code == 0
     with h5py.File(tmp_path / "a.surfaces.h5") as root:
         fine = root["range_fine"][0]

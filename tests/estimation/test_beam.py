@@ -20,7 +20,7 @@ def test_beam_without_an_end_spreads_them_over_the_curve(sensor: Sensor) -> None
     assert beam.outlier_density == pytest.approx(1e-4 / 5700)
 
 
-def test_beam_refuses_what_it_cannot_use(sensor: Sensor) -> None:
+def test_beam_refuses_a_sensor_without_a_curve_or_with_an_empty_interval(sensor: Sensor) -> None:
     with pytest.raises(ValueError, match="noise curve"):
         beam_of(replace(sensor, noise=None))
     short = NoiseCurve(np.array([100.0]), np.array([5.0]))

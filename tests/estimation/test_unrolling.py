@@ -68,7 +68,7 @@ def _same(one: Layers, other: Layers, tolerance: float) -> None:
 
 @settings(max_examples=sized(25, 5))
 @given(seed=st.integers(0, 2**32 - 1), offset=st.floats(0, LENGTH), n=st.sampled_from([2, 3, 10, 60, 200]))
-def test_turning_all_readings_turns_the_layers_and_nothing_else(*, seed: int, offset: float, n: int) -> None:
+def test_turning_all_readings_only_turns_the_layers(*, seed: int, offset: float, n: int) -> None:
     rng = np.random.default_rng(seed)
     readings = _surfaces(rng, [0.0, 900.0, 1100.0, 4000.0], [0.3, 0.2, 0.2, 0.3], n, 4)
     first = layer_pixels(fold(readings, LENGTH), CAMERA, ON_CIRCLE)
@@ -141,7 +141,7 @@ def test_standard_errors_at_the_fold_are_right(rng: np.random.Generator) -> None
     assert 0.92 < covered < 0.98  # 95 %, standard error 0.8 %
 
 
-def test_away_from_the_fold_nothing_changes(rng: np.random.Generator) -> None:
+def test_layers_away_from_the_fold_do_not_change(rng: np.random.Generator) -> None:
     readings = _surfaces(rng, [1500.0, 3000.0], [0.6, 0.4], 80, 20)
     camera = replace(CAMERA, range_max_mm=LENGTH)
     line, circle = layer_pixels(readings, camera), layer_pixels(readings, camera, ON_CIRCLE)
@@ -187,7 +187,7 @@ def test_unrolled_samples_ascend_over_one_turn_and_fold_back(*, seed: int, n: in
     assert ((cuts <= beam.range_max) & (beam.range_max < cuts + LENGTH)).all()
 
 
-def test_no_return_stays_a_reading_and_what_lies_beyond_it_is_a_surface(rng: np.random.Generator) -> None:
+def test_no_return_stays_a_reading_and_ranges_beyond_it_are_a_surface(rng: np.random.Generator) -> None:
     camera, pixels = replace(CAMERA, range_max_mm=6500.0), sized(20, 5)
     mean = np.array([6500.0, LENGTH + 20.0, 2000.0])[rng.choice(3, p=[0.4, 0.4, 0.2], size=(150, pixels))]
     layers = layer_pixels(fold(mean + rng.normal(0, 40, mean.shape), LENGTH), camera, ON_CIRCLE)
@@ -200,7 +200,7 @@ def test_no_return_stays_a_reading_and_what_lies_beyond_it_is_a_surface(rng: np.
         assert (alone.n_modes == modes).all(), place
 
 
-def test_near_surfaces_keep_their_sigma_where_nothing_is_at_the_fold(rng: np.random.Generator) -> None:
+def test_near_surfaces_keep_their_sigma_without_a_surface_at_the_fold(rng: np.random.Generator) -> None:
     noisy = replace(RISING, range_max_mm=None, noise=NoiseCurve(np.array([500.0, 7500.0]), np.array([6.0, 400.0])))
     assert noisy.noise is not None
     assert circular_noise(noisy, LENGTH).sigma(900.0) > 5 * noisy.noise.sigma(900.0)  # 4 sigma(d_u) are 1600 mm

@@ -34,7 +34,7 @@ from faults.pool import Pool
         ("simulate", "write: disk full", 4),
     ],
 )
-def test_each_failing_call_leaves_all_or_nothing(
+def test_each_failing_call_leaves_a_whole_output_or_none(
     shim: Path | None, injection: Injection, case: str, failure: str, most: int
 ) -> None:
     if shim is None:
@@ -71,7 +71,7 @@ def test_a_killed_run_resumes_to_the_same_output(injection: Injection, number: i
 
 @pytest.mark.faults
 @pytest.mark.parametrize("case", ["estimate", "report", "map"])
-def test_a_limit_of_file_size_leaves_all_or_nothing(injection: Injection, case: str) -> None:
+def test_limit_of_file_size_leaves_a_whole_output_or_none(injection: Injection, case: str) -> None:
     tally = injection.limit(case, [4096, 10_001], report=lambda _: None)
     assert not tally.faults, "\n".join(tally.faults)
     assert tally.refused

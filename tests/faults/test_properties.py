@@ -178,7 +178,7 @@ def _check(layers: Layers, taken: NDArray[Any], options: EstimateOptions) -> Non
 @pytest.mark.slow
 @given(samples=samples(), storage=STORAGES, options=OPTIONS, workers=st.integers(2, 4), data=st.data())
 @examples(15)
-def test_storage_and_workers_change_nothing(
+def test_storage_and_workers_change_no_layer(
     samples: NDArray[np.float64], storage: Storage, options: EstimateOptions, workers: int, data: st.DataObject
 ) -> None:
     """Types, fill values, chunks and filters are ways to say the same; the file's bytes hold for any workers."""
@@ -195,7 +195,7 @@ def test_storage_and_workers_change_nothing(
 @pytest.mark.slow
 @given(samples=samples(), options=OPTIONS, seed=st.integers(0, 99))
 @examples(15)
-def test_the_order_of_frames_changes_nothing(samples: NDArray[np.float64], options: EstimateOptions, seed: int) -> None:
+def test_order_of_frames_changes_no_layer(samples: NDArray[np.float64], options: EstimateOptions, seed: int) -> None:
     with folder() as place:
         _, one = estimated(Storage().write(place / "a.h5", samples), options)
         shuffled = np.random.default_rng(seed).permutation(samples)
@@ -223,7 +223,7 @@ def test_the_union_of_two_sets_of_pixels_has_the_two_results(
 @pytest.mark.slow
 @given(samples=samples(), options=OPTIONS, data=st.data())
 @examples(10)
-def test_a_window_is_what_its_frames_alone_give(
+def test_each_window_equals_the_estimate_of_its_frames_alone(
     samples: NDArray[np.float64], options: EstimateOptions, data: st.DataObject
 ) -> None:
     window, stride = data.draw(st.integers(1, len(samples))), data.draw(st.integers(1, 8))

@@ -17,7 +17,7 @@ FAILING = (("estimate", "write: disk full"), ("simulate", "killed before rename"
 """A command, and what fails at one of its calls."""
 
 
-def test_failing_calls_and_kills_leave_all_or_nothing(shim: Path | None, injection: Injection) -> None:
+def test_failing_calls_and_kills_leave_a_whole_output_or_none(shim: Path | None, injection: Injection) -> None:
     tallies = [injection.kill("estimate", [0.5], report=lambda _: None)]
     if shim is not None:
         tallies += [injection.run(case, failure, most=1, report=lambda _: None) for case, failure in FAILING]

@@ -53,7 +53,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_map_is_read_from_beside_the_model(folder: Path) -> None:
+def test_map_is_read_from_the_folder_of_the_model(folder: Path) -> None:
     values = np.arange(12, dtype=np.float32).reshape(3, 4)
     np.save(folder / "maps" / "pattern.npy", values)
     (effect,) = load_model(str(folder / "m.toml")).effects
@@ -87,7 +87,7 @@ def test_an_unfit_map_is_refused_in_one_line(folder: Path, path: str, values: ob
     assert "\n" not in str(caught.value)
 
 
-def test_a_map_that_claims_terabytes_costs_nothing(folder: Path) -> None:
+def test_map_that_declares_terabytes_is_refused_without_memory(folder: Path) -> None:
     header = io.BytesIO()
     claim = {"descr": "<f4", "fortran_order": False, "shape": (1 << 20, 1 << 20)}
     np.lib.format.write_array_header_1_0(header, claim)

@@ -30,7 +30,7 @@ def test_reconciliation_folder_is_written_and_replaced(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("call", ["os.pwrite", "os.fsync", "pathlib.Path.replace"])
-def test_a_full_disk_leaves_nothing_new(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
+def test_full_disk_leaves_no_new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str) -> None:
     def fail(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 

@@ -6,7 +6,7 @@ from tofmix.recording import ArrayRecording
 from tofmix.sensor import Sensor
 
 
-def test_valid_samples_are_counted_in_the_frames_asked_for() -> None:
+def test_valid_samples_are_counted_in_the_requested_frames() -> None:
     rng = np.random.default_rng(4)
     samples = np.where(rng.random((9, 3, 2)) < 0.3, np.nan, 1000.0)
     recording = ArrayRecording(samples, Sensor(name="x"))

@@ -13,11 +13,11 @@ from tofmix.sensor import Sensor
 
 
 @given(st.integers(-500, 500), st.integers(1, 300), st.sampled_from([0.1, 1.0, 37.5, 50.0]))
-def test_ends_on_the_lattice_stay_there(first: int, count: int, cell: float) -> None:
+def test_ends_on_whole_cells_stay_there(first: int, count: int, cell: float) -> None:
     assert lattice_span((first * cell, (first + count) * cell), cell) == (first, first + count)
 
 
-def test_ends_between_are_rounded_outward() -> None:
+def test_ends_between_cells_are_rounded_outward() -> None:
     assert lattice_span((-120.0, 101.0), 50.0) == (-3, 3)
     for bad in ((1.0, 1.0), (2.0, 1.0), (math.nan, 1.0), (0.0, math.inf)):
         with pytest.raises(ValueError, match="first must be below"):

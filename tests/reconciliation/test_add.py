@@ -31,9 +31,7 @@ def named_kinds(result: Reconciliation) -> list[str]:
     ids=["behind", "before"],
 )
 @pytest.mark.slow
-def test_second_bounce_gives_way_to_a_pose_beside_more_noise(
-    shift_mm: float, rows: int, cols: int, frames: int
-) -> None:
+def test_second_path_gives_way_to_a_pose_and_more_noise(shift_mm: float, rows: int, cols: int, frames: int) -> None:
     """Alone, the bounce, which widens the noise too, gains more than either."""
     model = scene(rows=rows, cols=cols, frames=frames)
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=shift_mm), MAKE["excess_noise"](factor=1.25)
@@ -54,7 +52,7 @@ def stuck(model: Model, every: int, value_mm: float | None = None) -> Effect:
 
 
 @pytest.mark.slow
-def test_offset_beside_pixels_that_hold_one_value_is_no_pattern(small: Model) -> None:
+def test_offset_with_pixels_of_one_value_is_not_named_a_pattern(small: Model) -> None:
     """To a pattern such pixels are large biases, and with spreads that large it takes the offset too."""
     hidden = stuck(small, 33, 3000.0), MAKE["range_offset"](offset_mm=-6.0)
     kinds = ("range_offset", "fixed_pattern", "stuck_pixels", "amplitude_walk", "surface_pose")
@@ -114,7 +112,7 @@ def test_offset_keeps_its_name_where_poses_are_nearly_right(model: Model, shifts
 
 @pytest.mark.slow
 @pytest.mark.parametrize("every", [9, 33, 5])
-def test_small_offset_is_found_beside_pixels_that_hold_one_value(model: Model, every: int) -> None:
+def test_small_offset_is_found_with_pixels_of_one_value(model: Model, every: int) -> None:
     """What each sample of these pixels gains does not count against how little an offset gains."""
     hidden = stuck(model, every), MAKE["range_offset"](offset_mm=1.0)
     result = reconciled(model, *hidden, kinds=("range_offset", "fixed_pattern", "stuck_pixels"))

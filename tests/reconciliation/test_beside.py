@@ -46,26 +46,28 @@ WAVE = MAKE["wiggling"](amplitude_mm=20.0, phase_rad=0.7)
     ],
 )
 @pytest.mark.slow
-def test_structured_effect_is_named_beside_columns(small: Model, effect: Effect, kinds: tuple[str, ...]) -> None:
+def test_structured_effect_is_named_in_the_presence_of_columns(
+    small: Model, effect: Effect, kinds: tuple[str, ...]
+) -> None:
     two = replace(small, surfaces=small.surfaces[1:])
     assert named_within_errors(reconciled(two, effect, COLUMNS, kinds=kinds), (effect, COLUMNS))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kinds", [FEW, KINDS], ids=["few rivals", "all rivals"])
-def test_columns_alone_are_a_pattern_and_nothing_else(small: Model, kinds: tuple[str, ...]) -> None:
+def test_columns_alone_are_named_a_pattern_only(small: Model, kinds: tuple[str, ...]) -> None:
     assert named_within_errors(reconciled(small, COLUMNS, kinds=kinds), (COLUMNS,))
 
 
 @slow
-def test_pose_and_offset_together_are_no_pattern(small: Model) -> None:
+def test_pose_and_offset_together_are_not_named_a_pattern(small: Model) -> None:
     """The pose, added first, takes a part of the offset; what is left over looks like a law of another shape."""
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=25.0), MAKE["range_offset"](offset_mm=8.0)
     assert named_within_errors(reconciled(small, *hidden, kinds=KINDS), hidden)
 
 
 @slow
-def test_small_drift_is_found_beside_a_large_pose(small: Model) -> None:
+def test_small_drift_is_found_in_the_presence_of_a_large_pose(small: Model) -> None:
     """Beside the pattern that a large pose looks like, a small drift is the first; alone, wider noise gains more."""
     hidden = (
         MAKE["surface_pose"](surface="middle", shift_mm=90.0),

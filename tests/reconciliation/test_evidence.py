@@ -43,7 +43,7 @@ def test_fitted_and_held_out_parts_are_disjoint_and_cover_all(model: Model) -> N
         ((40, 20, 24), 1000.0, np.r_[0:39, np.nan], "do not ascend"),
     ],
 )
-def test_recording_that_cannot_be_held_out_from_is_refused_with_the_reason(
+def test_recording_too_small_for_held_out_data_is_refused_with_the_reason(
     model: Model, shape: tuple[int, int, int], value: float, times: np.ndarray | None, reason: str
 ) -> None:
     with pytest.raises(BadInputError, match=reason):

@@ -61,7 +61,7 @@ def test_recording_agrees_with_a_model_that_has_its_effect(model: Model, small: 
     "name",
     ["temperature_drift", "stuck_pixels", "interference", "motion", "pixel_crosstalk", "temporal_correlation"],
 )
-def test_missing_offset_is_found_beside_the_effect_that_a_model_has(small: Model, name: str) -> None:
+def test_missing_offset_is_found_in_a_model_with_another_effect(small: Model, name: str) -> None:
     """Effects in time, in bursts, with a memory, among neighbours and in single pixels."""
     has = _with(small, GIVEN[name])
     result = reconciled(has, GIVEN[name], MAKE["range_offset"](offset_mm=8.0), kinds=RIVALS)

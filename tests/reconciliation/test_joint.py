@@ -166,9 +166,7 @@ def test_pixel_is_stuck_where_both_recordings_hold_the_same_value(model: Model, 
     assert _kinds(result) == []
 
 
-def test_surfaces_of_one_name_in_two_scenes_are_told_apart_by_number_unless_they_are_equal(
-    model: Model, other: Model
-) -> None:
+def test_different_surfaces_of_one_name_in_two_scenes_get_a_number(model: Model, other: Model) -> None:
     shared = replace(other, surfaces=(model.surfaces[0], *other.surfaces))
     names = [[s.name for s in m.surfaces] for m in tell_apart([model, shared])]
     assert names == [["near", "middle", "wall"], ["near", "wall (2)", "box"]]

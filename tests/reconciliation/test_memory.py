@@ -89,7 +89,7 @@ def test_noise_averaged_over_frames_is_an_unexplained_memory(small: Model, frame
 
 
 @pytest.mark.slow
-def test_memory_beside_random_values_is_found_and_leaves_no_gap(model: Model) -> None:
+def test_memory_with_random_values_is_found_and_leaves_no_gap(model: Model) -> None:
     """Random values are not remembered, while the memory of the noise runs on below them."""
     hidden = MAKE["temporal_correlation"](coefficient=0.4), MAKE["outliers"](probability=0.02)
     result = reconciled(model, *hidden, kinds=("temporal_correlation", "outliers", "fixed_pattern", "excess_noise"))

@@ -37,7 +37,7 @@ def same(one: Mixture, other: Mixture) -> None:
     "effects", [(), (POSE, MOTION), *(pytest.param(e, marks=pytest.mark.slow) for e in ((POSE,), (MOTION,)))]
 )
 @pytest.mark.slow
-def test_mixture_is_the_same_whatever_was_predicted_before(small: Model, effects: tuple[Effect, ...]) -> None:
+def test_mixture_does_not_depend_on_earlier_predictions(small: Model, effects: tuple[Effect, ...]) -> None:
     expected = Scene(small, TIME_S).mixture(effects)
     used = Scene(small, TIME_S)
     for other in OTHERS:

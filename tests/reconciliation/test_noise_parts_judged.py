@@ -86,7 +86,7 @@ def test_background_that_the_model_lacks_is_named_as_outliers(small: Model) -> N
     ],
     ids=lambda value: getattr(value, "kind", value),
 )
-def test_effect_beside_all_parts_is_found_with_its_number(small: Model, hidden: Effect, name: str) -> None:
+def test_effect_with_all_noise_parts_is_found_with_its_number(small: Model, hidden: Effect, name: str) -> None:
     has = with_noise(small, **PARTS["all"])
     result = outcome(has, has, hidden, kinds=(*RIVALS, "interference"))
     assert result.verified.verdict == "explained"
@@ -96,7 +96,7 @@ def test_effect_beside_all_parts_is_found_with_its_number(small: Model, hidden: 
 
 
 @pytest.mark.slow
-def test_noise_of_all_pixels_is_no_matter_of_their_widths(small: Model) -> None:
+def test_common_change_of_noise_does_not_change_the_widths(small: Model) -> None:
     has, factor = with_noise(small, **PARTS["all"]), 1.3
     (named,) = outcome(has, has, MAKE["excess_noise"](factor=factor)).named
     mean = 0.2 / np.sqrt(252)  # standard error of the mean log width, which a recording cannot tell from the factor
@@ -119,7 +119,7 @@ def test_widths_are_found_with_their_errors(small: Model, name: str) -> None:
     assert np.corrcoef(state.log_width[0], true)[0, 1] > 0.8
 
 
-def test_two_recordings_have_widths_of_their_own_and_agree(small: Model) -> None:
+def test_two_recordings_have_separate_widths_and_agree(small: Model) -> None:
     has = with_noise(small, **PARTS["all"])
     other = replace(has, surfaces=has.surfaces[1:])
     pair = (has, simulated(has, (), 5, 80)), (other, simulated(other, (), 6, 80))
@@ -144,7 +144,7 @@ def test_gaussian_model_has_no_widths_and_no_table(small: Model) -> None:
     np.testing.assert_array_equal(mixture.told, 1.0 - mixture.invalid[0])
 
 
-def test_background_beside_a_memory_is_refused(small: Model) -> None:
+def test_background_with_a_memory_is_refused(small: Model) -> None:
     has = replace(with_noise(small, **PARTS["background"]), effects=(MAKE["temporal_correlation"](coefficient=0.5),))
     with pytest.raises(BadInputError, match="no prediction for a background beside temporal_correlation"):
         reconcile(has, recorded(small), Settings(kinds=RIVALS))

@@ -36,7 +36,7 @@ def _axes(panel: Compared, statistic: str) -> set[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("rows", "cols"), SHAPES)
-def test_an_offset_is_found_and_a_right_model_left_alone(rows: int, cols: int) -> None:
+def test_offset_is_found_and_a_right_model_agrees(rows: int, cols: int) -> None:
     model = scene(rows=rows, cols=cols)
     right = reconcile(model, _record(model), Settings(kinds=KINDS))
     assert right.verified.verdict == "agree"

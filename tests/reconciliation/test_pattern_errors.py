@@ -120,7 +120,7 @@ def test_average_with_few_columns_and_no_noise_is_students_law(rng: np.random.Ge
     assert found.covariance[0, 0] == pytest.approx(columns.var(ddof=1) / n * (n - 1) / (n - 3), rel=0.02)
 
 
-def test_pixels_of_which_nothing_is_known_count_for_nothing(rng: np.random.Generator) -> None:
+def test_pixels_without_samples_do_not_change_the_error(rng: np.random.Generator) -> None:
     noise, spreads = rng.uniform(0.5, 2.0, PIXELS), (2.0, 1.0, 0.7)
     blind = rng.random(PIXELS) < 0.2
     biases = np.where(blind, 0.0, draw(rng, spreads, noise))

@@ -11,7 +11,7 @@ from tofmix.reconciliation.pattern_shape import smooth, tilted
     ("kind", "runs"),
     [("pixels", False), ("columns", False), ("rows", False), ("lens", True), ("kink", True), ("rising rows", True)],
 )
-def test_map_is_smooth_where_neighbours_are_alike_and_not_where_drawn_by_pixel_column_or_row(
+def test_map_of_similar_neighbours_is_smooth_and_random_ones_are_not(
     kind: str, runs: bool, everywhere: bool, rng: np.random.Generator
 ) -> None:
     row, col = np.mgrid[-1:1:36j, -1:1:44j]
@@ -30,7 +30,7 @@ def test_map_is_smooth_where_neighbours_are_alike_and_not_where_drawn_by_pixel_c
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_tilted_board_is_told_from_columns(seed: int) -> None:
+def test_tilted_board_and_columns_are_separated(seed: int) -> None:
     rng = np.random.default_rng(seed)
     row, col = np.mgrid[:30, :40]
     board = (np.abs(row - 12) < 6) & (np.abs(col - 20) < 6)

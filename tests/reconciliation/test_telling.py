@@ -55,7 +55,7 @@ def test_planted_change_is_ranked_first_on_its_axis(name: str, rng: np.random.Ge
     assert f"{statistic} of {axis}" == name
 
 
-def test_bias_beyond_the_end_of_scores_is_no_matter_of_tails(rng: np.random.Generator) -> None:
+def test_bias_beyond_the_largest_score_adds_no_gain_to_tails(rng: np.random.Generator) -> None:
     far = rng.normal(0, 5, COLS)[COL] + rng.normal(0, 0.3, ROWS * COLS)
     told = telling(scored(np.clip(rng.normal(size=(FRAMES, ROWS * COLS)) + far, -4, 4)))
     assert max(told, key=lambda key: told[key]) == ("bias", "col")

@@ -61,7 +61,7 @@ def test_too_few_samples_to_see_half_a_sigma_never_agree() -> None:
     assert not findings(panel(), panel(), samples=120).few
 
 
-def test_explained_only_if_nothing_stands_out_whatever_the_gap() -> None:
+def test_explained_needs_that_no_statistic_stands_out_for_any_gap() -> None:
     before = panel(bias=2.0, spread=0.3)
     assert judge(findings(before, panel(), chosen())) == "explained"
     left = findings(before, panel(spread=0.3), chosen())
@@ -74,7 +74,7 @@ def test_a_tenth_of_what_an_effect_moves_may_be_its_law(left: float, verdict: st
     assert judge(findings(panel(bias=2.0), panel(bias=left), chosen(gain=240_000.0))) == verdict
 
 
-def test_tails_and_skew_of_one_law_go_together_and_bias_goes_alone() -> None:
+def test_limit_of_skew_follows_the_largest_of_tails_and_skew_and_that_of_bias_its_own() -> None:
     before = panel(tails=1.0, skew=0.1, bias=0.1)
     assert inexact(curve("skew", 0.05), before) == pytest.approx(0.1, rel=0.01)
     assert inexact(curve("bias", 0.05), before) == pytest.approx(0.02)

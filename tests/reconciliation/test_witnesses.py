@@ -72,7 +72,7 @@ def test_amplitudes_make_share_and_path_of_multipath_certain(model: Model) -> No
         assert abs(found[1][name] - wanted) > 0.2 * wanted  # noise alone says little of what is in phase
 
 
-def test_amplitudes_that_the_model_has_wrong_decide_nothing(model: Model) -> None:
+def test_wrong_amplitudes_of_the_model_hardly_change_the_likelihood(model: Model) -> None:
     wrong = {"near": 1.0, "middle": 1.2, "wall": 0.8}
     surfaces = tuple(replace(s, reflectivity=s.reflectivity * wrong[s.name]) for s in model.surfaces)
     rough = replace(model, surfaces=surfaces)
@@ -123,7 +123,7 @@ def test_unit_of_amplitudes_is_taken_from_the_recording(model: Model) -> None:
     assert seen.factors == pytest.approx((1.0, 1.0, 1.0), abs=0.01)
 
 
-def test_temperature_of_a_warm_up_tells_its_time_constant(model: Model) -> None:
+def test_temperature_of_a_warm_up_gives_its_time_constant(model: Model) -> None:
     witness = warm_up_witness(recorded(model, warm=True))
     assert witness is not None
     assert witness.time_constant_s == pytest.approx(25.0, rel=0.01)
@@ -143,7 +143,7 @@ def test_temperature_halves_the_errors_of_a_drift(model: Model) -> None:
 
 
 @pytest.mark.parametrize("law", ["constant", "steps", "noise"])
-def test_temperature_without_a_warm_up_is_no_witness(model: Model, rng: np.random.Generator, law: str) -> None:
+def test_temperature_without_a_warm_up_is_not_used(model: Model, rng: np.random.Generator, law: str) -> None:
     degrees = {
         "constant": np.full(FRAMES, 31.0),
         "steps": 30.0 + 4.0 * (np.arange(FRAMES) // 10 % 2),

@@ -146,7 +146,7 @@ def test_frames_shaken_at_random_are_unexplained_and_placed_on_the_frame_axis(sm
     assert "None of the known effects explains it" in headline(result)
 
 
-def test_shift_is_told_in_mm_where_many_pixels_see_nothing(
+def test_shift_is_given_in_mm_if_many_pixels_see_open_space(
     in_the_open: Callable[[Effect], tuple[Model, Evidence]],
 ) -> None:
     """Empty pixels are in the bins of rows and columns too; their sigma is none that a shift is seen by."""
@@ -157,7 +157,7 @@ def test_shift_is_told_in_mm_where_many_pixels_see_nothing(
 
 
 @pytest.mark.slow
-def test_wave_hidden_in_a_fixed_pattern_is_named_beside_it(model: Model) -> None:
+def test_wave_hidden_in_a_fixed_pattern_is_named_with_it(model: Model) -> None:
     """A pattern can take up any static bias: the law that gains beside it has the precedence, and both are named."""
     hidden = (
         MAKE["fixed_pattern"](pixel_sigma_mm=10.0, column_sigma_mm=3.0, row_sigma_mm=3.0),

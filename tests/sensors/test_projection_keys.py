@@ -40,7 +40,7 @@ def test_a_pinhole_takes_the_place_of_the_profiles_field_of_view() -> None:
     assert (camera.fov_horizontal_deg, camera.fov_vertical_deg) == (None, None)
 
 
-def test_a_camera_without_a_profile_needs_no_field_of_view_beside_a_pinhole() -> None:
+def test_camera_with_a_pinhole_and_no_profile_needs_no_field_of_view() -> None:
     camera = sensor(ALONE.replace("PROJECTION", 'projection = "pinhole"\nfx = 10.0\nfy = 10.0\ncx = 8\ncy = 6\n'))
     assert camera.optics == Pinhole(fx=10.0, fy=10.0, cx=8.0, cy=6.0)
 

@@ -19,7 +19,7 @@ def test_every_profile_reads_and_has_sources(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in PROFILES if load_sheet(name).missing()])
-def test_each_number_of_a_profile_with_gaps_has_a_source_and_each_gap_is_said(name: str) -> None:
+def test_each_number_of_a_profile_with_gaps_has_a_source_and_each_gap_a_note(name: str) -> None:
     sheet = load_sheet(name)
     numbers = set(sheet.known()) - {"name", "confirmed", "sources"}
     named = {key.strip() for text in sheet.sources for key in text.split(":")[0].replace(". ", ", ").split(",")}
@@ -67,7 +67,7 @@ def test_only_profiles_with_a_curve_are_offered_for_noise() -> None:
     assert profiles_with_noise() == ("sr3000", "sr4000", "stoc")
 
 
-def test_sr3000_is_the_papers_camera_and_says_that_it_is_unconfirmed() -> None:
+def test_sr3000_is_the_papers_camera_and_marked_as_unconfirmed() -> None:
     profile = load_profile("sr3000")
     assert (profile.rows, profile.cols) == (144, 176)
     assert (profile.fov_horizontal_deg, profile.fov_vertical_deg) == (47.0, 39.0)
@@ -101,7 +101,7 @@ def test_stoc_is_table_1_with_a_finite_range_and_the_noise_of_triangulation() ->
         assert any(word in source for source in profile.sources)
 
 
-def test_a_camera_without_phase_refuses_what_acts_on_it_in_one_line() -> None:
+def test_camera_without_phase_refuses_effects_on_the_phase_in_one_line() -> None:
     profile = load_profile("stoc")
     assert profile.modulation_frequency_hz is None
     assert profile.sensor().modulation_frequency_hz is None

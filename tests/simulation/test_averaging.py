@@ -26,9 +26,7 @@ def average(model: Model, n_frames: int = 400) -> FrameBlock:
 @pytest.mark.parametrize(
     ("tau", "times"), [(1.2, [1.2] * 8 + [0.4]), (2.0, [2.0] * 5), (0.2, [0.2] * 50), (0.1, [0.1] * 100), (9.0, [9, 1])]
 )
-def test_whole_samples_and_what_is_left_make_up_the_default_time(
-    make_model: MakeModel, tau: float, times: list[float]
-) -> None:
+def test_whole_samples_and_a_rest_fill_the_default_time(make_model: MakeModel, tau: float, times: list[float]) -> None:
     assert exposure_times(make_model(integration_time_ms=tau).sensor) == pytest.approx(times)
 
 

@@ -48,13 +48,13 @@ def test_rotation_is_orthonormal_and_keeps_handedness() -> None:
         ({"name": ""}, "name: "),
     ],
 )
-def test_surface_refuses_what_is_out_of_bounds(change: dict[str, Any], message: str) -> None:
+def test_surface_refuses_values_out_of_bounds(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{message}"):
         replace(BOARD, **change)
 
 
 @pytest.mark.parametrize("change", [{"frames": 0}, {"seed": -1}, {"frame_rate_hz": 0.0}, {"frame_rate_hz": np.inf}])
-def test_recording_settings_refuse_what_is_out_of_bounds(change: dict[str, Any]) -> None:
+def test_recording_settings_refuse_values_out_of_bounds(change: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=f"^{next(iter(change))}: "):
         RecordingSettings(**change)
 

@@ -74,7 +74,7 @@ def test_gaussian_table_as_a_shape_draws_what_the_gaussian_draws() -> None:
 
 
 @pytest.mark.parametrize("kind", ["no effect", "an effect", "averaged"])
-def test_parts_that_are_none_change_no_sample(kind: str) -> None:
+def test_parts_without_effect_change_no_sample(kind: str) -> None:
     """A background of 0 takes the path of arrays, and a width of spread 0 none: samples are those without the keys."""
     effects = '[[effect]]\nkind = "excess_noise"\nfactor = 1.3\n' if kind == "an effect" else ""
     one, other = model("", effects), model("background = 0.0\nwidth_spread = 0.0", effects)
@@ -134,7 +134,7 @@ def test_widths_are_log_normal_one_a_pixel_and_in_the_truth() -> None:
     assert not np.array_equal(np.exp(logs), other)
 
 
-def test_widths_scale_what_effects_make_of_sigma() -> None:
+def test_widths_scale_sigma_after_all_effects() -> None:
     parts, effect = "width_spread = 0.5", '[[effect]]\nkind = "excess_noise"\nfactor = 2.0\n'
     once, twice = (standardised(model(parts, e), 400)[0] for e in ("", effect))
     near = [np.quantile(z, 0.8413, axis=0) - np.quantile(z, 0.1587, axis=0) for z in (once, twice)]
@@ -220,7 +220,7 @@ def test_model_reads_its_parts_and_a_recording_carries_them() -> None:
     assert averaged.width_spread == 0.2
 
 
-def test_background_map_lies_beside_the_model(tmp_path: Path) -> None:
+def test_background_map_is_read_from_the_folder_of_the_model(tmp_path: Path) -> None:
     np.save(tmp_path / "share.npy", background_map())
     path = tmp_path / "model.toml"
     path.write_text(model_text('background = "share.npy"'))

@@ -41,7 +41,7 @@ def _area(normal: np.ndarray, reach: float) -> float:
 
 @pytest.mark.parametrize("turn_deg", [3.0, 45.0, 80.0, 130.0, 200.0, 301.0])
 @pytest.mark.parametrize("area", [0.01, 0.2, 0.5, 0.83])
-def test_area_on_one_side_of_a_line_is_the_one_asked_for(turn_deg: float, area: float) -> None:
+def test_area_on_one_side_of_a_line_is_the_requested_one(turn_deg: float, area: float) -> None:
     normal = np.array([math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))])
     assert _area(normal, float(reach_of_area(normal, np.array(area)))) == pytest.approx(area, abs=1e-4)
 
@@ -129,7 +129,7 @@ def test_points_of_a_true_edge_are_on_it_and_moved_ones_off_by_as_much(half: Sce
     assert near.rms == pytest.approx(float(np.sqrt(np.mean(off**2))))
 
 
-def test_edges_between_other_surfaces_are_none_of_the_true_edge(half: Scene) -> None:
+def test_edges_between_other_surfaces_do_not_match_the_true_edge(half: Scene) -> None:
     layers = counted(half, 100, 2)
     true = matched(half, layers)
     near, far = np.array([7, 7, 3, -1, 7]), np.array([3, 7, 7, 3, -1])

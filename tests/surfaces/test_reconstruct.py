@@ -84,7 +84,7 @@ def test_line_of_a_board_follows_its_outline_with_its_corners() -> None:
     assert (found.edges.far[line] == 0).all()
 
 
-def test_board_before_nothing_ends_at_no_return() -> None:
+def test_board_before_open_space_ends_at_no_return() -> None:
     board = facing(SMALL, 23.0, 29.0, 1800.0, size_pixels=(24.0, 18.0), roll_deg=10.0)
     _, found = _found(scene([board], SMALL))
     assert len(found.edges) > 60

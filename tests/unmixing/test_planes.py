@@ -93,7 +93,7 @@ def test_seeds_have_the_planes_of_least_squares(rng: np.random.Generator) -> Non
 
 
 @pytest.mark.parametrize("family", ["boards", "pickets", "random boards"])
-def test_surfaces_beside_pixels_are_those_of_the_twin(family: str, rng: np.random.Generator) -> None:
+def test_neighbouring_surfaces_equal_those_of_the_twin(family: str, rng: np.random.Generator) -> None:
     image = _scene_image(made(FAMILIES[family](rng), 5, view=SMALL))
     seeds = find_seeds(image)
     drawn = rng.random((4, image.count)) < 0.9

@@ -48,7 +48,7 @@ def test_both_surfaces_of_mixed_pixels_are_found_in_phasor_sums(sums: Scene, fou
     assert after.sure_false <= 0.01 * after.sure
 
 
-def test_long_edges_of_each_half_of_an_image_have_their_own_law(sums: Scene) -> None:
+def test_long_edges_of_each_half_of_an_image_have_their_own_share_of_sums(sums: Scene) -> None:
     single = small(1, q=0.0)
     half = sums.recording.shape[2] // 2
     parts = [
@@ -138,7 +138,7 @@ def test_share_of_phasor_sums_is_measured_and_both_surfaces_found(q: float) -> N
     assert after.found >= 0.95 * after.asked
 
 
-def test_share_of_a_surface_beside_open_space_is_its_area() -> None:
+def test_share_of_a_surface_next_to_open_space_is_its_area() -> None:
     rng = np.random.default_rng(5)
     board = Surface(name="board", center_mm=(10.0, 5.0, 2000.0), size_mm=(300.0, 250.0), yaw_deg=10.0, reflectivity=0.6)
     one = made([board], int(rng.integers(100)), view=SMALL)

@@ -68,7 +68,7 @@ def test_noise_and_offset_of_a_wall_and_a_box_are_known_and_scattering_beside_th
 
 
 @pytest.mark.slow
-def test_a_member_without_a_trace_is_none_of_the_truth() -> None:
+def test_member_without_a_trace_is_not_part_of_the_truth() -> None:
     faint = MAKE["range_offset"](offset_mm=9.0), MAKE["pixel_crosstalk"](share=0.03)
     assert known(case("wall", *faint)).traces == ("range_offset",)  # no neighbours that see anything else
     assert known(case("steps", *faint)).traces == ("pixel_crosstalk", "range_offset")
@@ -173,7 +173,7 @@ def test_greedy_bic_names_a_clear_offset_with_its_error_and_nothing_where_nothin
         assert score(one, found, known(one) if hidden else None).result == "right"
 
 
-def test_bench_prints_the_peer_beside_of_the_cases_that_both_have_done(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bench_prints_the_peer_for_cases_that_both_have_done(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "benchmarks"))
     summary = importlib.import_module("user_scenes").summary
     line = {"scene": "wall", "sort": "effects", "kinds": ["outliers"], "identifiable": True, "told_apart": []}

@@ -72,7 +72,7 @@ def plot(layers: "Estimate", *, pixel: tuple[int, int] | None = None, window: in
 
 
 def _shown(figure: "Figure") -> "Figure":
-    """Let a notebook show the figure as it is, whatever its Matplotlib settings are."""
+    """Let a notebook show the figure unchanged, for any Matplotlib settings."""
 
     def as_png() -> bytes:
         from io import BytesIO

@@ -44,9 +44,8 @@ def compare(
 ) -> ExitCode:
     """Show where the layers files A and B differ.
 
-    A pixel differs if it has another number of surfaces, or a range that differs by
-    more than --tolerance combined standard errors. Exit code 0: equal; 6: different;
-    3: the two have different sizes.
+    A pixel differs if its numbers of surfaces differ, or if a range differs by more than --tolerance combined standard
+    errors. Exit code 0: equal; 6: different; 3: the files have different sizes.
     """
     from tofmix.errors import BadInputError, UsageError
     from tofmix.io.atomic.storage import locked, write_text

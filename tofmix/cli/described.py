@@ -99,7 +99,7 @@ def _option(option: click.Option) -> DescribedOption:
 
 
 def _text_and_default(option: click.Option) -> tuple[str, str]:
-    """Help text and default; the default is said by click or, where it is no constant, at the end of the text."""
+    """Help text and default; click gives a constant default, and the end of the text any other."""
     text = option.help or ""
     if option.show_default:
         return text, str(option.default)

@@ -86,15 +86,12 @@ def export(
 ) -> None:
     """Write FILE, a layers file or a surfaces file, for other programs.
 
-    Of a layers file, points (.las, .laz, .ply, .pcd, .csv): one for each layer, in the
-    sensor's frame in metres (x right, y down, z forward), with the layer's number, the
-    pixel's number of layers, share, sigma, standard errors, probability, row, column and
-    window; or an image (.png, .tif): the ranges of one layer in 16 bits, 0 where there
-    is none.
+    From a layers file: points (.las, .laz, .ply, .pcd, .csv): one for each layer, in the sensor's frame in metres (x
+    right, y down, z forward), with the layer's number, the pixel's number of layers, share, sigma, standard errors,
+    probability, row, column and window; or an image (.png, .tif): the ranges of one layer in 16 bits, 0 for none.
 
-    Of a surfaces file, edges (.geojson, .json: lines in the image; .obj, .ply: lines in
-    space), planes (.json: planes and outlines; .obj: triangles), an image (.png, .tif)
-    or points (.pcd, .csv, .ply) of the fine range image.
+    From a surfaces file: edges (.geojson, .json: lines in the image; .obj, .ply: lines in space), planes (.json: planes
+    and outlines; .obj: triangles), an image (.png, .tif) or points (.pcd, .csv, .ply) of the fine range image.
 
     LAS, LAZ, PNG, TIFF and planes need the extra tofmix[export].
     """

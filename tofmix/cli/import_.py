@@ -106,14 +106,12 @@ def import_(
 ) -> None:
     """Write SOURCE as a recording that tofmix estimate reads.
 
-    SOURCE is a ROS 1 bag, a ROS 2 bag, an MCAP file (extra tofmix[ros]); a folder of
-    16-bit PNG or TIFF images, a multi-page TIFF (extra tofmix[images]); an .npy, .npz
-    or .mat; any HDF5 file; CSV, a frame a line (--shape) or a sample a line (a header
-    with frame,row,col,range and perhaps target, amplitude, time). Depths of images and
-    bags are taken along z and become ranges along each pixel's beam by the intrinsics
-    of the bag or of --intrinsics, by --fov, or by the sensor's field of view; others
-    are taken along the beam. Properties missing from SOURCE and --sensor stay unknown;
-    the command lists them. Frames are read and written in blocks.
+    SOURCE is a ROS 1 bag, a ROS 2 bag, an MCAP file (extra tofmix[ros]); a folder of 16-bit PNG or TIFF images, a
+    multi-page TIFF (extra tofmix[images]); an .npy, .npz or .mat; any HDF5 file; CSV, a frame a line (--shape) or a
+    sample a line (a header with frame,row,col,range, optionally target, amplitude, time). Depths of images and bags are
+    along z. They become ranges along each pixel's beam by the intrinsics of the bag or of --intrinsics, by --fov, or by
+    the sensor's field of view. Other sources hold ranges along the beam. Properties missing from SOURCE and --sensor
+    stay unknown; the command lists them. Frames are read and written in blocks.
     """
     from tofmix.cli.import_camera import (
         Lens,

@@ -30,13 +30,11 @@ tofmix info gap
 @click.argument("file", type=PATH)
 @json_option
 def info(file: Path, as_json: bool) -> None:
-    """Say what FILE is: a recording, a layers or surfaces file, or a TOML file of a model or a sensor.
+    """Describe FILE: a recording, a layers or surfaces file, or a TOML file of a model or a sensor.
 
-    Prints sizes, units, options, camera and warnings. FILE may also be the name of
-    a built-in model or sensor, a folder that tofmix reconcile wrote, or any source
-    of tofmix import: a bag, images, an array, CSV, other HDF5. It reads a few
-    blocks of samples at most, to check their unit. tofmix report shows the content
-    of a layers file.
+    Prints sizes, units, options, camera and warnings. FILE may also be the name of a built-in model or sensor, a folder
+    that tofmix reconcile wrote, or any source of tofmix import: a bag, images, an array, CSV, other HDF5. It reads at
+    most a few blocks of samples, to check their unit. tofmix report summarises a layers file.
     """
     from tofmix.report.descriptions.description import format_description
 

@@ -57,13 +57,11 @@ def inspect(
 ) -> None:
     """Show one pixel of LAYERS, a layers file, and its neighbours.
 
-    Prints each layer's range and share with their standard errors, sigma and
-    probability. The figure (-o) shows the fitted components and, with --recording, the
-    samples and their density: the paper's Fig. 8, or its Fig. 7 with --over-frames.
-    With learnt noise the line over the samples is the fitted mixture, with the learnt
-    shape and the pixel's width, background and drift. If the law of
-    mixing was measured, a second panel shows the pixel in the complex plane: the phasors
-    of its samples and of its neighbours, and the chord or triangle of its unmixing.
+    Prints each layer's range and share with their standard errors, sigma and probability. The figure (-o) shows the
+    fitted components and, with --recording, the samples and their density: the paper's Fig. 8, or its Fig. 7 with
+    --over-frames. With learnt noise the line over the samples is the fitted mixture, with the learnt shape and the
+    pixel's width, background and drift. If mixing was measured, a second panel shows the pixel in the complex plane:
+    the phasors of its samples and of its neighbours, and the chord or triangle of its unmixing.
     """
     from tofmix.io.atomic.storage import locked
     from tofmix.io.layers.layers_file import open_layers
@@ -137,7 +135,7 @@ def _growth(view: "PixelView", file: "LayersFile") -> "GrowingDensity":
 def _plane(
     layers: "Layers", file: "LayersFile", source: "SampleSource", window: int, pixel: tuple[int, int]
 ) -> "PhasorPlane | None":
-    """The pixel in the complex plane; None where the file does not say what samples are of, or without amplitudes."""
+    """The pixel in the complex plane; None if the file has no mixing or no amplitudes."""
     from tofmix.report.pixels.phasor_plane import phasor_plane, read_around
 
     made, (row, col) = file.provenance, pixel

@@ -42,7 +42,7 @@ Completion of commands and options, for this shell:
   _TOFMIX_COMPLETE=fish_source tofmix | source
 
 \b
-Environment: an option that takes a value, as TOFMIX_COMMAND_OPTION.
+Environment: TOFMIX_COMMAND_OPTION sets an option that takes a value.
   TOFMIX_ESTIMATE_WORKERS=1 tofmix estimate boards.h5
   NUMBA_CACHE_DIR=/opt/tofmix-kernels tofmix warmup
 
@@ -131,7 +131,7 @@ def _fail(text: str, code: ExitCode) -> NoReturn:
 
 
 def _discard(stream: TextIO) -> None:
-    """Keep the interpreter from failing again, at exit, on what a stream still holds: its exit code would be 120."""
+    """Keep the interpreter from failing again at exit, on the rest of a stream's buffer, with exit code 120."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 

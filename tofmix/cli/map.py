@@ -110,11 +110,9 @@ def map_(
 ) -> None:
     """Write an occupancy map of LAYERS, a file that tofmix estimate wrote.
 
-    Every layer is a hit with its share of the light. Space in front of it is free;
-    space behind it counts as free in proportion to the light that passes. The 2-D
-    map is for ROS's map_server. A 2-D cell is occupied if any voxel of its column,
-    within --height, is occupied. The camera stands at height 0; with yaw 0, x is
-    ahead of it and y to its left.
+    Every layer is a hit with its share of the light. Space in front of it is free; space behind it counts as free in
+    proportion to the light that passes. The 2-D map is for ROS's map_server. A 2-D cell is occupied if any voxel of its
+    column, within --height, is occupied. The camera is at height 0; with yaw 0, x is ahead of it and y to its left.
     """
     from tofmix.io.atomic.atomic_group import write_atomic_group
     from tofmix.io.atomic.storage import locked

@@ -21,8 +21,8 @@ tofmix merge long.layers.*.part -o long.layers.h5
 def merge(parts: tuple[Path, ...], output: Path, *, as_json: bool, overwrite: bool) -> None:
     """Join PARTS, the files that `tofmix estimate --shard I/N` wrote of one recording.
 
-    The layers file has the same bytes as the result of a single run. Missing or
-    doubled parts, and parts of another run, are refused. The parts stay.
+    The layers file has the same bytes as the result of a single run. Missing or duplicate parts, and parts of another
+    run, are refused. The parts are kept.
     """
     from tofmix.cli.estimate.results import describe, findings_of, say_findings
     from tofmix.cli.recording_check import echo

@@ -232,7 +232,7 @@ def _write(result: "Reconciliation", files: "Files", output: Path, overwrite: bo
 
 
 def _maps(result: "Reconciliation") -> "dict[str, FloatArray]":
-    """The maps (row, col) of the refined models by their paths beside them."""
+    """The maps (row, col) of the refined models by their paths in the models' folder."""
     import numpy as np
 
     from tofmix.errors import BadInputError

@@ -39,11 +39,10 @@ def report(
     layers: Path, recording: Path | None, surfaces: Path | None, html: Path | None, window: int, as_json: bool,
     overwrite: bool,
 ) -> None:  # fmt: skip
-    """Show what an estimate found: LAYERS is a file that tofmix estimate wrote.
+    """Summarise LAYERS, a file that tofmix estimate wrote.
 
-    Prints pixels by number of surfaces, the layers' ranges, shares and sigmas, and
-    pixels by status. A page (--html) shows the same in pictures, and one pixel that
-    you choose; its samples need --recording.
+    Prints pixels by number of surfaces, the layers' ranges, shares and sigmas, and pixels by status. The page (--html)
+    shows the same in pictures, and any pixel that you choose; its samples need --recording.
     """
     from tofmix.errors import UsageError
     from tofmix.io.atomic.storage import locked, write_text

@@ -77,10 +77,9 @@ def simulate(
 ) -> None:
     """Write a synthetic recording of MODEL, a TOML file or a built-in model.
 
-    A model describes a camera and the boards in its view. Each sample is one event,
-    with the camera's noise at its range: a surface, chosen with its share of the
-    pixel's beam, no return, or a random value. A model may list effects of real
-    cameras (docs/reference/effects.md). The recording carries the truth.
+    A model describes a camera and the boards in its view. Each sample shows a surface, with the probability of its
+    share of the pixel's beam; or no return, or a random value. The camera's noise at this range is added. A model may
+    list effects of real cameras (docs/reference/effects.md). The recording contains the true surfaces.
     """
     if as_json and (print_model or explain):
         raise click.UsageError("--json describes written recordings; leave out --print-model and --explain")

@@ -27,10 +27,9 @@ tofmix verify gap
 def verify(files: tuple[Path, ...], as_json: bool) -> ExitCode:
     """Check FILES: recordings, layers, surfaces, models, or folders that tofmix reconcile wrote.
 
-    Reads every value and compares every checksum. Checks dimensions, types, units
-    and the rules of every result: shares sum to 1, ranges ascend, values past
-    n_modes are NaN, statuses fit, surfaces have as many layers as they say. Prints
-    one line for each fault. Exit code 0: no fault; 3: a fault; 5: a fault in some
+    Reads every value and compares every checksum. Checks dimensions, types, units and the rules of every result: shares
+    sum to 1, ranges ascend, values after the first n_modes are NaN, statuses agree with the layers, and surfaces have
+    the stated number of layers. Prints one line for each fault. Exit code 0: no fault; 3: a fault; 5: a fault in some
     of several files.
     """
     from tofmix.io.verify.verify import verify as verify_file

@@ -1,18 +1,13 @@
 """The one JIT decorator, with the reasons for its options.
 
-``cache=True``: a second run compiles nothing. numba checks only the file in which
-a cached function stands, not those of the functions it calls, so a change to one
-kernel would leave its callers running the old one. The cache folder therefore
-carries a fingerprint of all kernel sources. It lies in the package folder, or where
-that is not writable in the user's cache folder, or else in the temporary folder;
-``NUMBA_CACHE_DIR`` overrides all three.
-``nogil=True``: threads run kernels side by side on one process's memory.
-``error_model="numpy"``: a division by zero gives inf or NaN as in NumPy, and the
-loop vectorises; kernels never rely on an exception.
-Kernels that others call are compiled as a part of these (`linking`), with the
-versions of numba that this was tested with; others compile each by itself.
-No ``fastmath``: sums must not depend on how the compiler reorders them on another
-machine.
+``cache=True``: a second run compiles nothing. numba checks only the file of a cached function, not those of the
+functions that it calls. So after a change to one kernel its callers would still run the old one. The cache folder
+therefore carries a fingerprint of all kernel sources. It lies in the package folder, or where that is not writable in
+the user's cache folder, or else in the temporary folder; ``NUMBA_CACHE_DIR`` overrides all three. ``nogil=True``:
+threads run kernels side by side on one process's memory. ``error_model="numpy"``: a division by zero gives inf or NaN
+as in NumPy, and the loop vectorises; kernels never rely on an exception. Kernels that others call are compiled as a
+part of these (`linking`), with the versions of numba that this was tested with; others compile each by itself. No
+``fastmath``: sums must not depend on how the compiler reorders them on another machine.
 """
 
 import hashlib

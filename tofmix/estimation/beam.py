@@ -90,9 +90,9 @@ def reaches_no_return(samples: FloatArray, beam: Beam) -> bool:
 def outlier_interval(sensor: Sensor, curve: NoiseCurve) -> tuple[float, float]:
     """Where random values spread, mm, if ranges are on a line.
 
-    It is the working range. Where `range_max_mm` is not known, it ends at the recording's largest sample, and begins
-    at `range_min_mm`, or without one at the least sample. A sensor that says neither is no recording's: it ends at the
-    last range of the curve then, and begins at `range_min_mm` or 0.
+    It is the working range. Where `range_max_mm` is not known, it ends at the recording's largest sample, and begins at
+    `range_min_mm`, or without one at the least sample. A sensor with neither is not that of a recording: the interval
+    then ends at the last range of the curve, and begins at `range_min_mm` or 0.
 
     Parameters
     ----------
@@ -121,8 +121,8 @@ def outlier_interval(sensor: Sensor, curve: NoiseCurve) -> tuple[float, float]:
 def beam_of(sensor: Sensor, unambiguous_range_mm: float | None = None, *, at_fold: bool = True) -> Beam:
     """Take the fixed part of equation (1) from a sensor.
 
-    Where random values spread, `outlier_interval` says; on a circle without `range_max_mm`, over all of it. The
-    working range of a circle is one turn from `range_min_mm` on.
+    `outlier_interval` gives the interval of random values; on a circle without `range_max_mm` it is the whole circle.
+    The working range of a circle is one turn from `range_min_mm` on.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from tofmix.errors import UsageError
 
 
 def need(module: str, *, extra: str, what: str) -> Any:  # noqa: ANN401  a module
-    """Import a library, or raise an error whose line tells how to install it.
+    """Import a library, or raise an error with the command that installs it.
 
     Raises
     ------

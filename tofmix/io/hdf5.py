@@ -63,8 +63,8 @@ def image_of(write: Callable[[h5py.File], None]) -> bytes:
 def _new_file(sink: Sink | io.BytesIO) -> h5py.File:
     """Open a new file in which no object keeps the time of its making: the same content gives the same bytes.
 
-    HDF5 before 2.0 stores it in groups by default, the root among them, and only a property of the file can tell
-    it not to; h5py offers that on its low level.
+    HDF5 before 2.0 stores it in groups by default, the root among them, and only a property of the file prevents this;
+    h5py has it in its low-level interface.
     """
     access = h5py.h5p.create(h5py.h5p.FILE_ACCESS)
     access.set_fileobj_driver(h5py.h5fd.fileobj_driver, sink)

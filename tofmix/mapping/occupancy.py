@@ -106,9 +106,7 @@ def count_light(
 
     Parameters
     ----------
-    beams : Beams
-        What the camera saw.
-    pose : Pose
+    beams : Beams The pixels of the camera. pose : Pose
         Where it stood.
     grid : Grid
         The cells. The cell of the camera stays unknown.

@@ -1,7 +1,7 @@
 """Directions of pixels, and the ratio of range along the beam to depth along z.
 
-Ranges in recordings and layers are radial. The angles here are of an equiangular grid: equal angles between
-neighbours. `tofmix.optics.projection` has it beside other projections.
+Ranges in recordings and layers are radial. The angles here are of an equiangular grid: equal angles between neighbours.
+`tofmix.optics.projection` has it among other projections.
 """
 
 import numpy as np

@@ -1,7 +1,7 @@
 """Known properties of a camera: the numbers of a profile, of which some may be missing.
 
-Use a sheet where a camera is only described: `tofmix sensors`, `tofmix import`. Where one is simulated, or its noise is
-asked for, `CameraSheet.profile` gives the whole `SensorProfile`, or names the missing data.
+Use a sheet where a camera is only described: `tofmix sensors`, `tofmix import`. For a simulation, or for its noise,
+`CameraSheet.profile` gives the whole `SensorProfile`, or names the missing data.
 """
 
 from dataclasses import dataclass, fields

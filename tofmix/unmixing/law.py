@@ -26,9 +26,7 @@ class Law:
     ----------
     phasor_share : float
         q, the share of the samples at edges that are phasor sums: of edges between surfaces, where there are some; NaN
-        if no pixel tells it.
-    pixels : int
-        Pixels that tell it.
+        if no pixel determines it. pixels : int Pixels that determine it.
     is_sum : (pixel,) bool
         Whether the pixel's edge has phasor sums: a share of `least_phasor_share` and more, and more than by chance.
     """
@@ -41,9 +39,9 @@ class Law:
 def measure_law(image: PhasorImage, labels: Labels, settings: LawSettings) -> Law:
     """Measure the share of phasor sums, of the image and of each edge.
 
-    Edges between surfaces, and those of a surface beside open space, are measured apart: a camera may sum the one and
-    not the other. Where an edge differs from the others of its kind, its own share is taken, if such edges have more
-    pixels than wrong surfaces may have.
+    Edges between surfaces, and edges of a surface next to open space, are measured separately: a camera may sum at one
+    kind and not at the other. Where an edge differs from the others of its kind, its own share is taken, if such edges
+    have more pixels than wrong surfaces may have.
     """
     value, error = _of_pixels(image, labels, settings)
     informative = error < settings.most_error

@@ -331,8 +331,9 @@ def _widen(
 ) -> None:  # fmt: skip
     """Widen a fit's covariance where its residuals scatter more than noise.
 
-    All of it by the excess, at least 1. That of its value by what a surface is, beside its plane: of a crease, or of
-    one that is curved. It is the scatter of residuals beyond noise and chance, and does not decrease with more pixels.
+    The whole covariance is multiplied by the excess, at least 1. The variance of the value also includes the deviation
+    of a surface from its plane, at a crease or on a curved surface: the scatter of residuals beyond noise and chance,
+    which does not decrease with more pixels.
     """
     used, square, total, squares, level = 0, 0.0, 0.0, 0.0, 0.0
     for k in range(size):

@@ -97,7 +97,7 @@ def test_a_circle_too_short_for_the_camera_is_refused(tofmix: Tofmix, tmp_path: 
     assert "shorter than 10 sigma" in outcome.err
 
 
-def test_a_range_max_at_the_fold_leaves_no_c0_and_says_so(tofmix: Tofmix, tmp_path: Path) -> None:
+def test_range_max_at_the_fold_leaves_out_c0_with_a_note(tofmix: Tofmix, tmp_path: Path) -> None:
     outcome = tofmix("estimate", _folded(tmp_path / "a.h5", range_max_mm=7490.0), "--wrap", "--mixing", "events")
     assert outcome.code == 0
     assert "c_0 is left out" in outcome.err

@@ -50,9 +50,7 @@ class Stored(ArrayRecording):
     step=st.tuples(st.integers(1, 50), st.integers(1, 40)),
     least=st.integers(1, 400),
 )
-def test_every_sample_is_read_once_whatever_is_stored_together(
-    shape: tuple[int, int], step: tuple[int, int], least: int
-) -> None:
+def test_every_sample_is_read_once_for_any_chunks(shape: tuple[int, int], step: tuple[int, int], least: int) -> None:
     samples = np.arange(shape[0] * shape[1], dtype=np.float32).reshape(*shape, 1)
     recording = Stored(samples, step)
     with pytest.MonkeyPatch.context() as patch:
@@ -96,7 +94,7 @@ def test_random_values_spread_over_the_working_range_or_the_extreme_samples(
     assert beam_of(sensor).outlier_density == pytest.approx(1e-4 / (interval[1] - interval[0]))
 
 
-def test_a_wild_sample_anywhere_changes_the_density_everywhere_alike() -> None:
+def test_one_wild_sample_changes_the_outlier_density_of_all_pixels() -> None:
     rng = np.random.default_rng(4)
     samples = (1200.0 + 12.0 * rng.standard_normal((60, 4, 3))).astype(np.float32)
     samples[7, 0, 0] = 1500.0  # a random value of the first pixel

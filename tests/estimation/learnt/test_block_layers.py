@@ -70,7 +70,7 @@ def test_probability_is_the_chance_that_noise_gains_as_little(rng: np.random.Gen
     assert (strict.n_modes < layers.n_modes).any()
 
 
-def test_without_learnt_noise_the_kernel_is_not_asked() -> None:
+def test_without_learnt_noise_the_kernel_is_not_called() -> None:
     with pytest.raises(ValueError, match="carries no learnt noise"):
         layers_with_learnt(
             np.zeros((1, 5), dtype=np.float32), beam_of(PLAIN), PLAIN, EstimateOptions(), Layers.empty((1,), 6)

@@ -42,7 +42,7 @@ def test_surfaces_in_one_window_are_no_clear_cluster(rng: np.random.Generator) -
     assert (_of_pixels(clusters) == 0).mean() > 0.99
 
 
-def test_nothing_but_background_crowds_nowhere(rng: np.random.Generator) -> None:
+def test_background_alone_has_no_cluster(rng: np.random.Generator) -> None:
     clusters = find_clusters(_rows(rng.uniform(300.0, 6000.0, (FRAMES, PIXELS))), BEAM)
     assert (_of_pixels(clusters) == 0).mean() > 0.99
 

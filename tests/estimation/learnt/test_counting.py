@@ -77,9 +77,7 @@ def test_share_of_a_removed_surface_goes_to_all_others_and_the_last_ones_to_back
 @pytest.mark.compiled("hundreds of pixels")
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("name", KNOWN)
-def test_surfaces_six_sigma_apart_are_counted_whatever_the_shape(
-    name: str, count: int, rng: np.random.Generator
-) -> None:
+def test_surfaces_six_sigma_apart_are_counted_for_any_shape(name: str, count: int, rng: np.random.Generator) -> None:
     samples = surfaces(rng, (120, 200), PLACES[:count], SHARES[count], errors=KNOWN[name].draw)
     layers = layer_pixels(samples, camera_with(pixel_noise(name), flat(8.0)))
     assert (layers.n_modes == count).mean() >= 0.985
@@ -112,7 +110,7 @@ def test_background_of_each_pixel_is_found_and_its_surface_too(background: float
 
 
 @pytest.mark.parametrize("name", ["gaussian", "skewed"])
-def test_nothing_but_background_is_no_surface(name: str, rng: np.random.Generator) -> None:
+def test_background_alone_has_no_surface(name: str, rng: np.random.Generator) -> None:
     samples = rng.uniform(LOW_MM, TOP_MM, (100, 150))
     layers = layer_pixels(samples, camera_with(pixel_noise(name, background=ON_BACKGROUND), flat(9.0, 16.0)))
     assert (layers.n_modes == 0).mean() >= 0.97

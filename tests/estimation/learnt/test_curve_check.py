@@ -45,7 +45,7 @@ def test_widths_shape_drift_and_background_are_each_doubted_by_name(rng: np.rand
     assert _doubts(surfaces(rng, size, (2000.0,), background=0.1), outliers=0.1) == []
 
 
-def test_where_no_cluster_stands_clear_differences_tell(rng: np.random.Generator) -> None:
+def test_without_clear_clusters_differences_test_the_curve(rng: np.random.Generator) -> None:
     close = surfaces(rng, (FRAMES, PIXELS), (2000.0, 2000.0 + 6.0 * SIGMA_MM), (0.5, 0.5))
     assert _doubts(close, 0.1 * SIGMA_MM) == ["width"]
 

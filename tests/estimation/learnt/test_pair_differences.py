@@ -18,7 +18,7 @@ def _sigma(samples: FloatArray) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("background", [0.0, 0.3, 0.6])
 @pytest.mark.parametrize("places", [(2000.0,), (1800.0, 2400.0), (1500.0, 1900.0, 3000.0)])
-def test_sigma_is_right_whatever_number_of_surfaces_all_pixels_see(
+def test_sigma_is_right_for_any_number_of_surfaces_in_all_pixels(
     places: tuple[float, ...], background: float, rng: np.random.Generator
 ) -> None:
     shares = tuple(np.full(len(places), 1.0 / len(places)))

@@ -51,7 +51,7 @@ def test_background_lies_within_the_working_range_alone() -> None:
     np.testing.assert_allclose(floor, [0.0, 0.1 / 5000.0, 0.1 / 5000.0, 0.0])
 
 
-def test_a_share_without_a_return_stands_at_the_end_of_the_range() -> None:
+def test_share_without_a_return_lies_at_the_end_of_the_range() -> None:
     shown = pixel_mixture(
         camera(Parts(), (1, 1)), range_mm=np.zeros(0), sigma_mm=np.zeros(0), weight=np.zeros(0), width=np.nan,
         background=np.nan, no_return=1.0, samples_mm=None,
@@ -76,7 +76,7 @@ def test_the_drift_of_a_pixel_is_found_from_its_samples(size: float) -> None:
     assert found.drift_extent_mm()[0] == pytest.approx(extent, rel=0.1, abs=6.0)
 
 
-def test_two_surfaces_drift_each_for_itself() -> None:
+def test_two_surfaces_have_separate_drifts() -> None:
     rng = np.random.default_rng(5)
     first = rng.random(600) < 0.5
     moves = np.where(first, 40.0, -30.0) * times(600)
@@ -96,7 +96,7 @@ def test_without_samples_on_a_circle_or_without_learnt_drift_nothing_drifts() ->
         assert shown.drifts == drifts
 
 
-def test_drift_takes_less_freedom_where_the_prior_tells_it() -> None:
+def test_drift_takes_fewer_degrees_of_freedom_with_a_narrow_prior() -> None:
     rng = np.random.default_rng(6)
     law, _ = PixelNoise.of(camera(DRIFTING, (1, 1))).laws()
     narrow, _ = PixelNoise.of(camera(Parts(drift_mm=(2.0, 0.0, 0.0)), (1, 1))).laws()

@@ -104,7 +104,7 @@ def test_order_of_frames_changes_no_layer_where_noise_does_not_drift(rng: np.ran
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("few_draws")
-def test_a_step_in_mid_window_stays_two_layers_beside_pixels_that_drift(rng: np.random.Generator) -> None:
+def test_step_in_mid_window_stays_two_layers_among_drifting_pixels(rng: np.random.Generator) -> None:
     frames, pixels = 100, 300
     time = np.linspace(-1.0, 1.0, frames)[:, np.newaxis]
     drift = 1.5 * SIGMA_MM * rng.choice([-1.0, 1.0], pixels) * time
@@ -117,7 +117,7 @@ def test_a_step_in_mid_window_stays_two_layers_beside_pixels_that_drift(rng: np.
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("few_draws")
-def test_nothing_but_background_shows_no_surface(rng: np.random.Generator) -> None:
+def test_recording_of_background_alone_has_no_surface(rng: np.random.Generator) -> None:
     _, layers = _learnt(rng.uniform(LOW_MM, TOP_MM, (60, 300)))
     assert (layers.n_modes > 0).mean() <= 0.02
 
@@ -136,7 +136,7 @@ def test_samples_in_steps_of_two_sigma_teach_without_failure(rng: np.random.Gene
     assert (layers.n_modes == 1).mean() >= 0.85
 
 
-def test_constant_samples_are_said_to_be_equal_and_are_one_surface() -> None:
+def test_constant_samples_are_reported_and_are_one_surface() -> None:
     samples = np.full((60, 300), 2000.0)
     found = learn_noise(_recording(samples), window_frames=60)
     assert found.line().endswith("the samples of most pixels are all equal")

@@ -31,7 +31,7 @@ def _calibrated(
 FULL = pixel_noise("skewed", background=(1.0, 5.0), width_spread=0.2, drift_mm=(10.0, 0.0, 0.0), memory=0.3)
 
 
-def test_the_same_noise_gives_the_same_gains_whatever_the_workers() -> None:
+def test_same_noise_gives_the_same_gains_for_any_workers() -> None:
     told: list[tuple[int, int]] = []
     one = _calibrated(FULL, (10, 40), 120, told=told)
     for other in (_calibrated(FULL, (10, 40), 120), _calibrated(FULL, (10, 40), 120, workers=3)):

@@ -18,7 +18,7 @@ from tofmix.sensor import NoiseCurve, Sensor
 @pytest.mark.compiled("a frequency over 8000 pixels")
 @pytest.mark.parametrize("n", [15, 40, 100, 250])
 @pytest.mark.parametrize("false_alarm", [0.05, 0.01])
-def test_false_alarms_are_as_frequent_as_asked_for(
+def test_false_alarms_have_the_requested_rate(
     n: int, false_alarm: float, rng: np.random.Generator, sensor: Sensor
 ) -> None:
     pixels = 8000
@@ -31,7 +31,7 @@ def test_false_alarms_are_as_frequent_as_asked_for(
 
 
 @pytest.mark.compiled("a frequency over 20000 pixels")
-def test_by_default_hardly_any_surface_is_doubled(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_few_surfaces_are_doubled_by_default(rng: np.random.Generator, sensor: Sensor) -> None:
     samples = draw(rng, sensor, ranges_mm=[2500], shares=[1.0], n=100, pixels=20000, outliers=1e-4)
     # 20 +- 4.5 expected
     assert np.sum(layer_pixels(samples, sensor).n_modes != 1) < 20 + 4 * 4.5

@@ -73,6 +73,6 @@ def test_no_surface_leaves_no_return_and_outliers(rng: np.random.Generator, sens
 
 
 @pytest.mark.parametrize(("samples", "start"), [([], [1.0]), ([np.nan], [1.0]), ([1.0], [np.inf])])
-def test_fit_refuses_what_is_not_finite(samples: list[float], start: list[float], sensor: Sensor) -> None:
+def test_fit_refuses_means_that_are_not_finite(samples: list[float], start: list[float], sensor: Sensor) -> None:
     with pytest.raises(ValueError, match="finite"):
         fit_mixture(samples, start, sensor)

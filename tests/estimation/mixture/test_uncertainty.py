@@ -76,7 +76,7 @@ def test_shares_have_errors_that_cover_the_truth(rng: np.random.Generator, senso
     assert np.all((cover > 0.925) & (cover < 0.975))
 
 
-def test_a_share_without_rivals_is_exact(rng: np.random.Generator, sensor: Sensor) -> None:
+def test_share_without_a_competitor_has_no_error(rng: np.random.Generator, sensor: Sensor) -> None:
     layers = layer_pixels(draw(rng, sensor, ranges_mm=[1500], shares=[1], n=64, pixels=20), sensor)
     assert not layers.weight_stderr[layers.n_modes == 1, 0].any()
 

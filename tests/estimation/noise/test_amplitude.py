@@ -139,7 +139,7 @@ def test_one_surface_stays_one_at_any_amplitude(rng: np.random.Generator, light:
         assert abs(float(np.nanmean(wrong.sigma[:, 0])) / sigma - 1.0) > 0.1
 
 
-def test_the_order_of_frames_changes_nothing(rng: np.random.Generator) -> None:
+def test_order_of_frames_does_not_change_the_curve(rng: np.random.Generator) -> None:
     shape = 50, sized(40, 3)
     samples = np.rint(rng.choice([1500.0, 1560.0, 2500.0], shape) + 15.0 * rng.standard_normal(shape))
     light = rng.uniform(20.0, 800.0, samples.shape)

@@ -51,7 +51,7 @@ def test_drift_is_that_within_a_window(rng: np.random.Generator, drift: float, f
     assert found.scatter_over_curve == pytest.approx(1.0, rel=0.03)  # the trend is taken out
 
 
-def test_few_pixels_that_see_two_surfaces_change_nothing(rng: np.random.Generator) -> None:
+def test_few_pixels_of_two_surfaces_do_not_change_the_scatter(rng: np.random.Generator) -> None:
     samples = _recording(rng).read_range(slice(None), slice(None)).copy()
     there = rng.random((60, 12, 5)) < 0.5
     samples[:, :, :5] += np.where(there, 800.0, 0.0)
@@ -71,7 +71,7 @@ def test_rounding_is_no_scatter_and_hides_none(rng: np.random.Generator) -> None
     assert _check(_recording(rng, step=100.0)).scatter_over_curve is None
 
 
-def test_constant_samples_scatter_nothing() -> None:
+def test_constant_samples_have_no_scatter() -> None:
     found = _check(ArrayRecording(np.full((30, 12, 16), 1500.0), CAMERA))
     assert found.scatter_over_curve == 0.0
 

@@ -35,7 +35,7 @@ def test_a_few_stuck_pixels_among_scattered_ones_are_no_constant(rng: np.random.
     assert no_return_constant(scene(rng, scattered)) is None
 
 
-def test_walls_beside_the_constant_do_not_hide_it(rng: np.random.Generator) -> None:
+def test_walls_near_the_constant_do_not_hide_it(rng: np.random.Generator) -> None:
     mixed = 5800.0 + 190.0 * rng.standard_normal((30, 4, 5))
     mixed[:, 3] = 6000.0
     assert no_return_constant(scene(rng, mixed)) == 6000.0

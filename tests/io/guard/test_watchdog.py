@@ -33,7 +33,7 @@ def test_a_read_that_hangs_ends_the_program(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_reads_that_end_in_time_are_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reads_that_end_in_time_are_not_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TOFMIX_READ_TIMEOUT", "0.2")
     monkeypatch.setattr("tofmix.io.guard.watchdog.POLL_S", 0.01)
     told: list[tuple[str, float]] = []

@@ -57,7 +57,7 @@ def test_a_file_of_a_bag_is_enough(tmp_path: Path) -> None:
     np.testing.assert_array_equal(depths(file), images())
 
 
-def test_the_bags_time_stands_in_for_a_stamp_of_zero(tmp_path: Path) -> None:
+def test_time_of_the_bag_replaces_a_stamp_of_zero(tmp_path: Path) -> None:
     with new_bag(tmp_path, "ros1") as (bag, path):
         for number, image in enumerate(images()):
             bag.image(DEPTH, image, stamp_ns=0, bag_ns=(50 + 2 * number) * SECOND)
@@ -92,7 +92,7 @@ def test_frames_do_not_wait_without_end_for_their_amplitudes(tmp_path: Path) -> 
     assert all(frame.amplitude is None for frame in frames)
 
 
-def test_intrinsics_come_from_the_topic_beside_the_depths(tmp_path: Path) -> None:
+def test_intrinsics_come_from_the_camera_info_of_the_depths(tmp_path: Path) -> None:
     with new_bag(tmp_path, "sqlite3") as (bag, path):
         bag.info("/camera/color/camera_info", (480, 640), (600.0, 600.0, 320.0, 240.0))
         bag.info(INFO, (4, 6), (5.0, 5.5, 2.5, 1.5))

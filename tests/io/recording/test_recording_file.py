@@ -302,7 +302,7 @@ def test_the_same_frames_give_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a.h5").read_bytes() == (tmp_path / "b.h5").read_bytes()
 
 
-def test_an_unfinished_recording_leaves_nothing(tmp_path: Path) -> None:
+def test_unfinished_recording_leaves_no_file(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "r.h5", shape=(10, 2, 2), sensor=CAMERA)
     with pytest.raises(KeyboardInterrupt), writer:
         raise KeyboardInterrupt

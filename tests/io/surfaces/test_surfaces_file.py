@@ -127,7 +127,7 @@ def test_the_same_surfaces_give_the_same_bytes(tmp_path: Path) -> None:
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
-def test_a_file_is_not_replaced_unasked_and_the_input_never(path: Path) -> None:
+def test_file_is_replaced_only_with_overwrite_and_the_input_never(path: Path) -> None:
     before = path.read_bytes()
     with pytest.raises(UsageError, match="--overwrite"):
         write_surfaces(path, nothing_found())
@@ -238,7 +238,7 @@ def test_impossible_windows_are_refused_when_read(three: Path, name: str, value:
         _ = file.surface_window if name == "surface_window" else file.read_edges(0)
 
 
-def test_several_windows_need_to_say_which_window_an_edge_is_of(three: Path) -> None:
+def test_several_windows_need_the_window_of_each_edge(three: Path) -> None:
     with h5py.File(three, "r+") as root:
         del root["edge_window"]
     with open_surfaces(three) as file, pytest.raises(BadInputError, match="no dataset edge_window, but 3 windows"):

@@ -145,7 +145,7 @@ def _comparison() -> tuple[Source, Source, Comparison]:
     return a, b, compare(a, b)
 
 
-def test_the_table_says_what_json_says() -> None:
+def test_table_and_json_have_the_same_numbers() -> None:
     _, _, found = _comparison()
     text = format_comparison(found, names=("a.layers.h5", "b\x1b.layers.h5"), allow=0.0)
     assert text.isascii()
@@ -158,7 +158,7 @@ def test_the_table_says_what_json_says() -> None:
 
 
 @pytest.mark.slow
-def test_the_page_stands_alone_and_is_the_same_each_time() -> None:
+def test_page_needs_no_other_file_and_is_repeatable() -> None:
     a, b, found = _comparison()
     page = render_comparison(a, b, comparison=found, window=None, names=("a.layers.h5", "b.layers.h5"))
     assert page == render_comparison(a, b, comparison=found, window=None, names=("a.layers.h5", "b.layers.h5"))

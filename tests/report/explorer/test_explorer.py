@@ -105,7 +105,7 @@ def test_names_cannot_end_the_script(
     assert "<" not in found.text
 
 
-def test_components_have_the_learnt_shape_and_of_a_gaussian_nothing_is_said(
+def test_components_have_the_learnt_shape_and_a_gaussian_has_no_note(
     make_layers: Callable[..., Layers], make_source: Callable[..., LayersSource]
 ) -> None:
     layers = make_layers()
@@ -120,7 +120,7 @@ def test_components_have_the_learnt_shape_and_of_a_gaussian_nothing_is_said(
     assert "shape" not in background
 
 
-def test_drift_of_pixels_is_said_where_there_are_samples(
+def test_drift_of_pixels_is_noted_with_samples(
     make_layers: Callable[..., Layers],
     make_source: Callable[..., LayersSource],
     make_recording: Callable[..., SampleSource],

@@ -134,7 +134,7 @@ def test_the_curve_has_a_point_for_each_pixel_in_view() -> None:
     assert axes.get_title(loc="left") == "2 pixels above this view"
 
 
-def test_the_shape_stands_beside_the_gaussian_and_the_samples() -> None:
+def test_shape_is_drawn_with_the_gaussian_and_the_samples() -> None:
     case = made(Parts(shape=skewed(1.0)), frames=400, image=IMAGE)
     source = ArrayRecording(case.samples_mm.astype(np.float32), case.sensor)
     layers = layers_of(Parts())
@@ -157,7 +157,7 @@ def test_the_shape_stands_beside_the_gaussian_and_the_samples() -> None:
 
 
 @pytest.mark.parametrize("spread", [0.02, 0.2, 1.0])
-def test_widths_are_counted_beside_the_learnt_spread(spread: float) -> None:
+def test_histogram_of_widths_is_drawn_with_the_learnt_spread(spread: float) -> None:
     widths = np.exp(spread * np.random.default_rng(2).standard_normal(4000))
     with drawing(LIGHT):
         (axes,) = drawn(width_figure(widths, spread, theme=LIGHT)).axes

@@ -67,7 +67,7 @@ def test_labels_name_counts_and_ranges() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 16, 144, 640])
-def test_ticks_stand_in_the_middle_of_their_pixels(count: int) -> None:
+def test_ticks_lie_in_the_middle_of_their_pixels(count: int) -> None:
     ticks = pixel_ticks(count)
     assert ticks[0] == (round(50 / count, 2), 0)
     assert all(place == round(100 * (n + 0.5) / count, 2) and n < count for place, n in ticks)

@@ -253,7 +253,7 @@ CHORDS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", CHORDS)
-def test_labels_of_ends_stand_inside_the_axes_and_apart(name: str) -> None:
+def test_labels_of_ends_lie_inside_the_axes_without_overlap(name: str) -> None:
     figure = drawn(made_plane(Mixing.PHASOR, CHORDS[name]))
     axes = main_axes(figure)
     assert axes.get_aspect() == 1.0

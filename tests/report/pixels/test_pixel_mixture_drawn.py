@@ -115,7 +115,7 @@ def test_the_mixture_of_a_circle_is_drawn_across_the_fold() -> None:
     assert trapezoid(p, range_mm / 1000.0) == pytest.approx(0.9, abs=0.02)
 
 
-def test_layers_whose_numbers_cannot_be_have_no_component() -> None:
+def test_layers_with_impossible_numbers_have_no_component() -> None:
     sensor = camera(Parts(drift_mm=(40.0, 0.0, 0.0)), (1, 1))
     layers = one_pixel((1500.0, 2000.0), 0.1, 1.0)
     layers.sigma[0, 0, 0] = np.nan

@@ -39,7 +39,7 @@ def looked_at(case: Made, layers: Layers, samples: FloatArray | None = None) -> 
         ALL,
     ],
 )
-def test_half_the_central_width_is_sigma_whatever_the_other_parts(parts: Parts) -> None:
+def test_half_the_central_width_is_sigma_for_any_other_parts(parts: Parts) -> None:
     case = made(parts, frames=60, image=(20, 30), seed=2)
     spread = looked_at(case, true_layers(case, background=parts.background)).spread()
     assert spread is not None
@@ -117,7 +117,7 @@ def test_ranges_on_a_circle_are_held_to_their_layer_across_the_fold() -> None:
     np.testing.assert_allclose(found.over_curve, 1.0, atol=0.25)
 
 
-def test_pixels_whose_numbers_cannot_be_are_passed_over() -> None:
+def test_pixels_with_impossible_numbers_are_skipped() -> None:
     case = made(Parts(drift_mm=(60.0, 20.0, 10.0)), frames=30, image=(2, 3))
     layers = true_layers(case)
     layers.sigma[0, 0, 0], layers.sigma[0, 1, 0], layers.range[0, 2, 0] = np.nan, 0.0, np.inf

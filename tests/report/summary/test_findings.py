@@ -34,7 +34,7 @@ def test_each_count_has_its_finding() -> None:
     assert found[0].line.endswith("Try: tofmix estimate 'a b.h5' --window 80 --overwrite")
 
 
-def test_one_layer_files_are_not_told_to_have_more() -> None:
+def test_files_of_one_layer_get_no_advice_on_max_layers() -> None:
     assert count_findings(pixels=10, by_status={}, by_surfaces=[0, 10], max_layers=1, remedy=REMEDY) == []
 
 
@@ -43,13 +43,13 @@ def test_file_without_surfaces_is_reported() -> None:
     assert [f.code for f in found] == ["no_surface_anywhere"]
 
 
-def test_one_window_is_not_told_to_be_longer() -> None:
+def test_files_of_one_window_get_no_advice_on_window_length() -> None:
     alone = Remedy(recording="a.h5", window_frames=40)
     found = count_findings(pixels=1, by_status={"too_few_samples": 1}, by_surfaces=[0, 1], max_layers=2, remedy=alone)
     assert [f.commands for f in found] == [()]
 
 
-def test_close_layers_name_both_remedies_and_what_was_tried_no_more() -> None:
+def test_close_layers_name_both_remedies_except_those_already_tried() -> None:
     def commands(remedy: Remedy) -> tuple[str, ...]:
         found = count_findings(pixels=10, by_status={}, by_surfaces=[0, 9, 1], max_layers=4, close=1, remedy=remedy)
         return found[0].commands

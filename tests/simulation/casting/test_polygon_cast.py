@@ -99,7 +99,7 @@ def test_more_surfaces_than_areas_are_worked_out_for_are_cast_by_beams() -> None
     compare(model, share=0.0015, range_mm=0.3)
 
 
-def test_no_surface_returns_nothing_anywhere() -> None:
+def test_scene_without_surfaces_has_no_return() -> None:
     truth = PolygonCaster(camera()).cast(Model(sensor=camera()))
     assert not truth.n_modes.any()
 

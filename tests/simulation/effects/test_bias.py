@@ -36,9 +36,7 @@ def test_wiggling_swings_four_times_a_turn(bench: Bench, plain_wall: Recorded, a
 
 
 @pytest.mark.parametrize(("scale", "exponent"), [(0.0, 1.0), (10.0, 1.0), (-8.0, 0.5), (20.0, 0.0)])
-def test_walk_goes_with_a_power_of_the_amplitude(
-    bench: Bench, plain_wall: Recorded, scale: float, exponent: float
-) -> None:
+def test_walk_is_a_power_of_the_amplitude(bench: Bench, plain_wall: Recorded, scale: float, exponent: float) -> None:
     parameters = {"scale_mm": scale, "reference_amplitude": 100.0, "exponent": exponent}
     bias, plain = moved(bench, plain_wall, "amplitude_walk", **parameters)
     expected = scale * (100.0 / plain.true_amplitude) ** exponent

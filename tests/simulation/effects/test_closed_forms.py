@@ -127,7 +127,7 @@ def test_at_zero_magnitude_the_recording_is_the_one_without(text: str) -> None:
     np.testing.assert_array_equal(record(text, frames=20).stored, record(frames=20).stored)
 
 
-def test_at_zero_magnitude_all_together_change_nothing() -> None:
+def test_all_effects_of_zero_magnitude_change_no_sample() -> None:
     each_once = "".join({text.split("'")[1]: text for text in NOTHING}.values())
     np.testing.assert_array_equal(record(each_once, frames=20).stored, record(frames=20).stored)
 

@@ -59,7 +59,7 @@ def test_a_turned_pose_gives_the_cast_of_the_model_with_the_edited_surface(
     )
 
 
-def test_turn_is_said_only_where_there_is_one() -> None:
+def test_explain_names_a_turn_only_if_there_is_one() -> None:
     shifted = effect("surface_pose", surface="near", shift_mm=12.0)
     assert shifted.explain() == '"near" lies +12 mm along its normal from its position in the model'
     turned = effect("surface_pose", surface="near", shift_mm=12.0, pitch_deg=-1.5)

@@ -142,7 +142,7 @@ def test_flying_samples_are_the_phasor_sum(bench: Bench, probability: float) -> 
             assert z[some].var() == pytest.approx(1, abs=4 * (2 / n) ** 0.5)
 
 
-def test_a_surface_and_nothing_fly_as_the_surface_with_its_share_of_light(bench: Bench) -> None:
+def test_mixed_sample_of_a_surface_and_open_space_keeps_the_range(bench: Bench) -> None:
     """No no-return sample is left; the range is the surface's, the amplitude its share, sigma over the share."""
     recorded = bench.boards(effect("flying_pixels", probability=1.0), frames=2000, outlier_probability=0.0)
     truth = recorded.truth

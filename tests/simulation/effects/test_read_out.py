@@ -87,7 +87,7 @@ def test_stuck_pixels_return_one_value(bench: Bench, share: float) -> None:
     np.testing.assert_array_equal(rest[rest > 0], plain.stored[:, ~stuck][rest > 0])
 
 
-def test_a_map_says_which_pixels_are_stuck(bench: Bench, plain_wall: Recorded) -> None:
+def test_map_selects_the_stuck_pixels(bench: Bench, plain_wall: Recorded) -> None:
     values = np.full((6, 40), np.nan, dtype=np.float32)
     values[2, 3], values[5, 39] = 777, 65_534
     other = bench.wall(effect("stuck_pixels", map=PixelMap("", values)))

@@ -51,8 +51,8 @@ def sensor_with_span(source: SampleSource, unambiguous_range_mm: float | None = 
     Returns
     -------
     Sensor
-        With `sample_min_mm` and `sample_max_mm`, or without them where the working range, or the circle, says where
-        random values are.
+        With `sample_min_mm` and `sample_max_mm`, or without them if the working range, or the circle, is the interval
+        of random values.
     """
     sensor, span = source.sensor, None
     if sensor.range_max_mm is None and unambiguous_range_mm is None:

@@ -88,7 +88,7 @@ def estimate_cells(
     Yields
     ------
     (Cell, T)
-        What `finish` returned; bands one after the other, each in the order of its windows.
+        Result of `finish`; bands one after the other, each in the order of its windows.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Check of a recording against its noise curve, and the drift of its ranges, before an estimate.
 
 Use `check_consistency`. It reads only some pixels of the first window, so it takes little time compared with an
-estimate. What it returns are statistics; `tofmix.report.summary.findings` decides which are reported.
+estimate. It returns statistics; `tofmix.report.summary.findings` decides which are reported.
 """
 
 import math

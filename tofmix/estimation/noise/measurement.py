@@ -100,7 +100,7 @@ def measure_noise(source: SampleSource, *, settings: NoiseSettings = DEFAULT_SET
     Raises
     ------
     ValueError
-        If too few pixels see one surface; the text says what is missing.
+        If too few pixels see one surface; the text names the missing data.
 
     References
     ----------
@@ -134,7 +134,7 @@ def measure_noise(source: SampleSource, *, settings: NoiseSettings = DEFAULT_SET
 
 
 def single_surface(found: SeriesStatistics, settings: NoiseSettings = DEFAULT_SETTINGS) -> IntArray:
-    """Numbers of the series that are shaped as one surface, by range; all with samples where hardly any is."""
+    """Numbers of the series of one surface, by range; all with samples if hardly any passes the tests of shape."""
     usable = found.kept > 0
     fits = usable & shaped_as_one(found, settings.strictness)
     # Noise that is not Gaussian fails the tests nearly everywhere: then they tell nothing of surfaces.
@@ -164,7 +164,7 @@ def _what_is_missing(
 
 
 class _Spread:
-    """The series that tell of the noise, by range, in bins."""
+    """The series that measure the noise, by range, in bins."""
 
     def __init__(
         self, series: Series, found: SeriesStatistics, chosen: IntArray, bins: Sequence[slice], step: float,
@@ -249,7 +249,7 @@ def _without_constant_pile(points: list[Point], sensor: Sensor, pile_sigma: floa
 
 
 def _pixels(curve: NoiseCurve, points: Sequence[Point], pixel: IntArray) -> IntArray:
-    """Pixels that tell each point of the curve; 0 between the bins' centres."""
+    """Pixels that determine each point of the curve; 0 between the bins' centres."""
     count = np.zeros(len(curve.range_mm), dtype=np.int64)
     for point in points:
         nearest = int(np.argmin(np.abs(curve.range_mm - point.centre)))
@@ -260,12 +260,12 @@ def _pixels(curve: NoiseCurve, points: Sequence[Point], pixel: IntArray) -> IntA
 def disagreement(measured: MeasuredNoise, curve: NoiseCurve) -> tuple[float, float]:
     """Largest difference of a curve and the recording: range, mm, and the curve's sigma over the measured one.
 
-    Only the ranges at which the recording tells sigma count.
+    Only ranges at which the recording determines sigma count.
 
     Parameters
     ----------
     measured : MeasuredNoise
-        What `measure_noise` returned.
+        Result of `measure_noise`.
     curve : NoiseCurve
         The curve to check.
 

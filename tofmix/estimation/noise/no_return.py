@@ -1,7 +1,7 @@
 """The value that a camera returns where there is no surface, if it is one value: from the samples of a recording.
 
-Use `no_return_constant` before an estimate. Many cameras return r_max itself, or another constant, where nothing
-answers; others scatter there as they do at a surface. c_0 of equation (1) has the spread of what the recording shows.
+Use `no_return_constant` before an estimate. Without a return, many cameras give r_max or another constant; others
+scatter there as at a surface. c_0 of equation (1) has the spread that the recording shows.
 """
 
 import numpy as np

@@ -94,13 +94,13 @@ def _alone(
 
 
 def _overlap(first: FloatArray, last: FloatArray, edges: FloatArray) -> FloatArray:
-    """Length (series, cell) of what the intervals [first, last] cover of each cell."""
+    """Length (series, cell) of each cell that the intervals [first, last] cover."""
     cover = np.minimum(last[:, None], edges[None, 1:]) - np.maximum(first[:, None], edges[None, :-1])
     return np.asarray(np.maximum(cover, 0.0), dtype=np.float64)
 
 
 def _share(seen: FloatArray, exposure: FloatArray, length: float, least_in_cell: int) -> float:
-    """p(c_r) from outliers seen in each cell and what was exposed, samples times mm."""
+    """p(c_r) from the outliers in each cell and its exposure, samples times mm."""
     total, exposed = float(seen.sum()), float(exposure.sum())
     trials = max(exposed / length, 1.0)
     share = (total + 0.5) / (trials + 1.0)

@@ -20,13 +20,13 @@ from tofmix.estimation.samples import FARTHEST_MM
 from tofmix.sensor import NoiseCurve
 
 APART_SIGMAS = 3.0
-"""A wider gap between neighbouring samples parts two clusters, each with an amplitude of its own."""
+"""A wider gap between neighbouring samples separates two clusters, each with its own amplitude."""
 
 NEAR_SIGMAS = 1.0
-"""Within a cluster, samples this near tell the amplitude at a range."""
+"""Within a cluster, samples this near give the amplitude at a range."""
 
 CLUSTER_SAMPLES = 3.0
-"""Weight of the cluster's median amplitude beside theirs, in samples: few of them tell little."""
+"""Weight of the cluster's median amplitude in this mean, in samples, for ranges with few samples."""
 
 
 class _Law(NamedTuple):
@@ -124,7 +124,8 @@ def pixel_curves(block: Float32Array, amplitude: Float32Array, curve: NoiseCurve
     block : (frame, pixel) float32
         Samples, mm; values that are not finite, or beyond 10^9 mm, are skipped.
     amplitude : (frame, pixel) float32
-        Their amplitudes. One that is not a number above 0 tells nothing: its neighbours do, or the curve.
+        Their amplitudes. An amplitude that is not a number above 0 is replaced by those of its neighbours, or by the
+        curve.
     curve : NoiseCurve
         With a law.
 

@@ -1,10 +1,9 @@
 """The noise of groups of series of which some see more than one surface.
 
-Use `locate` on the logarithms of their standard deviations, one group a range.
-Two surfaces that a series cannot tell apart make it wider, never narrower. So a
-series is either single, its variance chi-square about sigma^2, or wider by an
-unknown factor. What share is wider, by how much, and how far sigma itself differs
-between pixels, are learned from all groups together: one group says little of it.
+Use `locate` on the logarithms of their standard deviations, one group a range. Two surfaces that a series does not
+separate make it wider, never narrower. So a series is either single, its variance chi-square about sigma^2, or wider by
+an unknown factor. The share of wider series, their factor, and the spread of sigma between pixels come from all groups
+together, because a single group has too few series.
 """
 
 import math

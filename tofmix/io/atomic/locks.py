@@ -1,8 +1,8 @@
 """One run an output: the temporary file that becomes the output is locked by the run that writes it.
 
 The kernel drops the lock when the run ends, however it ends. So a second run is refused at once. A temporary file
-without a lock belongs to a dead run and is removed. The name of a temporary file tells the machine: on a disk that
-several machines share, none touches another's, for locks need not reach that far.
+without a lock belongs to a dead run and is removed. The name of a temporary file contains the machine. On a shared disk
+no machine touches another's files, because locks may not work between machines.
 """
 
 import errno
@@ -33,7 +33,7 @@ _MOST_DESCRIPTORS = 4096
 _cleared: set[Path] = set()
 
 _begun: set[Path] = set()
-"""Files that are about to be created and locked: whether they are ours yet is for the lock to say."""
+"""Files that are about to be created and locked: the lock decides whether they belong to this process."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ def _lock(path: Path) -> OutputLock | None:
 
 
 def _without_locks(target: Path) -> OutputLock:
-    """Create a file of a name that no other run has; nobody is refused, and a dead run's stays."""
+    """Create a file with a name of no other run; no run is refused, and files of dead runs stay."""
     path = target.with_name(f".{target.name}.{secrets.token_hex(6)}{_ENDING}")
     return OutputLock(path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
 

@@ -120,7 +120,7 @@ def export_points(
     points : LayerPoints
         The points; read twice if a header holds their number.
     title : str
-        Where they are from; what is not ASCII becomes a question mark.
+        Their source; characters other than ASCII become question marks.
     progress : callable, optional
         Called with 1 after each block.
     overwrite, inputs

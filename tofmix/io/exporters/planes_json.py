@@ -49,7 +49,7 @@ def _polygon(source: SurfacesFile, surface: int, polygon: Any) -> dict[str, Any]
 
 
 def _ring(source: SurfacesFile, surface: int, ring: Any) -> list[list[float]]:  # noqa: ANN401  shapely has no types
-    """Points of a ring that lie on the plane, closed; a beam beside a grazing one may miss the plane."""
+    """Points of a ring that lie on the plane, closed; a beam next to a grazing one may miss the plane."""
     places = placed(source, surface, np.asarray(ring.coords)[:-1])
     known: list[list[float]] = np.round(places[np.isfinite(places).all(axis=-1)], _DECIMALS).tolist()
     return [*known, *known[:1]]

@@ -32,7 +32,7 @@ class Description:
     kind : str
         ``recording``, ``layers``, ``surfaces``, ``model``, ``sensor``, ``source`` or ``reconciliation``.
     name : str
-        The file as it was named.
+        The file, as given.
     sections : dict of str to dict
         Names of values within each section carry their units; None means unknown.
     warnings : tuple of Finding
