@@ -75,3 +75,19 @@ def test_advice_that_another_advice_contains_is_left_out() -> None:
     both = separate_by(["wiggling"], ["multipath", "surface_pose"])
     assert both == "the same surface at a second distance, without others around it"
     assert separate_by(["range_offset"], ["surface_pose", "wiggling"]).count("; and ") == 1
+
+
+@pytest.mark.slow
+def test_offset_beside_noise_of_one_part_of_the_image_is_named_and_no_pose_is_advised(small: Model) -> None:
+    """More noise everywhere gains next to nothing beside the offset and leaves the spread: it is taken back."""
+    evidence = recorded(small, MAKE["range_offset"](offset_mm=60.0))
+    middle = np.nanmedian(evidence.samples, axis=0)
+    noisier = np.where(np.arange(middle.size) % small.sensor.cols < small.sensor.cols // 3, 1.3, 1.0)
+    samples = np.rint(middle + noisier * (evidence.samples - middle))
+    shown = make_evidence(small, samples.reshape(-1, small.sensor.rows, small.sensor.cols), time_s=evidence.time_s)
+    result = reconcile(small, shown, Settings(kinds=("range_offset", "excess_noise")))
+    assert result.verified.verdict == "partly_explained"
+    assert [n.effect.kind for n in result.named] == ["range_offset"]
+    assert abs(result.named[0].effect.offset_mm - 60.0) < 0.6  # type: ignore[attr-defined]
+    assert not any("surface_pose" in step for step in result.next_steps)
+    assert any("--noise auto" in step for step in result.next_steps)

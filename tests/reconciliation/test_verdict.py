@@ -89,6 +89,16 @@ def test_of_a_spread_that_a_bias_made_an_inexact_law_leaves_a_hundredth(own: flo
     assert inexact(curve("spread", 0.05), before) == pytest.approx(limit, rel=0.01)
 
 
+def test_effects_that_leave_their_statistics_open_are_numbered() -> None:
+    noise = chosen("excess_noise", gain=30.0, factor=1.02)
+    left = findings(panel(bias=2.0, spread=0.1), panel(spread=0.1), chosen(), noise)
+    assert left.unsigned == (1,)
+    assert not left.signed
+    closed = findings(panel(bias=2.0, spread=0.1), panel(), chosen(), noise)
+    assert closed.unsigned == ()
+    assert closed.signed
+
+
 AGAINST: tuple[dict[str, object], ...] = (
     {"law": "range"}, {"own": MAKE["range_offset"](offset_mm=3.0)}, {"bound": True}, {"echo": True}, {"shaped": True}
 )  # fmt: skip

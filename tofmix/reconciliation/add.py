@@ -218,13 +218,9 @@ def _beginning(best: Way) -> Candidate | None:
 def _followed(way: Way) -> Added:
     """Go on from where a search stands to its end."""
     likelihood, settings = way.likelihood, way.settings
-    held = held_out(likelihood, settings)
     stood: list[list[tuple[str, str]]] = []
     while True:
-        # The test asks whether any model within the tolerance agrees with these frames: fitted to others, it would
-        # bring the chance of those along
-        near = settled_within(likelihood, way.state, way.chosen, held, settings.tolerance)
-        panel = compare(likelihood, near, _covered(likelihood, way.state, held), seed=settings.seed)
+        panel = _panel(likelihood, settings, way.state, way.chosen)
         if not disagreements(panel, settings.alpha) or len(way.chosen) >= settings.max_effects:
             break
         names = sorted(name_of(c) for c in way.chosen)
@@ -237,6 +233,53 @@ def _followed(way: Way) -> Added:
         state=way.state, chosen=tuple(way.chosen), first=way.first,
         aliases=tuple(group for group in way.aliases if group[0].kind in kept), panel=panel,
         sets=alternatives(likelihood, way.state, way.chosen, settings) if told else None,
+    )  # fmt: skip
+
+
+def _panel(likelihood: Likelihood, settings: Settings, state: State, chosen: Sequence[Candidate]) -> Compared:
+    """The panel of the model nearest to frames that no fit has seen.
+
+    It asks whether any model within the tolerance agrees with these frames: fitted to others, it would bring the chance
+    of those along.
+    """
+    held = held_out(likelihood, settings)
+    near = settled_within(likelihood, state, chosen, held, settings.tolerance)
+    return compare(likelihood, near, _covered(likelihood, state, held), seed=settings.seed)
+
+
+def without_crumbs(likelihood: Likelihood, settings: Settings, added: Added, failed: Sequence[int]) -> Added | None:
+    """What was added without the crumbs that leave the statistics open in which they must show.
+
+    A crumb is let in because such a statistic stands out. If this still does, the crumb does not explain it. The laws
+    of the others may be wrong by as much, so that they are judged alone.
+
+    Parameters
+    ----------
+    likelihood, settings
+        The recording and the scene; how.
+    added : Added
+        The outcome of a search.
+    failed : sequence of int
+        Numbers of the effects that leave their statistics open.
+
+    Returns
+    -------
+    Added or None
+        None if there is no such crumb.
+    """
+    gains = [c.gain for c in added.chosen]
+    crumbs = {k for k in failed if added.chosen[k].fitted is not None and gains[k] < CRUMB * (sum(gains) - gains[k])}
+    if not crumbs:
+        return None
+    state, chosen = added.state, [c for k, c in enumerate(added.chosen) if k not in crumbs]
+    for k in sorted(crumbs, reverse=True):
+        state = without(state, k)
+    state, chosen = refit(likelihood, state, chosen, fit_part(likelihood, settings))
+    kinds = {c.kind for c in chosen}
+    return replace(
+        added, state=state, chosen=tuple(chosen), panel=_panel(likelihood, settings, state, chosen),
+        aliases=tuple(group for group in added.aliases if group[0].kind in kinds),
+        sets=alternatives(likelihood, state, chosen, settings) if any(summed_up(k) for k in kinds) else None,
     )  # fmt: skip
 
 

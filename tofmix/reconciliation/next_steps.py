@@ -9,7 +9,7 @@ import numpy as np
 
 from tofmix.reconciliation.add import Added
 from tofmix.reconciliation.aliases import Alias
-from tofmix.reconciliation.likelihood import Likelihood
+from tofmix.reconciliation.likelihood import Likelihood, State
 from tofmix.reconciliation.planes import PlanePose, measured_pose
 from tofmix.reconciliation.refit import begin
 from tofmix.reconciliation.summaries import summaries, surfaces_of
@@ -62,7 +62,8 @@ def next_steps(
     """
     steps = [*_of_the_recording(likelihood, verified)]
     if verified.verdict in ("unexplained", "partly_explained"):
-        poses = found_poses(likelihood, settings)
+        named = verified.verdict == "partly_explained"  # the others are no part of the model
+        poses = found_poses(likelihood, settings, verified.state if named else None)
         steps += _of_poses(poses, several=len(likelihood.scene.members) > 1)
         steps += _of_the_search(added, verified, settings, misplaced=bool(poses))
     for alias in unclear:
@@ -148,11 +149,22 @@ def effect_line(found: FoundPose) -> str:
     return "[[effect]] " + "; ".join(['kind = "surface_pose"', *(f"{k} = {json.dumps(v)}" for k, v in values.items())])
 
 
-def found_poses(likelihood: Likelihood, settings: Settings) -> list[FoundPose]:
-    """Surfaces of which another pose explains most of what their samples are off by."""
-    start = begin(likelihood, fit_part(likelihood, settings)[0], settings.tolerance)
+def found_poses(likelihood: Likelihood, settings: Settings, state: State | None = None) -> list[FoundPose]:
+    """Surfaces for which another pose explains most of the remaining biases.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        The recordings and their scenes.
+    settings : Settings
+        How.
+    state : State, optional
+        The model with the effects that are named; the model as given without it.
+    """
+    part = fit_part(likelihood, settings)
+    state = state or begin(likelihood, part[0], settings.tolerance)
     out = []
-    for summary in summaries(likelihood, start, fit_part(likelihood, settings)):
+    for summary in summaries(likelihood, state, part):
         scene = summary.view.scene
         for name, own in surfaces_of(summary):
             if own.sum() < _LEAST_PIXELS:

@@ -107,15 +107,21 @@ class Findings:
         return max(seen, 0.0) * (_FEW if few else 1.0)
 
     @property
-    def signed(self) -> bool:
-        """Whether no effect leaves the statistics open in which it must show."""
+    def unsigned(self) -> tuple[int, ...]:
+        """Numbers of the effects that leave the statistics open in which they must show."""
         loud = disagreements(self.near, self.alpha)
-        for candidate in self.chosen:
+        out = []
+        for number, candidate in enumerate(self.chosen):
             own = candidate.effect.shows_in
             open_ = max((self.left(c) for c in loud if c.statistic in own), default=0.0)
             if open_ > _OPEN * self.judged * candidate.gain:
-                return False
-        return True
+                out.append(number)
+        return tuple(out)
+
+    @property
+    def signed(self) -> bool:
+        """Whether no effect leaves the statistics open in which it must show."""
+        return not self.unsigned
 
     @property
     def sound(self) -> bool:

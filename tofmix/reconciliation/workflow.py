@@ -11,7 +11,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.reconciliation.add import Added, ways
+from tofmix.reconciliation.add import Added, ways, without_crumbs
 from tofmix.reconciliation.aliases import Alias, aliases
 from tofmix.reconciliation.compare import Compared
 from tofmix.reconciliation.evidence import Evidence
@@ -262,7 +262,7 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
     tried: list[tuple[Added, Verified]] = []
     for added in ways(likelihood, settings, tick):
         stood = any(v.law is not None for _, v in tried)
-        tried.append((added, verify(likelihood, added, settings, law_stood=stood)))
+        tried.append(_judged(likelihood, added, settings, law_stood=stood))
         if tried[-1][1].verdict in DONE:
             return tried[-1]
         set_is_left = len(tried) == 1 and added.sets is not None and added.sets.better(larger=True) is not None
@@ -270,6 +270,18 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
         if tried[-1][1].law is not None and not patterned and not set_is_left:
             break
     return next((way for way in tried if way[1].verdict == "partly_explained"), tried[0])
+
+
+def _judged(likelihood: Likelihood, added: Added, settings: Settings, *, law_stood: bool) -> tuple[Added, Verified]:
+    """A way with its verdict: as it ended, or where that is unexplained, without crumbs that explain nothing."""
+    verified = verify(likelihood, added, settings, law_stood=law_stood)
+    if verified.verdict != "unexplained":
+        return added, verified
+    less = without_crumbs(likelihood, settings, added, verified.findings.unsigned)
+    if less is None:
+        return added, verified
+    without = verify(likelihood, less, settings, law_stood=law_stood)
+    return (added, verified) if without.verdict == "unexplained" else (less, without)
 
 
 def _placed(named: NamedEffect, likelihood: Likelihood, models: tuple[Model, ...]) -> NamedEffect:
