@@ -237,4 +237,11 @@ def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, ou
         elif gain > 0.0:
             copy_fit(work.best, work.fit)
             jump = gain_of_jump(data, work.fit, laws[0], beam, work.scratch)
-            out[pixel] = max(jump, try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH))
+            more = try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH)
+            if jump > more:
+                # A jump alone splits no pixel: without drift, a further surface must gain as much.
+                start_empty(data, work.fit, beam)
+                first_surface(data, work, laws[1], beam)
+                copy_fit(work.best, work.fit)
+                more = min(jump, try_one_more(data, 1, work, laws[1], beam, LEAST_WORTH))
+            out[pixel] = more
