@@ -73,6 +73,14 @@ def test_widths_are_learnt_and_nothing_else(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.slow
+def test_wide_pixels_that_seem_two_surfaces_count_in_the_spread_of_widths(rng: np.random.Generator) -> None:
+    frames = 200  # with so many, the count under one width splits a third of the pixels
+    width = np.exp(0.3 * rng.standard_normal(PIXELS))
+    lesson = _lesson(surfaces(rng, (frames, PIXELS), (2000.0,), width=width))
+    assert lesson.noise.curve.width_spread == pytest.approx(0.3, abs=0.06)
+
+
+@pytest.mark.slow
 def test_background_of_each_pixel_is_learnt_and_nothing_else(rng: np.random.Generator) -> None:
     share = rng.uniform(0.0, 0.9, PIXELS)
     lesson = _lesson(surfaces(rng, (FRAMES, PIXELS), (2000.0,), background=share))

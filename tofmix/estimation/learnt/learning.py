@@ -428,15 +428,10 @@ def _learn(learner: _Learner, noise: PixelNoise, part: str) -> PixelNoise | None
     single = _single(learner, noise, clusters)
     if len(single.pixel) < LEAST_CLUSTERS:
         return None
-    trial: PixelNoise | None
-    if part == "drift":
-        trial = _with_drift(learner, noise, single)
-    elif part == "widths":
-        trial = _with_widths(learner, noise, single)
-    else:
-        trial = _with_shape(learner, noise, single)
-        if trial is not None:  # a wrong shape took some pixels for two surfaces: those that least look like it
-            trial = _with_shape(learner, noise, _single(learner, _with_curve(learner, trial), clusters))
+    learnt = {"drift": _with_drift, "widths": _with_widths, "shape": _with_shape}[part]
+    trial = learnt(learner, noise, single)
+    if trial is not None and part != "drift":  # without the part, pixels that need it most seemed two surfaces
+        trial = learnt(learner, trial, _single(learner, _with_curve(learner, trial), clusters))
     return None if trial is None else _with_curve(learner, trial)
 
 
@@ -501,7 +496,7 @@ def _curve_through(at_mm: FloatArray, log_width: FloatArray, curve: NoiseCurve) 
     return replace(curve, range_mm=at, sigma_mm=np.array(sigmas)[where], law=law)
 
 
-def _with_drift(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise:
+def _with_drift(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
     """Measure how far pixels drift, by each polynomial, beyond what chance lets their fits."""
     sigma = float(np.median(noise.curve.sigma_mm))
     free = replace(noise, drift_mm=np.full(DRIFTS, _FREE_DRIFT_SIGMAS * sigma))
