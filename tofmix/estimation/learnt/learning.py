@@ -307,6 +307,8 @@ def learn_pixel_noise(
         noise = _learn(whole, noise, part) or noise
     fits = whole.fits(noise, whole.clusters(noise))
     noise = replace(noise, memory=_memory(fits, noise))
+    if noise.memory > 0.0:
+        noise = _with_curve(whole, noise)
     ranges = fits.place if len(fits.place) else medians(pixels.samples)
     return Lesson(
         noise=noise,
@@ -469,8 +471,11 @@ def _with_curve(learner: _Learner, noise: PixelNoise) -> PixelNoise:
 
 
 def _bias(noise: PixelNoise, support: FloatArray, surfaces: FloatArray | float) -> FloatArray:
-    """Log factor by which fitted widths fall short: means and drifts have taken their part of the spread."""
-    taken = surfaces * (1.0 + np.count_nonzero(noise.drift_mm))
+    """Log factor by which fitted widths fall short: means and drifts have taken their part of the spread.
+
+    Where errors remember, that part is larger: slow errors have (1 + rho) / (1 - rho) times the variance of all.
+    """
+    taken = surfaces * (1.0 + np.count_nonzero(noise.drift_mm)) * (1.0 + noise.memory) / (1.0 - noise.memory)
     return np.asarray(-0.5 * np.log(np.maximum(1.0 - taken / np.maximum(support, taken + 2.0), 0.1)))
 
 

@@ -115,7 +115,7 @@ def calibrate(
     ]
     count = draws or min(max(DRAWS[0], DRAWS_IN_ALL // len(cells)), DRAWS[1])
     laws = noise.laws()
-    draw = _Drawing(noise, beam, ranges_mm, rounding_mm)
+    draw = _Drawing(noise, beam, ranges_mm, rounding_mm, samples[1])
 
     def gains(cell: _Cell) -> FloatArray:
         block = draw.block(cell, count)
@@ -175,12 +175,27 @@ def _tail(gains: FloatArray) -> FloatArray:
     return np.maximum.accumulate(np.array(out) + 1e-9 * np.arange(len(out)))
 
 
+def drift_without_memory(noise: PixelNoise, samples: int) -> FloatArray:
+    """Scales (DRIFTS,) of the drift, mm, less what errors that remember add to a fitted drift of so many samples.
+
+    The variance of a polynomial's fitted coefficient is (2 d + 1) sigma^2 / (I n), and (1 + rho) / (1 - rho) times that
+    where the errors are AR(1); chance alone was taken off when the drift was learnt.
+    """
+    if noise.memory <= 0.0 or not noise.drift_mm.any():
+        return noise.drift_mm
+    degree = np.arange(1, DRIFTS + 1)
+    alone = float(np.median(noise.curve.sigma_mm)) ** 2 / (noise.laws()[0].information * max(samples, 1))
+    added = (2.0 * degree + 1.0) * alone * 2.0 * noise.memory / (1.0 - noise.memory)
+    return np.asarray(np.sqrt(np.maximum(noise.drift_mm**2 - added, 0.0)))
+
+
 class _Drawing:
     """Draws blocks of pixels from the learnt model."""
 
-    def __init__(self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, rounding_mm: float) -> None:
+    def __init__(self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, rounding_mm: float, samples: int) -> None:
         self._noise, self._beam, self._rounding_mm = noise, beam, rounding_mm
         self._ranges = np.asarray(ranges_mm, dtype=np.float64)
+        self._drift_mm = drift_without_memory(noise, samples)
 
     def block(self, cell: _Cell, count: int) -> FloatArray:
         """Samples (pixel, frame), mm."""
@@ -197,7 +212,7 @@ class _Drawing:
         out = place[:, None] + width[:, None] * noise.curve.sigma(place)[:, None] * z
         time = np.linspace(-1.0, 1.0, n)
         basis = np.polynomial.legendre.legvander(time, DRIFTS)[:, 1:]
-        coefficients = noise.drift_mm * np.clip(rng.standard_t(TAIL_DEGREES, (count, DRIFTS)), -6.0, 6.0)
+        coefficients = self._drift_mm * np.clip(rng.standard_t(TAIL_DEGREES, (count, DRIFTS)), -6.0, 6.0)
         out += coefficients @ basis.T
         random = rng.random((count, n)) < cell.background
         out[random] = rng.uniform(beam.range_min, beam.range_top, int(random.sum()))
