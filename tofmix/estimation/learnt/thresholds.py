@@ -189,6 +189,17 @@ def drift_without_memory(noise: PixelNoise, samples: int) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum(noise.drift_mm**2 - added, 0.0)))
 
 
+def spread_without_memory(noise: PixelNoise, samples: int) -> float:
+    """Spread of log width, less what errors that remember add to a fitted width of so many samples.
+
+    The variance of a fitted log width is 1 / (I_w n), and about (1 + rho^2) / (1 - rho^2) times that where the errors
+    are AR(1): squares remember by rho^2.
+    """
+    square = noise.memory**2
+    added = 2.0 * square / (1.0 - square) / (noise.laws()[0].width_information * max(samples, 1))
+    return math.sqrt(max(noise.curve.width_spread**2 - added, 0.0))
+
+
 class _Drawing:
     """Draws blocks of pixels from the learnt model."""
 
@@ -196,6 +207,7 @@ class _Drawing:
         self._noise, self._beam, self._rounding_mm = noise, beam, rounding_mm
         self._ranges = np.asarray(ranges_mm, dtype=np.float64)
         self._drift_mm = drift_without_memory(noise, samples)
+        self._spread = spread_without_memory(noise, samples)
 
     def block(self, cell: _Cell, count: int) -> FloatArray:
         """Samples (pixel, frame), mm."""
@@ -205,8 +217,8 @@ class _Drawing:
             return rng.uniform(beam.range_min, beam.range_top, (count, n))
         place = self._ranges[np.arange(count) % len(self._ranges)]
         width = np.ones(count)
-        if noise.curve.width_spread > 0:
-            scale = SCALE_OF_SPREAD * noise.curve.width_spread
+        if self._spread > 0:
+            scale = SCALE_OF_SPREAD * self._spread
             width = np.exp(scale * np.clip(rng.standard_t(TAIL_DEGREES, count), -4.0, 4.0))
         z = _standardised(rng, noise, (count, n))
         out = place[:, None] + width[:, None] * noise.curve.sigma(place)[:, None] * z
