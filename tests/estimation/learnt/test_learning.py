@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
+from learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, surfaces
 from scipy import signal
 
 from tofmix.arrays import FloatArray
@@ -109,6 +109,20 @@ def test_memory_is_the_correlation_of_neighbouring_frames(rng: np.random.Generat
     lesson = _lesson(2000.0 + SIGMA_MM * z, drift=False)
     assert lesson.noise.memory == pytest.approx(0.5, abs=0.06)
     assert "shape" not in _parts(lesson)
+
+
+@pytest.mark.slow
+def test_sigma_is_that_of_all_errors_where_drifts_follow_errors_that_remember(rng: np.random.Generator) -> None:
+    z = signal.lfilter([np.sqrt(0.75)], [1.0, -0.5], rng.standard_normal((FRAMES + 40, 900)), axis=0)[40:]
+    lesson = _lesson(2000.0 + SIGMA_MM * z)
+    assert lesson.noise.drift_mm.any()
+    assert lesson.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.04)
+
+
+@pytest.mark.slow
+def test_pixels_of_background_alone_teach_background_and_not_one_wide_surface(rng: np.random.Generator) -> None:
+    lesson = _lesson(rng.uniform(LOW_MM, TOP_MM, (FRAMES, PIXELS)))
+    assert lesson.noise.background is not None
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from learnt_pixels import KNOWN, LOW_MM, TOP_MM, camera_with, pixel_noise, surfaces
+from learnt_pixels import KNOWN, LOW_MM, SIGMA_MM, TOP_MM, camera_with, pixel_noise, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import beam_of
@@ -10,7 +10,13 @@ from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.counting import Thresholds
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import SAMPLES, SHARES, calibrate
+from tofmix.estimation.learnt.thresholds import (
+    SAMPLES,
+    SHARES,
+    calibrate,
+    drift_without_memory,
+    spread_without_memory,
+)
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, gain_table
 from tofmix.estimation.settings import EstimateOptions
 
@@ -86,6 +92,36 @@ def _background(noise: PixelNoise, pixels: int, rng: np.random.Generator) -> Flo
     if noise.background is None:
         return np.full(pixels, noise.p_outlier)
     return np.asarray(rng.beta(*noise.background, pixels), dtype=np.float64)
+
+
+def test_drift_is_drawn_without_what_remembering_errors_wander_by_themselves() -> None:
+    forgets = pixel_noise(drift_mm=(10.0, 3.0, 0.0))
+    np.testing.assert_array_equal(drift_without_memory(forgets, 100), forgets.drift_mm)
+    beyond_chance = 1.5 / 0.5 - 1.0  # of AR(1) errors of coefficient 0.5
+    wander = SIGMA_MM * np.sqrt(np.array([3.0, 5.0, 7.0]) / 100 * beyond_chance)
+    remembers = pixel_noise(drift_mm=tuple(np.hypot(wander, [10.0, 0.0, 0.0])), memory=0.5)
+    np.testing.assert_allclose(drift_without_memory(remembers, 100), [10.0, 0.0, 0.0], atol=1e-4)
+
+
+@pytest.mark.parametrize(("memory", "drawn"), [(0.0, 0.05), (0.5, 0.04)])
+def test_widths_are_drawn_without_what_remembering_errors_add_to_their_spread(memory: float, drawn: float) -> None:
+    beyond_chance = 1.25 / 0.75 - 1.0  # of squares of AR(1) errors of coefficient 0.5
+    samples = round(beyond_chance / 2.0 / (0.05**2 - 0.04**2))  # a Gaussian's width has the information 2 a sample
+    found = spread_without_memory(pixel_noise(width_spread=0.05, memory=memory), samples)
+    assert found == pytest.approx(drawn, abs=2e-4)
+
+
+def test_a_strong_prior_of_background_makes_no_first_surface_dear() -> None:
+    found = _calibrated(pixel_noise(background=(5.0, 40.0)), (30, 30), 600)
+    # Three or four of 30 samples within a sigma or two are what chance brings together: 10 nat.
+    assert found.first[0, FALSE_ALARMS.index(0.01)] < 8.0
+
+
+def test_a_jump_alone_makes_no_further_surface_dear() -> None:
+    chance = FALSE_ALARMS.index(0.01)
+    still = _calibrated(pixel_noise(), (100, 100), 1500).more[0, 0, chance]
+    moves = _calibrated(pixel_noise(drift_mm=(1.5 * SIGMA_MM, 0.0, 0.0)), (100, 100), 1500).more[0, 0, chance]
+    assert moves < still + 1.0
 
 
 @pytest.mark.slow

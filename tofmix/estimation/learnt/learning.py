@@ -161,7 +161,8 @@ class _Learner:
     def scores(self, noise: PixelNoise) -> FloatArray:
         """Held-out log likelihood (pixel,) of the judging pixels, nat."""
         beam = self.beam(noise, self.judge)
-        found, _ = held_out_scores(self.judge.samples, noise.laws(), beam, flat_thresholds(), MAX_LAYERS)
+        thresholds = flat_thresholds(always_one=noise.background is None)
+        found, _ = held_out_scores(self.judge.samples, noise.laws(), beam, thresholds, MAX_LAYERS)
         return found
 
     def clusters(self, noise: PixelNoise) -> Clusters:
