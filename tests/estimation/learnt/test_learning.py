@@ -16,6 +16,7 @@ from tofmix.estimation.learnt.learning import (
     learn_pixel_noise,
     medians,
     width_scale,
+    without_chance,
 )
 from tofmix.sensor import NoiseCurve
 
@@ -123,6 +124,25 @@ def test_sigma_is_that_of_all_errors_where_drifts_follow_errors_that_remember(rn
 def test_pixels_of_background_alone_teach_background_and_not_one_wide_surface(rng: np.random.Generator) -> None:
     lesson = _lesson(rng.uniform(LOW_MM, TOP_MM, (FRAMES, PIXELS)))
     assert lesson.noise.background is not None
+
+
+@pytest.mark.slow
+def test_what_pixels_have_of_their_own_is_drawn_with_the_spread_and_the_tails_that_it_has(
+    rng: np.random.Generator,
+) -> None:
+    drift = np.where(rng.random(PIXELS) < 0.5, 1.5, -1.5) * SIGMA_MM
+    own = _lesson(surfaces(rng, (FRAMES, PIXELS), (2000.0,), drift_mm=drift * TIME)).own
+    assert len(own) > 0.9 * PIXELS
+    assert not own[:, 0].any()  # widths are alike
+    np.testing.assert_allclose(np.std(own[:, 1]), 1.5 * SIGMA_MM, rtol=0.08)
+    assert np.abs(own[:, 1]).max() < 2.5 * SIGMA_MM  # a Student t of this spread has some at 6
+
+
+@pytest.mark.parametrize("square", [0.0, 1.0])
+def test_chance_is_taken_off_the_spread_of_values(square: float, rng: np.random.Generator) -> None:
+    variance = rng.uniform(0.5, 2.0, 4000)
+    value = np.sqrt(square + variance) * rng.standard_normal(4000)
+    assert np.mean(without_chance(value, variance) ** 2) == pytest.approx(square, abs=0.1)
 
 
 @pytest.mark.slow

@@ -10,13 +10,7 @@ from tofmix.estimation.layering import layer_pixels
 from tofmix.estimation.learnt.counting import Thresholds
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import (
-    SAMPLES,
-    SHARES,
-    calibrate,
-    drift_without_memory,
-    spread_without_memory,
-)
+from tofmix.estimation.learnt.thresholds import SAMPLES, SHARES, calibrate
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, gain_table
 from tofmix.estimation.settings import EstimateOptions
 
@@ -94,21 +88,14 @@ def _background(noise: PixelNoise, pixels: int, rng: np.random.Generator) -> Flo
     return np.asarray(rng.beta(*noise.background, pixels), dtype=np.float64)
 
 
-def test_drift_is_drawn_without_what_remembering_errors_wander_by_themselves() -> None:
-    forgets = pixel_noise(drift_mm=(10.0, 3.0, 0.0))
-    np.testing.assert_array_equal(drift_without_memory(forgets, 100), forgets.drift_mm)
-    beyond_chance = 1.5 / 0.5 - 1.0  # of AR(1) errors of coefficient 0.5
-    wander = SIGMA_MM * np.sqrt(np.array([3.0, 5.0, 7.0]) / 100 * beyond_chance)
-    remembers = pixel_noise(drift_mm=tuple(np.hypot(wander, [10.0, 0.0, 0.0])), memory=0.5)
-    np.testing.assert_allclose(drift_without_memory(remembers, 100), [10.0, 0.0, 0.0], atol=1e-4)
-
-
-@pytest.mark.parametrize(("memory", "drawn"), [(0.0, 0.05), (0.5, 0.04)])
-def test_widths_are_drawn_without_what_remembering_errors_add_to_their_spread(memory: float, drawn: float) -> None:
-    beyond_chance = 1.25 / 0.75 - 1.0  # of squares of AR(1) errors of coefficient 0.5
-    samples = round(beyond_chance / 2.0 / (0.05**2 - 0.04**2))  # a Gaussian's width has the information 2 a sample
-    found = spread_without_memory(pixel_noise(width_spread=0.05, memory=memory), samples)
-    assert found == pytest.approx(drawn, abs=2e-4)
+def test_pixels_as_they_are_set_the_gains_and_not_the_long_tails_of_priors() -> None:
+    noise, chance = pixel_noise(drift_mm=(1.3 * SIGMA_MM, 0.0, 0.0), width_spread=0.3), FALSE_ALARMS.index(0.001)
+    beam = beam_of(camera_with(noise))
+    own = np.zeros((40, 4))
+    own[:, 1] = np.where(np.arange(40) % 2, 1.5, -1.5) * SIGMA_MM  # all drift by as much, and none is wide
+    by_prior = calibrate(noise, beam, RANGES_MM, samples=(15, 15), draws=3000).more[0, 0, chance]
+    as_they_are = calibrate(noise, beam, RANGES_MM, samples=(15, 15), own=own, draws=3000).more[0, 0, chance]
+    assert as_they_are < by_prior - 1.0
 
 
 def test_a_strong_prior_of_background_makes_no_first_surface_dear() -> None:

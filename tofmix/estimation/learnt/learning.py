@@ -94,6 +94,8 @@ class Lesson:
         Pixels that it was learnt from.
     ranges_mm : (n,) float64
         Ranges of the clusters, mm: where the recording has surfaces.
+    own : (n, 1 + DRIFTS) float64
+        Log width and drift, mm, of the clusters of one surface, chance taken off: what pixels have of their own.
     clusters : int
         Clusters that stand clear, of one surface.
     kept_start : bool
@@ -107,6 +109,7 @@ class Lesson:
     noise: PixelNoise
     pixels: int
     ranges_mm: FloatArray
+    own: FloatArray
     clusters: int
     kept_start: bool
     given_holds: bool
@@ -315,6 +318,7 @@ def learn_pixel_noise(
         noise=noise,
         pixels=len(pixels.samples),
         ranges_mm=np.asarray(ranges),
+        own=_own(whole, noise),
         clusters=len(fits.place),
         kept_start=chosen is curves[0] and start is not None,
         given_holds=given_holds,
@@ -554,6 +558,50 @@ def width_scale(log_width: FloatArray, variance: FloatArray) -> float | None:
         if found > best:
             best, chosen = found, float(scale)
     return chosen
+
+
+def _own(learner: _Learner, noise: PixelNoise) -> FloatArray:
+    """Log width and drift, mm, of the clusters of one surface (cluster, 1 + DRIFTS), without what chance adds to them.
+
+    A prior has long tails so that no pixel is held against it. Those of the pixels are their own, and gains that noise
+    reaches once in 1000 come from the tails.
+    """
+    clusters = learner.clusters(noise)
+    if len(clusters.pixel):
+        clusters = _single(learner, noise, clusters)
+    out = np.zeros((len(clusters.pixel), 1 + DRIFTS))
+    wide, moves = noise.curve.width_spread > 0.0, noise.drift_mm > 0.0
+    if not len(out) or not (wide or moves.any()):
+        return out
+    sigma = float(np.median(noise.curve.sigma_mm))
+    free = replace(noise, drift_mm=np.where(moves, _FREE_DRIFT_SIGMAS * sigma, 0.0))
+    if wide:
+        free = replace(free, curve=replace(free.curve, width_spread=_FREE_WIDTH))
+    fits, law = learner.fits(free, clusters), noise.laws()[0]
+    support = np.maximum(fits.support, 1.0)
+    slow = (1.0 + noise.memory) / (1.0 - noise.memory)
+    if wide:
+        chance = (1.0 + noise.memory**2) / (1.0 - noise.memory**2) / (law.width_information * support)
+        out[:, 0] = without_chance(fits.log_width - float(np.median(fits.log_width)), chance)
+    width = np.exp(fits.log_width) * fits.sigma
+    for d in np.flatnonzero(moves):
+        chance = slow * (2.0 * d + 3.0) * width**2 / (law.information * support)
+        out[:, 1 + d] = without_chance(fits.drift[:, d], chance)
+    return out
+
+
+def without_chance(value: FloatArray, variance: FloatArray) -> FloatArray:
+    """Values about 0, each moved nearer to 0 so that they spread as the true ones do.
+
+    Parameters
+    ----------
+    value : (n,) float64
+        Measured values.
+    variance : (n,) float64
+        What chance adds to the variance of each.
+    """
+    square = max(float(np.mean(value**2 - variance)), 0.0)
+    return value * np.sqrt(square / np.maximum(square + variance, 1e-300))
 
 
 def _with_shape(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:

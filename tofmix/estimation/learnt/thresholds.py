@@ -76,6 +76,7 @@ def calibrate(
     ranges_mm: FloatArray,
     *,
     samples: tuple[int, int],
+    own: FloatArray | None = None,
     rounding_mm: float = 0.0,
     draws: int | None = None,
     workers: int = 1,
@@ -93,6 +94,8 @@ def calibrate(
         Ranges of surfaces as the recording has them, mm: draws take them in turn.
     samples : (int, int)
         Fewest and most valid samples of the recording's pixels in a window.
+    own : (n, 1 + DRIFTS) float64, optional
+        Log width and drift, mm, of pixels of the recording: draws take them at random. By the priors without it.
     rounding_mm : float
         Step of the stored ranges: draws are rounded to it.
     draws : int, optional
@@ -115,7 +118,7 @@ def calibrate(
     ]
     count = draws or min(max(DRAWS[0], DRAWS_IN_ALL // len(cells)), DRAWS[1])
     laws = noise.laws()
-    draw = _Drawing(noise, beam, ranges_mm, rounding_mm, samples[1])
+    draw = _Drawing(noise, beam, ranges_mm, own, rounding_mm)
 
     def gains(cell: _Cell) -> FloatArray:
         block = draw.block(cell, count)
@@ -175,39 +178,15 @@ def _tail(gains: FloatArray) -> FloatArray:
     return np.maximum.accumulate(np.array(out) + 1e-9 * np.arange(len(out)))
 
 
-def drift_without_memory(noise: PixelNoise, samples: int) -> FloatArray:
-    """Scales (DRIFTS,) of the drift, mm, less what errors that remember add to a fitted drift of so many samples.
-
-    The variance of a polynomial's fitted coefficient is (2 d + 1) sigma^2 / (I n), and (1 + rho) / (1 - rho) times that
-    where the errors are AR(1); chance alone was taken off when the drift was learnt.
-    """
-    if noise.memory <= 0.0 or not noise.drift_mm.any():
-        return noise.drift_mm
-    degree = np.arange(1, DRIFTS + 1)
-    alone = float(np.median(noise.curve.sigma_mm)) ** 2 / (noise.laws()[0].information * max(samples, 1))
-    added = (2.0 * degree + 1.0) * alone * 2.0 * noise.memory / (1.0 - noise.memory)
-    return np.asarray(np.sqrt(np.maximum(noise.drift_mm**2 - added, 0.0)))
-
-
-def spread_without_memory(noise: PixelNoise, samples: int) -> float:
-    """Spread of log width, less what errors that remember add to a fitted width of so many samples.
-
-    The variance of a fitted log width is 1 / (I_w n), and about (1 + rho^2) / (1 - rho^2) times that where the errors
-    are AR(1): squares remember by rho^2.
-    """
-    square = noise.memory**2
-    added = 2.0 * square / (1.0 - square) / (noise.laws()[0].width_information * max(samples, 1))
-    return math.sqrt(max(noise.curve.width_spread**2 - added, 0.0))
-
-
 class _Drawing:
     """Draws blocks of pixels from the learnt model."""
 
-    def __init__(self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, rounding_mm: float, samples: int) -> None:
+    def __init__(
+        self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, own: FloatArray | None, rounding_mm: float
+    ) -> None:
         self._noise, self._beam, self._rounding_mm = noise, beam, rounding_mm
         self._ranges = np.asarray(ranges_mm, dtype=np.float64)
-        self._drift_mm = drift_without_memory(noise, samples)
-        self._spread = spread_without_memory(noise, samples)
+        self._own = None if own is None or len(own) == 0 else own
 
     def block(self, cell: _Cell, count: int) -> FloatArray:
         """Samples (pixel, frame), mm."""
@@ -216,21 +195,24 @@ class _Drawing:
         if cell.background is None:
             return rng.uniform(beam.range_min, beam.range_top, (count, n))
         place = self._ranges[np.arange(count) % len(self._ranges)]
-        width = np.ones(count)
-        if self._spread > 0:
-            scale = SCALE_OF_SPREAD * self._spread
-            width = np.exp(scale * np.clip(rng.standard_t(TAIL_DEGREES, count), -4.0, 4.0))
+        own = self._of_their_own(rng, count)
         z = _standardised(rng, noise, (count, n))
-        out = place[:, None] + width[:, None] * noise.curve.sigma(place)[:, None] * z
-        time = np.linspace(-1.0, 1.0, n)
-        basis = np.polynomial.legendre.legvander(time, DRIFTS)[:, 1:]
-        coefficients = self._drift_mm * np.clip(rng.standard_t(TAIL_DEGREES, (count, DRIFTS)), -6.0, 6.0)
-        out += coefficients @ basis.T
+        out = place[:, None] + np.exp(own[:, :1]) * noise.curve.sigma(place)[:, None] * z
+        out += own[:, 1:] @ np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), DRIFTS)[:, 1:].T
         random = rng.random((count, n)) < cell.background
         out[random] = rng.uniform(beam.range_min, beam.range_top, int(random.sum()))
         if self._rounding_mm > 0.0:
             out = np.clip(self._rounding_mm * np.rint(out / self._rounding_mm), beam.range_min, beam.range_top)
         return np.asarray(out, dtype=np.float64)
+
+    def _of_their_own(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Log width and drift, mm, of so many pixels (count, 1 + DRIFTS)."""
+        if self._own is not None:
+            return self._own[rng.integers(len(self._own), size=count)]
+        spread = SCALE_OF_SPREAD * self._noise.curve.width_spread
+        log_width = spread * np.clip(rng.standard_t(TAIL_DEGREES, (count, 1)), -4.0, 4.0)
+        drift = self._noise.drift_mm * np.clip(rng.standard_t(TAIL_DEGREES, (count, DRIFTS)), -6.0, 6.0)
+        return np.hstack([log_width, drift])
 
 
 def _standardised(rng: np.random.Generator, noise: PixelNoise, shape: tuple[int, int]) -> FloatArray:
