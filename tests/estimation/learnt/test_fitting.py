@@ -101,7 +101,11 @@ def written_out(samples: FloatArray, noise: PixelNoise, fitted: Fitted) -> float
     for mean, share, drift in zip(fitted.means, fitted.shares, drifts, strict=True):
         likelihood += share * density((samples - basis @ drift - mean) / scale) / scale
     near, far = noise.background or (1000.0 * noise.p_outlier, 1000.0 * (1.0 - noise.p_outlier))
-    value = float(np.log(likelihood).sum()) + near * math.log(fitted.background) + far * math.log1p(-fitted.background)
+    value = float(np.log(likelihood).sum())
+    if len(fitted.means) == 0:
+        return value
+    peak = near / (near + far)
+    value += near * math.log(fitted.background / peak) + far * math.log((1.0 - fitted.background) / (1.0 - peak))
     if noise.curve.width_spread > 0:
         prior = stats.t(TAIL_DEGREES, scale=SCALE_OF_SPREAD * noise.curve.width_spread)
         value += float(prior.logpdf(fitted.log_width) - prior.logpdf(0.0))
@@ -278,3 +282,26 @@ def test_layers_state_the_objective_of_their_fit(rng: np.random.Generator) -> No
             float(layers.weight_no_return[pixel]), float(layers.weight_outlier[pixel]),
         )  # fmt: skip
         assert layers.log_likelihood[pixel] == pytest.approx(written_out(samples[:, pixel], noise, fitted), abs=0.05)
+
+
+def test_the_prior_of_background_is_that_of_pixels_with_a_surface(rng: np.random.Generator) -> None:
+    samples = rng.uniform(LOW_MM, TOP_MM, 40)
+    samples[0] = TOP_MM - 1.0  # it may be c_0's
+    values = []
+    for strength in (1.0, 30.0):
+        pixel = Pixel(samples, pixel_noise(background=(strength, 9.0 * strength)))
+        pixel.begin((), background=0.9, no_return=0.1)
+        pixel.maximise(0)
+        values.append(pixel.value(0))
+        assert pixel.fit[OWN, BACKGROUND] > 0.95  # and not a tenth, as of pixels with a surface
+    assert values[0] == pytest.approx(values[1], abs=1e-9)
+
+
+def test_a_prior_that_a_pixel_agrees_with_costs_its_surface_nothing(rng: np.random.Generator) -> None:
+    samples = np.concatenate([rng.uniform(LOW_MM, TOP_MM, 10), 2000.0 + SIGMA_MM * rng.standard_normal(90)])
+    gains = []
+    for strength in (1.0, 10.0, 100.0):
+        pixel = Pixel(samples, pixel_noise(background=(strength, 9.0 * strength)))
+        pixel.maximise(pixel.begin((2000.0,)))
+        gains.append(pixel.value(1))
+    np.testing.assert_allclose(gains, gains[0], atol=0.5)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import signal
-from support.learnt_pixels import CAMERA, KNOWN, SIGMA_MM, surfaces
+from support.learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.learnt.learning import (
@@ -16,6 +16,7 @@ from tofmix.estimation.learnt.learning import (
     learn_pixel_noise,
     medians,
     width_scale,
+    without_chance,
 )
 from tofmix.sensor import NoiseCurve
 
@@ -73,6 +74,14 @@ def test_widths_are_learnt_and_nothing_else(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.slow
+def test_wide_pixels_that_seem_two_surfaces_count_in_the_spread_of_widths(rng: np.random.Generator) -> None:
+    frames = 200  # with so many, the count under one width splits a third of the pixels
+    width = np.exp(0.3 * rng.standard_normal(PIXELS))
+    lesson = _lesson(surfaces(rng, (frames, PIXELS), (2000.0,), width=width))
+    assert lesson.noise.curve.width_spread == pytest.approx(0.3, abs=0.06)
+
+
+@pytest.mark.slow
 def test_background_of_each_pixel_is_learnt_and_nothing_else(rng: np.random.Generator) -> None:
     share = rng.uniform(0.0, 0.9, PIXELS)
     lesson = _lesson(surfaces(rng, (FRAMES, PIXELS), (2000.0,), background=share))
@@ -101,6 +110,39 @@ def test_memory_is_the_correlation_of_neighbouring_frames(rng: np.random.Generat
     lesson = _lesson(2000.0 + SIGMA_MM * z, drift=False)
     assert lesson.noise.memory == pytest.approx(0.5, abs=0.06)
     assert "shape" not in _parts(lesson)
+
+
+@pytest.mark.slow
+def test_sigma_is_that_of_all_errors_where_drifts_follow_errors_that_remember(rng: np.random.Generator) -> None:
+    z = signal.lfilter([np.sqrt(0.75)], [1.0, -0.5], rng.standard_normal((FRAMES + 40, 900)), axis=0)[40:]
+    lesson = _lesson(2000.0 + SIGMA_MM * z)
+    assert lesson.noise.drift_mm.any()
+    assert lesson.noise.curve.sigma(2000.0) == pytest.approx(SIGMA_MM, rel=0.04)
+
+
+@pytest.mark.slow
+def test_pixels_of_background_alone_teach_background_and_not_one_wide_surface(rng: np.random.Generator) -> None:
+    lesson = _lesson(rng.uniform(LOW_MM, TOP_MM, (FRAMES, PIXELS)))
+    assert lesson.noise.background is not None
+
+
+@pytest.mark.slow
+def test_what_pixels_have_of_their_own_is_drawn_with_the_spread_and_the_tails_that_it_has(
+    rng: np.random.Generator,
+) -> None:
+    drift = np.where(rng.random(PIXELS) < 0.5, 1.5, -1.5) * SIGMA_MM
+    own = _lesson(surfaces(rng, (FRAMES, PIXELS), (2000.0,), drift_mm=drift * TIME)).own
+    assert len(own) > 0.9 * PIXELS
+    assert not own[:, 0].any()  # widths are alike
+    np.testing.assert_allclose(np.std(own[:, 1]), 1.5 * SIGMA_MM, rtol=0.08)
+    assert np.abs(own[:, 1]).max() < 2.5 * SIGMA_MM  # a Student t of this spread has some at 6
+
+
+@pytest.mark.parametrize("square", [0.0, 1.0])
+def test_chance_is_taken_off_the_spread_of_values(square: float, rng: np.random.Generator) -> None:
+    variance = rng.uniform(0.5, 2.0, 4000)
+    value = np.sqrt(square + variance) * rng.standard_normal(4000)
+    assert np.mean(without_chance(value, variance) ** 2) == pytest.approx(square, abs=0.1)
 
 
 @pytest.mark.slow

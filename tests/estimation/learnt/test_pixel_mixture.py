@@ -131,6 +131,7 @@ def test_the_drift_is_that_of_the_estimator() -> None:
         density = shown.weight[0] * np.exp(-0.5 * z * z) / (np.sqrt(2 * np.pi) * shown.sigma_mm[0])
         value = np.log(density + shown.floor(samples)).sum()
         value += sum(log_prior_t(c, s) for c, s in zip(shown.drift_mm[0], law.drift_mm, strict=True))
-        b = shown.background
-        value += law.background_near * np.log(b) + law.background_far * np.log1p(-b)
+        b, near, far = shown.background, law.background_near, law.background_far
+        peak = near / (near + far)
+        value += near * np.log(b / peak) + far * np.log((1.0 - b) / (1.0 - peak))
         assert value == pytest.approx(float(layers.log_likelihood[row, col]), abs=0.02)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from support.learnt_pixels import KNOWN, LOW_MM, TOP_MM, camera_with, pixel_noise, surfaces
+from support.learnt_pixels import KNOWN, LOW_MM, SIGMA_MM, TOP_MM, camera_with, pixel_noise, surfaces
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import beam_of
@@ -86,6 +86,29 @@ def _background(noise: PixelNoise, pixels: int, rng: np.random.Generator) -> Flo
     if noise.background is None:
         return np.full(pixels, noise.p_outlier)
     return np.asarray(rng.beta(*noise.background, pixels), dtype=np.float64)
+
+
+def test_pixels_as_they_are_set_the_gains_and_not_the_long_tails_of_priors() -> None:
+    noise, chance = pixel_noise(drift_mm=(1.3 * SIGMA_MM, 0.0, 0.0), width_spread=0.3), FALSE_ALARMS.index(0.001)
+    beam = beam_of(camera_with(noise))
+    own = np.zeros((40, 4))
+    own[:, 1] = np.where(np.arange(40) % 2, 1.5, -1.5) * SIGMA_MM  # all drift by as much, and none is wide
+    by_prior = calibrate(noise, beam, RANGES_MM, samples=(15, 15), draws=3000).more[0, 0, chance]
+    as_they_are = calibrate(noise, beam, RANGES_MM, samples=(15, 15), own=own, draws=3000).more[0, 0, chance]
+    assert as_they_are < by_prior - 1.0
+
+
+def test_a_strong_prior_of_background_makes_no_first_surface_dear() -> None:
+    found = _calibrated(pixel_noise(background=(5.0, 40.0)), (30, 30), 600)
+    # Three or four of 30 samples within a sigma or two are what chance brings together: 10 nat.
+    assert found.first[0, FALSE_ALARMS.index(0.01)] < 8.0
+
+
+def test_a_jump_alone_makes_no_further_surface_dear() -> None:
+    chance = FALSE_ALARMS.index(0.01)
+    still = _calibrated(pixel_noise(), (100, 100), 1500).more[0, 0, chance]
+    moves = _calibrated(pixel_noise(drift_mm=(1.5 * SIGMA_MM, 0.0, 0.0)), (100, 100), 1500).more[0, 0, chance]
+    assert moves < still + 1.0
 
 
 @pytest.mark.slow

@@ -56,6 +56,7 @@ LONGEST_STEP = 1.0
 
 _LONGEST_JUMP = 32.0  # most EM steps that one extrapolation stands for
 _LEAST_SHARE = 1.0e-9  # an extrapolation that leaves less of a share is taken back
+_LEAST_BACKGROUND = 1.0e-12  # least share of background, and of all else, whose logarithm is taken
 _INFINITE = 1.0e30  # information of a number that is held fixed
 
 LEARNING_ITER, LEARNING_TOL = 60, 1.0e-3
@@ -200,21 +201,26 @@ def objective(data: Samples, k: int, fit: FloatArray, law: Law, scratch: FloatAr
     for j in range(len(term)):
         term[j] = log_of(total[j])
     value = float(total_of(term))
-    if k == 0 and fit[WEIGHT, -1] == 0.0:
-        return value
+    if k == 0:
+        return value  # the priors are those of pixels with a surface
     return value + log_priors(k, fit, law)
 
 
 @borrowing
 def log_priors(k: int, fit: FloatArray, law: Law) -> float:
-    """Logarithm of the priors of width, drifts and background share, each over its value at its peak or constant."""
+    """Logarithm of the priors of width, drifts and background share, each over its value at its peak.
+
+    A prior that is strong where a pixel agrees with it costs a surface nothing beside background alone, which has none.
+    """
     value = log_prior_t(fit[OWN, LOG_WIDTH], law.width_spread)
     for d in range(DRIFTS):
         if law.drift_mm[d] > 0.0:
             for i in range(k):
                 value += log_prior_t(fit[DRIFT + d, i], law.drift_mm[d])
-    b = min(max(fit[OWN, BACKGROUND], 1.0e-12), 1.0 - 1.0e-12)
-    return value + law.background_near * math.log(b) + law.background_far * math.log(1.0 - b)
+    near, far = law.background_near, law.background_far
+    b = min(max(fit[OWN, BACKGROUND], _LEAST_BACKGROUND), 1.0 - _LEAST_BACKGROUND)
+    peak = min(max(near / max(near + far, _LEAST_BACKGROUND), _LEAST_BACKGROUND), 1.0 - _LEAST_BACKGROUND)
+    return value + near * math.log(b / peak) + far * math.log((1.0 - b) / (1.0 - peak))
 
 
 @borrowing
@@ -281,9 +287,9 @@ def _move_shares(
         no_return *= fit[WEIGHT, -1]
     held += no_return
     random = fit[OWN, BACKGROUND] * background_density(beam) * sum_share
-    background = (random + law.background_near) / (n + law.background_near + law.background_far)
-    if held <= 0.0:
-        background = 1.0
+    background = 1.0 if held <= 0.0 else random / n
+    if k > 0 and held > 0.0:
+        background = (random + law.background_near) / (n + law.background_near + law.background_far)
     scale = (1.0 - background) / held if held > 0.0 else 0.0
     for i in range(k):
         fit[WEIGHT, i] = scale * fit[SUPPORT, i]

@@ -32,6 +32,9 @@ LEAST_FIRST_GAIN = 4.0
 """Gain, nat, that the first surface must have beside background alone: a pixel with a surface must not go without one
 where the recording's ranges, and so the background, span few sigmas; one without any costs all models the same."""
 
+NO_SURFACE_NATS = 1.0e9
+"""Nats by which background alone must explain a pixel better than one surface does, where it may not."""
+
 SURPRISES = 0.02
 """Share of background that is mixed into every model here: samples of a surface that the other frames did not show
 surprise all models alike, and say nothing of noise."""
@@ -40,13 +43,17 @@ _CHANCES = len(FALSE_ALARMS)
 _MIX, _BITS = 0x9E3779B1, 0xFFFFFFFF  # 2^32 by the golden ratio, odd (Knuth): it scatters neighbouring frames
 
 
-def flat_thresholds() -> Thresholds:
-    """The same gains for all models: what noise reaches is known only when one is chosen."""
+def flat_thresholds(*, always_one: bool = False) -> Thresholds:
+    """The same gains for all models: what noise reaches is known only when one is chosen.
+
+    With `always_one` every pixel has a surface: it is no model of noise that all samples of a pixel are background,
+    where pixels have no background of their own.
+    """
     return Thresholds(
         log_n=np.zeros(1),
         background=np.zeros(1),
         more=np.full((1, 1, _CHANCES), LEAST_GAIN) + 1e-9 * np.arange(_CHANCES),
-        first=np.full((1, _CHANCES), LEAST_FIRST_GAIN) + 1e-9 * np.arange(_CHANCES),
+        first=np.full((1, _CHANCES), -NO_SURFACE_NATS if always_one else LEAST_FIRST_GAIN) + 1e-9 * np.arange(_CHANCES),
     )
 
 

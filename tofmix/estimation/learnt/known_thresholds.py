@@ -38,6 +38,7 @@ class KnownThresholds:
         ranges_mm: FloatArray,
         *,
         samples: tuple[int, int],
+        own: FloatArray | None = None,
         rounding_mm: float = 0.0,
         workers: int = 1,
         progress: Callable[[int, int], None] | None = None,
@@ -46,7 +47,7 @@ class KnownThresholds:
 
         Parameters
         ----------
-        noise, beam, ranges_mm, samples, rounding_mm, workers, progress
+        noise, beam, ranges_mm, samples, own, rounding_mm, workers, progress
             As for `calibrate`.
 
         Returns
@@ -54,13 +55,20 @@ class KnownThresholds:
         Thresholds
             For `count_surfaces`.
         """
-        key = hashlib.sha256(pickle.dumps((noise, beam, ranges_mm, samples, rounding_mm))).digest()
+        key = hashlib.sha256(pickle.dumps((noise, beam, ranges_mm, samples, own, rounding_mm))).digest()
         with self._lock:
             if key in self._tables:
                 self._tables.move_to_end(key)
                 return self._tables[key]
         table = self._draw(
-            noise, beam, ranges_mm, samples=samples, rounding_mm=rounding_mm, workers=workers, progress=progress
+            noise,
+            beam,
+            ranges_mm,
+            samples=samples,
+            own=own,
+            rounding_mm=rounding_mm,
+            workers=workers,
+            progress=progress,
         )
         with self._lock:
             self._tables[key] = table

@@ -94,6 +94,8 @@ class Lesson:
         Pixels that it was learnt from.
     ranges_mm : (n,) float64
         Ranges of the clusters, mm: where the recording has surfaces.
+    own : (n, 1 + DRIFTS) float64
+        Log width and drift, mm, of the clusters of one surface, chance taken off: what pixels have of their own.
     clusters : int
         Clusters that stand clear, of one surface.
     kept_start : bool
@@ -107,6 +109,7 @@ class Lesson:
     noise: PixelNoise
     pixels: int
     ranges_mm: FloatArray
+    own: FloatArray
     clusters: int
     kept_start: bool
     given_holds: bool
@@ -161,7 +164,8 @@ class _Learner:
     def scores(self, noise: PixelNoise) -> FloatArray:
         """Held-out log likelihood (pixel,) of the judging pixels, nat."""
         beam = self.beam(noise, self.judge)
-        found, _ = held_out_scores(self.judge.samples, noise.laws(), beam, flat_thresholds(), MAX_LAYERS)
+        thresholds = flat_thresholds(always_one=noise.background is None)
+        found, _ = held_out_scores(self.judge.samples, noise.laws(), beam, thresholds, MAX_LAYERS)
         return found
 
     def clusters(self, noise: PixelNoise) -> Clusters:
@@ -307,11 +311,14 @@ def learn_pixel_noise(
         noise = _learn(whole, noise, part) or noise
     fits = whole.fits(noise, whole.clusters(noise))
     noise = replace(noise, memory=_memory(fits, noise))
+    if noise.memory > 0.0:
+        noise = _with_curve(whole, noise)
     ranges = fits.place if len(fits.place) else medians(pixels.samples)
     return Lesson(
         noise=noise,
         pixels=len(pixels.samples),
         ranges_mm=np.asarray(ranges),
+        own=_own(whole, noise),
         clusters=len(fits.place),
         kept_start=chosen is curves[0] and start is not None,
         given_holds=given_holds,
@@ -428,15 +435,10 @@ def _learn(learner: _Learner, noise: PixelNoise, part: str) -> PixelNoise | None
     single = _single(learner, noise, clusters)
     if len(single.pixel) < LEAST_CLUSTERS:
         return None
-    trial: PixelNoise | None
-    if part == "drift":
-        trial = _with_drift(learner, noise, single)
-    elif part == "widths":
-        trial = _with_widths(learner, noise, single)
-    else:
-        trial = _with_shape(learner, noise, single)
-        if trial is not None:  # a wrong shape took some pixels for two surfaces: those that least look like it
-            trial = _with_shape(learner, noise, _single(learner, _with_curve(learner, trial), clusters))
+    learnt = {"drift": _with_drift, "widths": _with_widths, "shape": _with_shape}[part]
+    trial = learnt(learner, noise, single)
+    if trial is not None and part != "drift":  # without the part, pixels that need it most seemed two surfaces
+        trial = learnt(learner, trial, _single(learner, _with_curve(learner, trial), clusters))
     return None if trial is None else _with_curve(learner, trial)
 
 
@@ -474,8 +476,11 @@ def _with_curve(learner: _Learner, noise: PixelNoise) -> PixelNoise:
 
 
 def _bias(noise: PixelNoise, support: FloatArray, surfaces: FloatArray | float) -> FloatArray:
-    """Log factor by which fitted widths fall short: means and drifts have taken their part of the spread."""
-    taken = surfaces * (1.0 + np.count_nonzero(noise.drift_mm))
+    """Log factor by which fitted widths fall short: means and drifts have taken their part of the spread.
+
+    Where errors remember, that part is larger: slow errors have (1 + rho) / (1 - rho) times the variance of all.
+    """
+    taken = surfaces * (1.0 + np.count_nonzero(noise.drift_mm)) * (1.0 + noise.memory) / (1.0 - noise.memory)
     return np.asarray(-0.5 * np.log(np.maximum(1.0 - taken / np.maximum(support, taken + 2.0), 0.1)))
 
 
@@ -501,7 +506,7 @@ def _curve_through(at_mm: FloatArray, log_width: FloatArray, curve: NoiseCurve) 
     return replace(curve, range_mm=at, sigma_mm=np.array(sigmas)[where], law=law)
 
 
-def _with_drift(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise:
+def _with_drift(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
     """Measure how far pixels drift, by each polynomial, beyond what chance lets their fits."""
     sigma = float(np.median(noise.curve.sigma_mm))
     free = replace(noise, drift_mm=np.full(DRIFTS, _FREE_DRIFT_SIGMAS * sigma))
@@ -553,6 +558,50 @@ def width_scale(log_width: FloatArray, variance: FloatArray) -> float | None:
         if found > best:
             best, chosen = found, float(scale)
     return chosen
+
+
+def _own(learner: _Learner, noise: PixelNoise) -> FloatArray:
+    """Log width and drift, mm, of the clusters of one surface (cluster, 1 + DRIFTS), without what chance adds to them.
+
+    A prior has long tails so that no pixel is held against it. Those of the pixels are their own, and gains that noise
+    reaches once in 1000 come from the tails.
+    """
+    clusters = learner.clusters(noise)
+    if len(clusters.pixel):
+        clusters = _single(learner, noise, clusters)
+    out = np.zeros((len(clusters.pixel), 1 + DRIFTS))
+    wide, moves = noise.curve.width_spread > 0.0, noise.drift_mm > 0.0
+    if not len(out) or not (wide or moves.any()):
+        return out
+    sigma = float(np.median(noise.curve.sigma_mm))
+    free = replace(noise, drift_mm=np.where(moves, _FREE_DRIFT_SIGMAS * sigma, 0.0))
+    if wide:
+        free = replace(free, curve=replace(free.curve, width_spread=_FREE_WIDTH))
+    fits, law = learner.fits(free, clusters), noise.laws()[0]
+    support = np.maximum(fits.support, 1.0)
+    slow = (1.0 + noise.memory) / (1.0 - noise.memory)
+    if wide:
+        chance = (1.0 + noise.memory**2) / (1.0 - noise.memory**2) / (law.width_information * support)
+        out[:, 0] = without_chance(fits.log_width - float(np.median(fits.log_width)), chance)
+    width = np.exp(fits.log_width) * fits.sigma
+    for d in np.flatnonzero(moves):
+        chance = slow * (2.0 * d + 3.0) * width**2 / (law.information * support)
+        out[:, 1 + d] = without_chance(fits.drift[:, d], chance)
+    return out
+
+
+def without_chance(value: FloatArray, variance: FloatArray) -> FloatArray:
+    """Values about 0, each moved nearer to 0 so that they spread as the true ones do.
+
+    Parameters
+    ----------
+    value : (n,) float64
+        Measured values.
+    variance : (n,) float64
+        What chance adds to the variance of each.
+    """
+    square = max(float(np.mean(value**2 - variance)), 0.0)
+    return value * np.sqrt(square / np.maximum(square + variance, 1e-300))
 
 
 def _with_shape(learner: _Learner, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:

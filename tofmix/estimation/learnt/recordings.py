@@ -186,7 +186,7 @@ def learn_noise(
         return FoundNoise(sensor=replace(sensor, noise=curve), measured=measured, lesson=lesson)
     beam = beam_of(replace(sensor, noise=noise.curve))
     thresholds = known_thresholds(
-        noise, beam, lesson.ranges_mm, samples=_numbers(pixels, min_samples, window),
+        noise, beam, lesson.ranges_mm, samples=_numbers(pixels, min_samples, window), own=lesson.own,
         rounding_mm=pixels.rounding_mm, workers=workers, progress=progress,
     )  # fmt: skip
     curve = noise.curve

@@ -76,6 +76,7 @@ def calibrate(
     ranges_mm: FloatArray,
     *,
     samples: tuple[int, int],
+    own: FloatArray | None = None,
     rounding_mm: float = 0.0,
     draws: int | None = None,
     workers: int = 1,
@@ -93,6 +94,8 @@ def calibrate(
         Ranges of surfaces as the recording has them, mm: draws take them in turn.
     samples : (int, int)
         Fewest and most valid samples of the recording's pixels in a window.
+    own : (n, 1 + DRIFTS) float64, optional
+        Log width and drift, mm, of pixels of the recording: draws take them at random. By the priors without it.
     rounding_mm : float
         Step of the stored ranges: draws are rounded to it.
     draws : int, optional
@@ -115,7 +118,7 @@ def calibrate(
     ]
     count = draws or min(max(DRAWS[0], DRAWS_IN_ALL // len(cells)), DRAWS[1])
     laws = noise.laws()
-    draw = _Drawing(noise, beam, ranges_mm, rounding_mm)
+    draw = _Drawing(noise, beam, ranges_mm, own, rounding_mm)
 
     def gains(cell: _Cell) -> FloatArray:
         block = draw.block(cell, count)
@@ -178,9 +181,12 @@ def _tail(gains: FloatArray) -> FloatArray:
 class _Drawing:
     """Draws blocks of pixels from the learnt model."""
 
-    def __init__(self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, rounding_mm: float) -> None:
+    def __init__(
+        self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, own: FloatArray | None, rounding_mm: float
+    ) -> None:
         self._noise, self._beam, self._rounding_mm = noise, beam, rounding_mm
         self._ranges = np.asarray(ranges_mm, dtype=np.float64)
+        self._own = None if own is None or len(own) == 0 else own
 
     def block(self, cell: _Cell, count: int) -> FloatArray:
         """Samples (pixel, frame), mm."""
@@ -189,21 +195,24 @@ class _Drawing:
         if cell.background is None:
             return rng.uniform(beam.range_min, beam.range_top, (count, n))
         place = self._ranges[np.arange(count) % len(self._ranges)]
-        width = np.ones(count)
-        if noise.curve.width_spread > 0:
-            scale = SCALE_OF_SPREAD * noise.curve.width_spread
-            width = np.exp(scale * np.clip(rng.standard_t(TAIL_DEGREES, count), -4.0, 4.0))
+        own = self._of_their_own(rng, count)
         z = _standardised(rng, noise, (count, n))
-        out = place[:, None] + width[:, None] * noise.curve.sigma(place)[:, None] * z
-        time = np.linspace(-1.0, 1.0, n)
-        basis = np.polynomial.legendre.legvander(time, DRIFTS)[:, 1:]
-        coefficients = noise.drift_mm * np.clip(rng.standard_t(TAIL_DEGREES, (count, DRIFTS)), -6.0, 6.0)
-        out += coefficients @ basis.T
+        out = place[:, None] + np.exp(own[:, :1]) * noise.curve.sigma(place)[:, None] * z
+        out += own[:, 1:] @ np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, n), DRIFTS)[:, 1:].T
         random = rng.random((count, n)) < cell.background
         out[random] = rng.uniform(beam.range_min, beam.range_top, int(random.sum()))
         if self._rounding_mm > 0.0:
             out = np.clip(self._rounding_mm * np.rint(out / self._rounding_mm), beam.range_min, beam.range_top)
         return np.asarray(out, dtype=np.float64)
+
+    def _of_their_own(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """Log width and drift, mm, of so many pixels (count, 1 + DRIFTS)."""
+        if self._own is not None:
+            return self._own[rng.integers(len(self._own), size=count)]
+        spread = SCALE_OF_SPREAD * self._noise.curve.width_spread
+        log_width = spread * np.clip(rng.standard_t(TAIL_DEGREES, (count, 1)), -4.0, 4.0)
+        drift = self._noise.drift_mm * np.clip(rng.standard_t(TAIL_DEGREES, (count, DRIFTS)), -6.0, 6.0)
+        return np.hstack([log_width, drift])
 
 
 def _standardised(rng: np.random.Generator, noise: PixelNoise, shape: tuple[int, int]) -> FloatArray:
@@ -237,4 +246,11 @@ def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, ou
         elif gain > 0.0:
             copy_fit(work.best, work.fit)
             jump = gain_of_jump(data, work.fit, laws[0], beam, work.scratch)
-            out[pixel] = max(jump, try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH))
+            more = try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH)
+            if jump > more:
+                # A jump alone splits no pixel: without drift, a further surface must gain as much.
+                start_empty(data, work.fit, beam)
+                first_surface(data, work, laws[1], beam)
+                copy_fit(work.best, work.fit)
+                more = min(jump, try_one_more(data, 1, work, laws[1], beam, LEAST_WORTH))
+            out[pixel] = more
