@@ -49,7 +49,7 @@ def test_inspect_prints_the_numbers_of_the_files(tofmix: Tofmix, layers: Path, t
     text = tofmix("inspect", layers, "--pixel", "2,3", "--window", 1).out
     assert text.startswith("row 2, column 3: ")
     assert "row 2, column 5" in text
-    assert "modes of the density" not in text
+    assert "peaks of the density" not in text
     assert text.endswith("\nestimate kept layers of 0.999 or more (--false-alarm 0.001)\n")
     assert tofmix("estimate", tmp_path / "a.h5", "--refine", "none", "-o", tmp_path / "peaks.h5").code == 0
     assert "--false-alarm" not in tofmix("inspect", tmp_path / "peaks.h5", "--pixel", "2,3").out
