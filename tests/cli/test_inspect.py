@@ -65,7 +65,7 @@ def test_inspect_writes_figures_as_png_and_svg(
     shown = tofmix("inspect", layers, "--pixel", "1,2", "--recording", tmp_path / "a.h5", "-o", figure, *options)
     assert shown.code == 0, shown.err
     assert shown.out.endswith(f"figure: {figure}\n")
-    assert ("samples  modes" in shown.out) == over_frames
+    assert ("samples  peaks" in shown.out) == over_frames
     if suffix == "png":
         with Image.open(figure) as image:
             assert image.width > 800

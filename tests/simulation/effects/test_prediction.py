@@ -68,7 +68,7 @@ def test_every_kind_is_among_the_cases() -> None:
     elsewhere = {
         "motion",
         "temporal_correlation",
-    }  # no independent draws of one distribution: their laws are tested in other files
+    }  # no draws of one distribution: other tests have their laws
     assert {case["kind"] for case in CASES if case} | elsewhere == set(EFFECTS), (
         "add the kind to CASES in tests/simulation/effects/test_prediction.py; if its samples change from frame to"
         " frame, add it to `elsewhere` in this test, and test its law in test_bias.py, test_noise.py or the like"

@@ -34,7 +34,7 @@ def why_layers_stand(views: list[PixelView], options: Mapping[str, str | float])
     limit = float(options.get("false_alarm", 0.0))
     return (
         f"probability: 1 minus the probability that noise alone gains as much likelihood as the layer;"
-        f"\n1 without a computation where nothing else explains the layer's samples;"
+        f"\nfor a layer far from all others it is not computed, and is 1;"
         f"\nestimate kept layers of {1.0 - limit:.6g} or more (--false-alarm {limit:g})"
     )
 
