@@ -435,7 +435,7 @@ def parsed() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="part", required=True)
-    made = {name: commands.add_parser(name, help=parts[0][0]) for name, parts in PARTS.items()}
+    made = {name: commands.add_parser(name, help=parts[0][0].replace("%", "%%")) for name, parts in PARTS.items()}
     for one in made.values():
         one.add_argument("--json", action="store_true", help="print JSON instead of tables")
         one.add_argument("--seed", type=int, default=SEED)

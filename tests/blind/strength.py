@@ -217,6 +217,9 @@ MAKERS: dict[str, Maker] = {
 }
 KINDS = tuple(MAKERS)
 
+NO_BLIND_TWIN: dict[str, str] = {}
+"""Kinds of the package that this bench does not have, each with the reason; empty today."""
+
 
 def make(kind: str, size: float, rng: np.random.Generator, place: Place) -> Effect:
     """A mechanism of a kind and a strength on a device and a scene."""

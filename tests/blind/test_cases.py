@@ -15,7 +15,7 @@ from blind.eligible import EVERY, FAMILIES, INSEPARABLE
 from blind.generate import write_case
 from blind.scenes import FAMILIES as SCENES
 from blind.strangers import STRANGERS
-from blind.strength import KINDS, UNITS
+from blind.strength import KINDS, NO_BLIND_TWIN, UNITS
 from blind.write import read_recording
 from tofmix.simulation.effects.registry import EFFECTS
 
@@ -56,7 +56,15 @@ def test_list_of_cases_has_each_kind_level_and_half_in_the_stated_number() -> No
 
 
 def test_kinds_of_the_bench_are_those_of_the_package() -> None:
-    assert set(KINDS) == set(EFFECTS) == set(UNITS) == set(strengths()) == set(FAMILIES)
+    assert all(NO_BLIND_TWIN.values()), "give each kind of NO_BLIND_TWIN (tests/blind/strength.py) its reason"
+    wanted = set(EFFECTS) - set(NO_BLIND_TWIN)
+    assert set(KINDS) == wanted, (
+        "write the kind a second time, independently, in tests/blind/effects.py, and add it to MAKERS in"
+        " tests/blind/strength.py; or give the reason against it in NO_BLIND_TWIN there"
+    )
+    assert set(UNITS) == wanted, "add the kind to UNITS in tests/blind/strength.py"
+    assert set(strengths()) == wanted, "add the kind to tests/blind/strengths.toml"
+    assert set(FAMILIES) == wanted, "add the kind to FAMILIES in tests/blind/eligible.py"
     for kind, families in FAMILIES.items():
         assert set(families) <= set(SCENES), kind
     for hidden, rival, _ in INSEPARABLE:

@@ -49,7 +49,7 @@ def test_inspect_prints_the_numbers_of_the_files(tofmix: Tofmix, layers: Path, t
     text = tofmix("inspect", layers, "--pixel", "2,3", "--window", 1).out
     assert text.startswith("row 2, column 3: ")
     assert "row 2, column 5" in text
-    assert "modes of the density" not in text
+    assert "peaks of the density" not in text
     assert text.endswith("\nestimate kept layers of 0.999 or more (--false-alarm 0.001)\n")
     assert tofmix("estimate", tmp_path / "a.h5", "--refine", "none", "-o", tmp_path / "peaks.h5").code == 0
     assert "--false-alarm" not in tofmix("inspect", tmp_path / "peaks.h5", "--pixel", "2,3").out
@@ -65,7 +65,7 @@ def test_inspect_writes_figures_as_png_and_svg(
     shown = tofmix("inspect", layers, "--pixel", "1,2", "--recording", tmp_path / "a.h5", "-o", figure, *options)
     assert shown.code == 0, shown.err
     assert shown.out.endswith(f"figure: {figure}\n")
-    assert ("samples  modes" in shown.out) == over_frames
+    assert ("samples  peaks" in shown.out) == over_frames
     if suffix == "png":
         with Image.open(figure) as image:
             assert image.width > 800

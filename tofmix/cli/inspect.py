@@ -39,7 +39,7 @@ tofmix inspect boards.layers.h5 --pixel 72,92 --recording boards.h5 --over-frame
 @click.option("--window", type=click.IntRange(0), default=0, show_default=True, help="The window.")
 @click.option(
     "--over-frames", is_flag=True, allow_from_autoenv=False,
-    help="Draw the modes of the density over the number of samples; needs --recording.",
+    help="Draw the peaks of the density over the number of samples; needs --recording.",
 )  # fmt: skip
 @click.option("-o", "--output", type=PATH, help="Figure to write, .png or .svg.")
 @json_option

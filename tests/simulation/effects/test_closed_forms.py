@@ -118,7 +118,7 @@ NOTHING = [
 
 def test_every_kind_is_tried_at_zero_magnitude() -> None:
     tried = {text.split("'")[1] for text in NOTHING}
-    assert tried == set(EFFECTS), "add the kind to NOTHING, with its neutral values"
+    assert tried == set(EFFECTS), "add the kind to NOTHING in this file, with its neutral values"
 
 
 @pytest.mark.parametrize("text", NOTHING, ids=lambda text: text.split("'")[1])

@@ -65,8 +65,14 @@ def agrees(recorded: Recorded, prediction: Prediction) -> None:
 
 
 def test_every_kind_is_among_the_cases() -> None:
-    elsewhere = {"motion", "temporal_correlation"}  # no independent draws of one distribution: test_closed_forms.py
-    assert {case["kind"] for case in CASES if case} | elsewhere == set(EFFECTS), "add the kind to CASES"
+    elsewhere = {
+        "motion",
+        "temporal_correlation",
+    }  # no draws of one distribution: other tests have their laws
+    assert {case["kind"] for case in CASES if case} | elsewhere == set(EFFECTS), (
+        "add the kind to CASES in tests/simulation/effects/test_prediction.py; if its samples change from frame to"
+        " frame, add it to `elsewhere` in this test, and test its law in test_bias.py, test_noise.py or the like"
+    )
 
 
 def cases() -> Iterator[Any]:

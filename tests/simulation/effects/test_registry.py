@@ -1,4 +1,4 @@
-"""The registry: the contract's kinds, one declaration for all, zero magnitudes, and a 22nd effect in one class."""
+"""The registry: the contract's kinds, one declaration for all, zero magnitudes, and one more effect in one class."""
 
 import re
 from dataclasses import dataclass
@@ -63,7 +63,8 @@ def table(kind: str, **values: object) -> str:
 def test_registry_has_the_kinds_and_parameters_of_the_contract() -> None:
     text = "add the kind to CONTRACT, with its parameters; to NOT_ZERO, where a needed one may not be 0 or has no unit"
     assert set(EFFECTS) == set(CONTRACT), text
-    assert {kind: " ".join(cls.parameters()) for kind, cls in EFFECTS.items()} == CONTRACT
+    said = {kind: " ".join(cls.parameters()) for kind, cls in EFFECTS.items()}
+    assert said == CONTRACT, "CONTRACT in tests/simulation/effects/test_registry.py has other parameters"
 
 
 @pytest.mark.parametrize("kind", CONTRACT)
@@ -83,7 +84,10 @@ def test_each_effect_describes_itself_and_its_parameters(kind: str) -> None:
 def test_at_zero_magnitude_the_recording_is_the_one_without_the_effect(bench: Bench, kind: str) -> None:
     """Bit by bit: every effect draws from a stream of its own."""
     plain = bench.boards(frames=30)
-    other = bench.boards(effect(kind, **NOT_ZERO.get(kind, {}), **neutral_values(EFFECTS[kind])), frames=30)
+    values = neutral_values(EFFECTS[kind]) | NOT_ZERO.get(kind, {})
+    missing = {name for name, p in EFFECTS[kind].parameters().items() if p.required} - set(values)
+    assert not missing, f"add to NOT_ZERO in tests/simulation/effects/test_registry.py, under {kind}: {missing}"
+    other = bench.boards(effect(kind, **values), frames=30)
     np.testing.assert_array_equal(other.stored, plain.stored)
     np.testing.assert_array_equal(other.amplitude, plain.amplitude)
 

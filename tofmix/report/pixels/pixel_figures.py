@@ -48,14 +48,14 @@ def style_axes(axes: Axes, title: str, theme: Theme) -> None:
 
 
 def draw_density(axes: Axes, range_m: FloatArray, p: FloatArray, modes_m: FloatArray, theme: Theme) -> None:
-    """Draw p(r), 1/m, with a triangle above each mode."""
+    """Draw p(r), 1/m, with a triangle above each peak."""
     axes.fill_between(range_m, 0.0, p, color=theme.ink, alpha=0.12, linewidth=0)
     axes.plot(range_m, p, color=theme.ink, linewidth=1.3)
     draw_modes(axes, range_m, p, modes_m, theme)
 
 
 def draw_modes(axes: Axes, range_m: FloatArray, p: FloatArray, modes_m: FloatArray, theme: Theme) -> None:
-    """Draw a triangle above p(r) at each mode."""
+    """Draw a triangle above p(r) at each peak."""
     if len(modes_m) == 0:
         return  # an empty line without clipping makes the layout collapse
     axes.plot(
@@ -132,7 +132,7 @@ def neighbours_figure(
 def growth_figure(
     growth: GrowingDensity, view: PixelView, *, theme: Theme, unambiguous_range_mm: float | None = None
 ) -> Figure:
-    """Draw the density at a few numbers of samples, and where its modes are at each (Fig. 7); see the other figure."""
+    """Draw the density at a few numbers of samples, and where its peaks are at each (Fig. 7); see the other figure."""
     cut = _cut([view], unambiguous_range_mm)
     if unambiguous_range_mm is not None:
         growth, view = growth.opened(cut, unambiguous_range_mm), view.opened(cut, unambiguous_range_mm)
@@ -143,13 +143,13 @@ def growth_figure(
     top = 1.35 * _M * max(float(p.max()) for _, p in growth.snapshots)
     for panel, (number, p) in zip(axes, growth.snapshots, strict=False):
         modes_m = growth.modes_mm[number - 1] / _M
-        named = f"{counted(number, 'sample')}: {counted(len(modes_m), 'mode')}"
+        named = f"{counted(number, 'sample')}: {counted(len(modes_m), 'peak')}"
         style_axes(panel, named, theme)
         panel.set(ylim=(0.0, top), ylabel="p(r)  (1/m)")
         draw_density(panel, range_m, _M * p, _within(modes_m, low, high), theme)
         _mark_layers(panel, view, theme)
     last = axes[-1]
-    style_axes(last, f"modes against samples, {view.name}", theme)
+    style_axes(last, f"peaks against samples, {view.name}", theme)
     places = np.concatenate(growth.modes_mm) / _M
     steps = np.repeat(growth.n_samples, [len(modes) for modes in growth.modes_mm])
     last.plot(places, steps, ".", color=theme.accent, markersize=3.5, markeredgewidth=0)
@@ -237,7 +237,7 @@ def _explain(figure: Figure | SubFigure, theme: Theme, *, learnt: bool) -> None:
     else:
         handles = [
             Line2D([], [], color=theme.ink, linewidth=1.3, label="density of the samples"),
-            Line2D([], [], color=theme.accent, linestyle="none", marker="v", markersize=6.5, label="its modes"),
+            Line2D([], [], color=theme.accent, linestyle="none", marker="v", markersize=6.5, label="its peaks"),
             means,
         ]
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))

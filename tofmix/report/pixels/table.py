@@ -34,6 +34,7 @@ def why_layers_stand(views: list[PixelView], options: Mapping[str, str | float])
     limit = float(options.get("false_alarm", 0.0))
     return (
         f"probability: 1 minus the probability that noise alone gains as much likelihood as the layer;"
+        f"\nfor a layer far from all others it is not computed, and is 1;"
         f"\nestimate kept layers of {1.0 - limit:.6g} or more (--false-alarm {limit:g})"
     )
 
@@ -51,7 +52,7 @@ def _pixel_lines(view: PixelView) -> list[str]:
     if view.mixture is not None and count:
         lines.append(f"  noise of the pixel: {_own_noise(view)}")
     if view.modes_mm is not None:
-        lines.append(f"  modes of the density (mm): {_listed(view.modes_mm)}")
+        lines.append(f"  peaks of the density (mm): {_listed(view.modes_mm)}")
     return lines
 
 
@@ -73,8 +74,8 @@ def _own_noise(view: PixelView) -> str:
 
 
 def format_growth(growth: GrowingDensity) -> str:
-    """Format where the number of modes changes, for the terminal; no newline at the end."""
-    lines = [f"{'samples':>9}{'modes':>7}  at (mm)"]
+    """Format where the number of peaks changes, for the terminal; no newline at the end."""
+    lines = [f"{'samples':>9}{'peaks':>7}  at (mm)"]
     lines += [
         f"{growth.n_samples[k]:>9}{len(growth.modes_mm[k]):>7}  {_listed(growth.modes_mm[k])}" for k in growth.changes()
     ]
