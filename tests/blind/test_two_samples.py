@@ -59,7 +59,7 @@ def test_recordings_of_one_distribution_differ_no_more_often_than_the_level_says
 @pytest.mark.slow
 @pytest.mark.parametrize(("memory", "common"), [(0.0, 0.0), (0.5, 0.0), (0.0, 1.0)])
 def test_p_values_of_one_distribution_are_uniform_over_many_seeds(memory: float, common: float) -> None:
-    p = _p_values(60, 160 if memory else 64, memory, common)
+    p = _p_values(120, 160 if memory else 64, memory, common)
     for level in (0.05, 0.1, 0.25, 0.5):
         _assert_level(p, level)
     if not memory:

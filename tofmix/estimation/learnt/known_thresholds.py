@@ -1,10 +1,13 @@
 """Thresholds that this process has drawn before: the same noise is not calibrated twice."""
 
+import dataclasses
 import hashlib
-import pickle
 from collections import OrderedDict
 from collections.abc import Callable
 from threading import Lock
+from typing import Any
+
+import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam
@@ -55,7 +58,7 @@ class KnownThresholds:
         Thresholds
             For `count_surfaces`.
         """
-        key = hashlib.sha256(pickle.dumps((noise, beam, ranges_mm, samples, own, rounding_mm))).digest()
+        key = _digest((noise, beam, ranges_mm, samples, own, rounding_mm))
         with self._lock:
             if key in self._tables:
                 self._tables.move_to_end(key)
@@ -75,6 +78,29 @@ class KnownThresholds:
             while len(self._tables) > self._most:
                 self._tables.popitem(last=False)
         return table
+
+
+def _digest(value: tuple[Any, ...]) -> bytes:
+    """A digest of all numbers in tuples, dataclasses and arrays."""
+    found = hashlib.sha256()
+
+    def take(value: Any) -> None:  # noqa: ANN401  whatever noise is made of
+        if isinstance(value, np.ndarray):
+            found.update(repr((value.dtype.str, value.shape)).encode())
+            found.update(np.ascontiguousarray(value).tobytes())
+        elif dataclasses.is_dataclass(value):
+            take(tuple(getattr(value, field.name) for field in dataclasses.fields(value)))
+        elif isinstance(value, tuple):
+            found.update(f"{len(value)}:".encode())
+            for part in value:
+                take(part)
+        elif value is None or isinstance(value, bool | int | float | str | np.generic):
+            found.update(f"{value!r};".encode())
+        else:
+            raise TypeError(f"a {type(value).__name__} has no digest")
+
+    take(value)
+    return found.digest()
 
 
 known_thresholds = KnownThresholds()
