@@ -12,6 +12,7 @@ SCRIPTS = [
 ]
 
 
+@pytest.mark.slow  # it imports what all of them import
 def test_every_script_with_options_prints_its_help(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -83,7 +83,7 @@ def kinds(monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
     [
         (Slant(slope_mm=-30.0), {"slope_mm": -30.0}),
         (Hiss(factor=1.2, exponent=0.4), {"factor": 1.2, "exponent": 0.4}),
-        (Dusk(growth_per_s=0.2), {"growth_per_s": 0.2}),
+        pytest.param(Dusk(growth_per_s=0.2), {"growth_per_s": 0.2}, marks=pytest.mark.slow),
     ],
     ids=["slant", "hiss", "dusk"],
 )

@@ -233,11 +233,12 @@ SLOW = [pytest.mark.slow]
 @pytest.mark.parametrize(
     ("name", "case"),
     [
-        # The quick run has the largest magnitude of each effect.
+        # The quick run has the largest magnitude of each effect, but not of leaking neighbours, which takes longest.
         pytest.param(
             name,
             k,
-            marks=(BY_SHARES if name in ("flying_pixels", "together") else []) + (SLOW if k < len(cases) - 1 else []),
+            marks=(BY_SHARES if name in ("flying_pixels", "together") else [])
+            + (SLOW if k < len(cases) - 1 or name == "pixel_crosstalk" else []),
         )
         for name, cases in CASES.items()
         for k in range(len(cases))
