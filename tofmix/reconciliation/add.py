@@ -247,11 +247,12 @@ def _panel(likelihood: Likelihood, settings: Settings, state: State, chosen: Seq
     return compare(likelihood, near, _covered(likelihood, state, held), seed=settings.seed)
 
 
-def without_crumbs(likelihood: Likelihood, settings: Settings, added: Added, failed: Sequence[int]) -> Added | None:
-    """What was added without the crumbs that leave the statistics open in which they must show.
+def without_faint(likelihood: Likelihood, settings: Settings, added: Added, failed: Sequence[int]) -> Added | None:
+    """The outcome of a search without the faint effects that leave the statistics open in which they must show.
 
-    A crumb is let in because such a statistic stands out. If this still does, the crumb does not explain it. The laws
-    of the others may be wrong by as much, so that they are judged alone.
+    A faint effect gains less than `CRUMB` of the others' gain. It is added because such a statistic stands out. If
+    that statistic still stands out, the effect does not explain it. The laws of the others may be wrong by as much, so
+    that they are judged alone.
 
     Parameters
     ----------
@@ -265,14 +266,14 @@ def without_crumbs(likelihood: Likelihood, settings: Settings, added: Added, fai
     Returns
     -------
     Added or None
-        None if there is no such crumb.
+        None if there is no such effect.
     """
     gains = [c.gain for c in added.chosen]
-    crumbs = {k for k in failed if added.chosen[k].fitted is not None and gains[k] < CRUMB * (sum(gains) - gains[k])}
-    if not crumbs:
+    faint = {k for k in failed if added.chosen[k].fitted is not None and gains[k] < CRUMB * (sum(gains) - gains[k])}
+    if not faint:
         return None
-    state, chosen = added.state, [c for k, c in enumerate(added.chosen) if k not in crumbs]
-    for k in sorted(crumbs, reverse=True):
+    state, chosen = added.state, [c for k, c in enumerate(added.chosen) if k not in faint]
+    for k in sorted(faint, reverse=True):
         state = without(state, k)
     state, chosen = refit(likelihood, state, chosen, fit_part(likelihood, settings))
     kinds = {c.kind for c in chosen}

@@ -11,7 +11,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.errors import BadInputError
-from tofmix.reconciliation.add import Added, ways, without_crumbs
+from tofmix.reconciliation.add import Added, ways, without_faint
 from tofmix.reconciliation.aliases import Alias, aliases
 from tofmix.reconciliation.compare import Compared
 from tofmix.reconciliation.evidence import Evidence
@@ -273,11 +273,11 @@ def _searched(likelihood: Likelihood, settings: Settings, tick: Callable[[str], 
 
 
 def _judged(likelihood: Likelihood, added: Added, settings: Settings, *, law_stood: bool) -> tuple[Added, Verified]:
-    """A way with its verdict: as it ended, or where that is unexplained, without crumbs that explain nothing."""
+    """A way with its verdict: as it ended, or where that is unexplained, without faint effects that explain nothing."""
     verified = verify(likelihood, added, settings, law_stood=law_stood)
     if verified.verdict != "unexplained":
         return added, verified
-    less = without_crumbs(likelihood, settings, added, verified.findings.unsigned)
+    less = without_faint(likelihood, settings, added, verified.findings.unsigned)
     if less is None:
         return added, verified
     without = verify(likelihood, less, settings, law_stood=law_stood)
