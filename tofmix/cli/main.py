@@ -125,7 +125,7 @@ def _is_want_of_memory(error: BaseException | None) -> bool:
 def _fail(text: str, code: ExitCode) -> NoReturn:
     try:
         click.echo(f"tofmix: {' '.join(text.split())}", err=True)
-    except OSError:  # stderr may be a file on the very disk that is full: the code must still tell
+    except OSError:  # stderr may be a file on the full disk; then the exit code alone reports the error
         _discard(sys.stderr)
     sys.exit(code)
 

@@ -78,7 +78,7 @@ class _Shard(click.ParamType):  # type: ignore[type-arg,unused-ignore]  # generi
 SHARD = _Shard()
 
 _LEAST_MEMORY = 250_000_000  # bytes: the program with its kernels, and one block
-_USUAL_SIZE = 80, 24  # columns and rows of a terminal that does not say
+_USUAL_SIZE = 80, 24  # columns and rows of a terminal that reports none
 _QUIET = "tofmix.quiet"
 
 MEMORY = _Memory()

@@ -123,7 +123,7 @@ def _machine() -> str:
 
 
 def _lock(path: Path) -> OutputLock | None:
-    """Create and lock a file; None where the disk knows no locks. A file that a dead run left there is replaced."""
+    """Create and lock a file; None if the disk does not support locks. A file of a dead run is replaced."""
     for attempt in range(ATTEMPTS):
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:

@@ -50,7 +50,7 @@ def open_long(
     shape : (int, int), optional
         Rows and columns; without it, from the samples.
     unit_mm : float, optional
-        mm of the unit that was asked for; it must not contradict the header.
+        mm of the given unit; it must not contradict the header.
 
     Raises
     ------

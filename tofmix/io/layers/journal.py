@@ -200,7 +200,7 @@ def open_journal(path: Path, header: bytes, shard: Shard = WHOLE) -> Journal:
     """
     is_new = not path.exists()
     if is_new:
-        remove_journal(path)  # what SQLite left beside one that is gone
+        remove_journal(path)  # files of SQLite without their journal
         note_partial_output(*files_of(path), resumable=False)
     with _faults(path):
         database = sqlite3.connect(path, timeout=0.0, check_same_thread=False)

@@ -1,4 +1,4 @@
-"""Pixels of one layer, held against the learnt noise: how wide their samples lie, and how their errors are shaped."""
+"""Pixels of one layer, compared with the learnt noise: the width of their samples, and the shape of their errors."""
 
 import math
 from dataclasses import dataclass
@@ -85,7 +85,7 @@ def single_pixels(
     start, stop : int
         Frames of the window.
     most_pixels : int
-        Pixels that are looked at, evenly spread over the image; more are not seen in a picture.
+        Most pixels that are used, evenly spread over the image; a picture does not show more.
     most_samples : int
         Samples of all of them; there are fewer pixels where they have more.
     most_frames : int

@@ -370,7 +370,7 @@ def _close(window: Layers, length: float | None, close_sigmas: float) -> int:
 
 
 def noise_of(provenance: Provenance) -> NoiseCurve | None:
-    """Return the curve that sigmas are held against: the sensor's, on a circle continuous across the fold."""
+    """Return the curve with which sigmas are compared: the sensor's, on a circle continuous across the fold."""
     sensor, length = provenance.sensor, provenance.unambiguous_range_mm
     if length is None or sensor.noise is None:
         return sensor.noise
