@@ -118,7 +118,7 @@ def run(arguments: list[str] | None = None) -> NoReturn:
 
 
 def _is_want_of_memory(error: BaseException | None) -> bool:
-    """Whether it is a MemoryError, or came of one: a library that tidies up after one may fail in another way."""
+    """Whether it is a MemoryError, or has one as its cause: a library may fail in another way after one."""
     return error is not None and (isinstance(error, MemoryError) or _is_want_of_memory(error.__context__))
 
 

@@ -21,7 +21,7 @@ class _Path(click.Path):
 
 
 class _Hdf5Path(_Path):
-    """The path of a new HDF5 file: no name that other programs take for a file of another kind."""
+    """The path of a new HDF5 file, without the extension of another kind of file."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:  # noqa: ANN401  as click has it
         path = super().convert(value, param, ctx)

@@ -28,8 +28,8 @@ from tofmix.version import __version__
 BLOCK_SAMPLES = 1 << 22
 """Samples of a task: at least half a second of work, compared with which dask's 2 ms are negligible."""
 
-_CONNECT_TIMEOUT_S = 10  # s until a scheduler that does not answer is given up
-_WORKER_TIMEOUT_S = 30  # s until a scheduler without workers is given up
+_CONNECT_TIMEOUT_S = 10  # s to wait for an answer of a scheduler
+_WORKER_TIMEOUT_S = 30  # s to wait for the first worker
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +101,7 @@ def _check_visible(block: Block) -> None:
 
 @cache
 def _checksum(path: Path, _size: int, _mtime_ns: int) -> str:
-    """Checksum of a copy whose time differs, once a process."""
+    """Checksum of a copy with another time, computed once in a process."""
     return file_sha256(path)
 
 

@@ -183,7 +183,7 @@ class AtomicFile:
 
 @contextmanager
 def locked(*paths: Path, overwrite: bool, inputs: tuple[Path, ...] = ()) -> Iterator[None]:
-    """Lock outputs before the work for them is done: no other run can write them then, and refusals come at once.
+    """Lock outputs before the work starts, so no other run can write them and a refusal comes at once.
 
     Those that the block writes, through `AtomicFile`, pass to the writer.
 

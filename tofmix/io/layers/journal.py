@@ -119,7 +119,7 @@ class Journal:
             If the disk fails.
         """
         with _faults(self.path):
-            # Fetched to its end: it is then that SQLite commits, and says what fails.
+            # Fetched to its end, because SQLite commits then, and reports failures.
             modes = self._database.execute("PRAGMA journal_mode = DELETE").fetchall()
             self._database.close()
         if modes != [("delete",)]:
@@ -189,7 +189,7 @@ def open_journal(path: Path, header: bytes, shard: Shard = WHOLE) -> Journal:
     Returns
     -------
     Journal
-        Its header and shard are those that were found, which may differ from the given ones.
+        Its header and shard are those in the file, which may differ from the given ones.
 
     Raises
     ------

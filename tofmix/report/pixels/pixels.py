@@ -1,4 +1,4 @@
-"""One pixel and its neighbours: their layers, their samples, and the density as samples come in.
+"""One pixel and its neighbours: their layers, their samples, and the density over the number of samples.
 
 Use `view_pixels` for neighbouring pixels as in the paper's Fig. 8, and `grow_density` for its Fig. 7. Drawing is left
 to `tofmix.report.pixels.pixel_figures`.
@@ -113,7 +113,7 @@ _FIELDS = {"range_mm": "range", "range_stderr_mm": "range_stderr", "sigma_mm": "
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class GrowingDensity:
-    """The density of one pixel as its samples come in.
+    """The density of one pixel over its number of samples.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ def single_pixels(
     least_samples : int
         Fewest samples of a pixel for the width of their central 68 %: of 12, at least two lie outside on either side.
     reach_sigmas : float
-        Samples more than this many sigma from the surface are background. What it adds nearer by is taken off.
+        Samples more than this many sigma from the surface are background. Its part nearer to the surface is subtracted.
 
     Raises
     ------

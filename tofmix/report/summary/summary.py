@@ -81,7 +81,7 @@ class Summary:
     pixels_by_surfaces, pixels_by_peaks : tuple of int
         Entry n counts pixels with n surfaces; with n peaks of the density in step 1.
     undecided_by_surfaces : tuple of int
-        Those pixels of `pixels_by_surfaces` whose mixing is undecided: their layers are not to be relied on.
+        Pixels of `pixels_by_surfaces` with undecided mixing: their layers are not reliable.
     pixels_by_status : dict
         By the names of `tofmix.flags.Status`; a value without a name is ``status_<value>``.
     pixels_with_close_layers : int
