@@ -1,4 +1,4 @@
-"""The samples of a window for the page: sorted in each pixel and stored as differences, in half the space of the values.
+"""The samples of a window for the page: sorted in each pixel and stored as differences, half as large as the values.
 
 The order of the frames is lost; a histogram and a density do not need it. For
 samples in order use `tofmix.report.pixels.pixels.row_samples`.
