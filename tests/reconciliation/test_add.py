@@ -31,7 +31,9 @@ def named_kinds(result: Reconciliation) -> list[str]:
     ids=["behind", "before"],
 )
 @pytest.mark.slow
-def test_second_path_gives_way_to_a_pose_and_more_noise(shift_mm: float, rows: int, cols: int, frames: int) -> None:
+def test_pose_and_excess_noise_replace_a_second_path_that_gains_more_alone(
+    shift_mm: float, rows: int, cols: int, frames: int
+) -> None:
     """Alone, the bounce, which widens the noise too, gains more than either."""
     model = scene(rows=rows, cols=cols, frames=frames)
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=shift_mm), MAKE["excess_noise"](factor=1.25)
@@ -68,7 +70,7 @@ FAR = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", FAR, ids=str)
-def test_surface_that_is_measured_far_away_is_found_there(small: Model, hidden: Effect) -> None:
+def test_surface_many_sigma_from_its_model_is_found_with_the_right_effect(small: Model, hidden: Effect) -> None:
     """Where the likelihood has no slope: a pattern of pixels, or random values, would take it all."""
     kinds = ("surface_pose", "multipath", "fixed_pattern", "outliers", *(("motion",) if hidden is FAR[0] else ()))
     result = reconciled(small, hidden, kinds=kinds)
@@ -88,7 +90,9 @@ def test_wave_is_found_where_most_samples_are_lost(small: Model) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("shifts_mm", [(0.4, -0.7, 1.6), (0.63, -1.75, -2.23)], ids=["right", "two"])
-def test_offset_keeps_its_name_where_poses_are_nearly_right(model: Model, shifts_mm: tuple[float, ...]) -> None:
+def test_offset_is_named_and_no_other_effect_if_poses_are_nearly_right(
+    model: Model, shifts_mm: tuple[float, ...]
+) -> None:
     """A walk follows the errors of the poses too: by a tenth of sigma, which is taken as right, or up to two.
 
     Two are more than the tolerance: nothing may then be named instead.
@@ -120,13 +124,13 @@ def test_small_offset_is_found_with_pixels_of_one_value(model: Model, every: int
 
 
 @pytest.mark.parametrize("step_mm", [80.0, pytest.param(30.0, marks=pytest.mark.slow)])
-def test_pixels_that_a_lattice_holds_at_one_value_are_not_stuck(small: Model, step_mm: float) -> None:
+def test_constant_pixels_of_a_coarse_quantisation_are_not_stuck(small: Model, step_mm: float) -> None:
     result = reconciled(small, MAKE["quantisation"](step_mm=step_mm), kinds=LATTICE_KINDS)
     assert named_kinds(result) == ["quantisation"]
 
 
 @pytest.mark.parametrize("step_mm", [40.0, pytest.param(12.0, marks=pytest.mark.slow)])
-def test_stuck_pixels_on_a_lattice_are_found_all_and_no_others(small: Model, step_mm: float) -> None:
+def test_exactly_the_stuck_pixels_are_found_with_quantisation(small: Model, step_mm: float) -> None:
     hidden = MAKE["quantisation"](step_mm=step_mm), stuck(small, 33)
     result = reconciled(small, *hidden, kinds=LATTICE_KINDS)
     assert result.verified.verdict == "explained"

@@ -61,7 +61,7 @@ def test_inflation_of_a_mean_is_the_sum_over_all_pairs_of_frames(
 
 
 @pytest.mark.slow
-def test_slow_part_of_a_long_memory_is_no_pattern(model: Model) -> None:
+def test_long_memory_is_not_named_a_pattern(model: Model) -> None:
     kinds = ("temporal_correlation", "fixed_pattern", "range_offset", "surface_pose", "excess_noise")
     result = reconciled(model, MAKE["temporal_correlation"](coefficient=0.9), kinds=kinds)
     assert [n.effect.kind for n in result.named] == ["temporal_correlation"]

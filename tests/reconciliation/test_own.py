@@ -43,7 +43,7 @@ def test_given_effect_with_wrong_numbers_is_unexplained_with_better_ones(
 
 
 @pytest.mark.slow
-def test_given_effect_with_right_numbers_leaves_a_pose_its_name(small: Model) -> None:
+def test_missing_pose_is_named_if_the_given_effect_has_right_numbers(small: Model) -> None:
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=20.0)
     kinds = ("wiggling", "range_offset", "surface_pose", "fixed_pattern")
     result = reconcile(replace(small, effects=(STRONG,)), recorded(small, STRONG, hidden), Settings(kinds=kinds))

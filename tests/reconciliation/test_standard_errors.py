@@ -135,7 +135,7 @@ def test_number_at_its_bound_has_no_error_and_others_keep_theirs(small: Model) -
 
 
 @pytest.mark.slow
-def test_full_well_between_two_amplitudes_has_an_error_of_their_gap(model: Model) -> None:
+def test_error_of_a_full_well_covers_the_gap_between_two_amplitudes(model: Model) -> None:
     """Beside samples that are lost by chance too; the error is of the gap between the amplitudes."""
     hidden = MAKE["saturation"](full_well_amplitude=FULL), MAKE["dropout"](probability=0.01)
     result = reconciled(model, *hidden, kinds=("saturation", "dropout"))
@@ -162,7 +162,7 @@ class _Saddle:
         return Value(total=-50.0 * (along**2 - 4.0) ** 2 / 16.0 - 20.0 * across**2, by_pixel=nothing, by_frame=nothing)
 
 
-def test_polish_leaves_a_saddle_for_the_top() -> None:
+def test_polish_moves_from_a_saddle_to_the_top() -> None:
     """What they promise there is less than nothing, which is no sign of having arrived."""
     start = _Saddle(0.3, 0.2)
     about = parabola(cast("Numbers", start))

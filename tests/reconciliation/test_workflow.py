@@ -66,7 +66,7 @@ def alone(small: Model, kind: str) -> Reconciliation:
     return reconciled(model, HIDDEN[kind], kinds=tuple(k for k in KINDS if k in {kind, *RIVALS}))
 
 
-def test_every_kind_is_hidden_alone() -> None:
+def test_table_of_hidden_effects_has_every_kind() -> None:
     assert set(HIDDEN) == set(EFFECTS), "add the kind to HIDDEN in this file, with values that close a clear gap"
 
 
@@ -118,7 +118,7 @@ def test_drift_before_a_pause_keeps_its_time_constant(small: Model) -> None:
     assert abs(drift.parameters["time_constant_s"] - 1.0) < 4 * drift.stderr["time_constant_s"]
 
 
-def test_right_model_agrees_with_a_gap_of_chance(model: Model) -> None:
+def test_right_model_agrees_with_the_gap_of_noise_alone(model: Model) -> None:
     result = reconciled(model, kinds=KINDS)
     assert result.verified.verdict == "agree"
     assert result.named == ()
@@ -133,7 +133,7 @@ def test_model_off_by_less_than_the_tolerance_agrees(model: Model, record: Recor
 
 
 @pytest.mark.slow
-def test_frames_shaken_at_random_are_unexplained_and_placed_on_the_frame_axis(small: Model) -> None:
+def test_frames_with_random_biases_are_unexplained_on_the_frame_axis(small: Model) -> None:
     evidence = recorded(small)
     jitter = np.random.default_rng(8).normal(size=len(evidence.samples)) * 6.0
     shaken = np.rint(evidence.samples + jitter[:, None]).astype(np.uint16)
