@@ -150,7 +150,7 @@ def as_candidates(likelihood: Likelihood, state: State, found: Explained, part: 
     found : Explained
         The set, with its numbers from the summaries.
     part : (frames, pixels)
-        What fits may see.
+        Data of the fits.
 
     Returns
     -------

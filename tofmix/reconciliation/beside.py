@@ -48,7 +48,7 @@ def worth(
     mixture : Mixture
         Its prediction.
     parts : two of (frames, pixels)
-        What fits may see, and what they may not, of all pixels: laws of few numbers need none held out.
+        Fitting data and held-out data, of all pixels: laws of few numbers need no held-out pixels.
     patterned : bool
         Whether there is a pattern.
     """
@@ -97,7 +97,7 @@ def best_beside(
     found : sequence of Candidate
         Its candidates, a fixed pattern first.
     parts : two of (frames, pixels)
-        What fits may see, and what they may not, of all pixels.
+        Fitting data and held-out data, of all pixels.
     near : State
         The model moved within its tolerance to where it fits best; an effect must gain more than it.
     """

@@ -47,7 +47,7 @@ def compare(likelihood: Likelihood, state: State, part: Part, *, seed: int, mixt
     likelihood : Likelihood
         The recording and the scene.
     state : State
-        The model as it stands.
+        The model with the effects added so far.
     part : (frames, pixels)
         Samples to compare. They must be held out of every fit, or the gap is too small. Each recording has separate
         curves.

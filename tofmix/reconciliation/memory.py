@@ -164,7 +164,7 @@ class _Noise:
     random : RandomValues
         In these pixels.
     scored : (pixel, frame) bool
-        What is part of the gain.
+        Samples that are part of the gain.
     """
 
     u: FloatArray
@@ -173,12 +173,12 @@ class _Noise:
     scored: BoolArray
 
     def gain(self, coefficient: float) -> float:
-        """Nats that the samples before are worth for each one's prediction."""
+        """Gain, nats, by the samples before in the prediction of each sample."""
         return float(_gain(self.u, coefficient, self.camera, self.random.share, self.random.density, self.scored))
 
 
 def _noises(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> list[_Noise]:
-    """The noise of each recording, of the part's pixels; what is scored is of its frames and has a forerunner."""
+    """The noise of each recording in the part's pixels; scored samples are in the part's frames and have a frame before."""
     return [_noise(z[view.frames], view.mixture, view.part) for view in views(likelihood, mixture, part)]
 
 

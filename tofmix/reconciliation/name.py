@@ -279,7 +279,7 @@ def tolerated(likelihood: Likelihood, state: State, part: Part, tolerance: float
     likelihood : Likelihood
         Of the recording.
     state : State
-        The model as it stands.
+        The model with the effects added so far.
     part : (frames, pixels)
         Data of the fit.
     tolerance : float

@@ -24,7 +24,7 @@ _MOSTLY = 0.8  # least share of the weighted squares of a surface's biases that 
 _LEAST_PIXELS = 12  # of a surface, for a pose of three numbers
 _LEAST = 1e-30  # information
 _MOST_POSES = 3  # most poses that are listed; more are another scene
-_LEAST_TURN_DEG = 0.02  # a smaller tilt is not worth a word
+_LEAST_TURN_DEG = 0.02  # smaller tilts are not reported
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +37,7 @@ class FoundPose:
 
     @property
     def farther(self) -> bool:
-        """Whether the surface is farther from the camera than the model says."""
+        """Whether the surface is farther from the camera than in the model."""
         toward = float(self.surface.rotation()[:, 2] @ np.array(self.surface.center_mm))
         return self.pose.shift_mm * toward > 0
 

@@ -43,8 +43,7 @@ class Curve:
         Names of statistic and axis, as in `gap.json`.
     lower, upper : limits of the bins, in `unit`.
     value : mean of the statistic; 0 if the model is right.
-    variance : of the value by chance.
-    unit : str
+    variance : of the value if the model is right. unit : str
         Unit of the axis.
     scale_mm : shift of the bin's samples with a return that raises their mean by 1, mm; 0 without returns. telling :
     information beyond lower orders, nats (`tofmix.reconciliation.telling`); None if not computed. recording : number of

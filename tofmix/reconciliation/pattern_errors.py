@@ -84,7 +84,7 @@ class UnderPattern:
         weighted = vectors / self._lines.variance
         self._given = weighted @ vectors.T
         self._pulled = np.stack([self._lines.sums(w) for w in weighted], axis=1)
-        self._slope = about.slope - moved @ pulls[use]  # of what is no static bias
+        self._slope = about.slope - moved @ pulls[use]  # of changes that are no static bias
         self._beside = _beside(about.hessian, about.cross[:, use] @ moved.T)
 
     def curvature(self, column_sigma_mm: float, row_sigma_mm: float) -> FloatArray:
@@ -145,7 +145,7 @@ class UnderPattern:
 
 
 def _beside(hessian: FloatArray, static: FloatArray) -> FloatArray:
-    """The curvature by what is no static bias; none is what is left of two numbers that are only nearly the same."""
+    """The curvature by changes that are no static bias; 0 for the remainder of two nearly equal numbers."""
     rest = hessian - 0.5 * (static + static.T)
     none = np.diag(rest) < _STATIC * np.diag(hessian)
     rest[none] = 0.0

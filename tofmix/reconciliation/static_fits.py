@@ -38,7 +38,7 @@ class StaticFits:
     likelihood : Likelihood
         Of one or several recordings: a pixel has a bias in each, and one pattern in all.
     state : State
-        The model as it stands.
+        The model with the effects added so far.
     mixture : Mixture
         Its prediction.
     part : (frames, pixels)
