@@ -178,7 +178,7 @@ class _Noise:
 
 
 def _noises(likelihood: Likelihood, z: Float32Array, mixture: Mixture, part: Part) -> list[_Noise]:
-    """The noise of each recording in the part's pixels; scored samples are in the part's frames and have a frame before."""
+    """The noise of each recording in the part's pixels; scored samples are in its frames and have a frame before."""
     return [_noise(z[view.frames], view.mixture, view.part) for view in views(likelihood, mixture, part)]
 
 
