@@ -250,9 +250,9 @@ def _panel(likelihood: Likelihood, settings: Settings, state: State, chosen: Seq
 def without_faint(likelihood: Likelihood, settings: Settings, added: Added, failed: Sequence[int]) -> Added | None:
     """The outcome of a search without the faint effects that leave the statistics open in which they must show.
 
-    A faint effect gains less than `CRUMB` of the others' gain. It is added because such a statistic stands out. If that
-    statistic still stands out, the effect does not explain it. The laws of the others may be wrong by as much, so that
-    they are judged alone.
+    A faint effect gains less than `CRUMB` of the others' gain. It is added because such a statistic stands out. If
+    that statistic still stands out, the effect does not explain it. The laws of the others may be wrong by as much, so
+    that they are judged alone.
 
     Parameters
     ----------

@@ -94,7 +94,7 @@ class StructureChecker:
         if self._process is None or self._owner != os.getpid() or self._process.poll() is not None:
             pipe = subprocess.PIPE
             try:
-                # In a separate session: Ctrl-C ends this process, and the end of the pipe ends the other one.
+                # In a separate session, so that Ctrl-C reaches only this process; the checker ends with its pipe.
                 self._process = subprocess.Popen(  # noqa: S603  our own program
                     self._program, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True,
                     start_new_session=True, env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},

@@ -106,7 +106,7 @@ class Calibration:
             raise BadInputError(f"{self.what}: {error}") from error
 
     def _coefficients(self) -> tuple[float, ...]:
-        """D for a pinhole; None if all numbers are 0."""
+        """D for a pinhole; empty if all numbers are 0."""
         if not any(self.distortion):
             return ()
         if self.model and self.model not in MODELS:
