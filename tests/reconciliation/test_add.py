@@ -34,7 +34,7 @@ def named_kinds(result: Reconciliation) -> list[str]:
 def test_pose_and_excess_noise_replace_a_second_path_that_gains_more_alone(
     shift_mm: float, rows: int, cols: int, frames: int
 ) -> None:
-    """Alone, the bounce, which widens the noise too, gains more than either."""
+    """Alone, the second path, which also widens the noise, gains more than either."""
     model = scene(rows=rows, cols=cols, frames=frames)
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=shift_mm), MAKE["excess_noise"](factor=1.25)
     kinds = ("surface_pose", "multipath", "excess_noise", "temperature_drift")
@@ -55,7 +55,7 @@ def stuck(model: Model, every: int, value_mm: float | None = None) -> Effect:
 
 @pytest.mark.slow
 def test_offset_with_pixels_of_one_value_is_not_named_a_pattern(small: Model) -> None:
-    """To a pattern such pixels are large biases, and with spreads that large it takes the offset too."""
+    """A pattern takes such pixels as large biases; with such large spreads it also absorbs the offset."""
     hidden = stuck(small, 33, 3000.0), MAKE["range_offset"](offset_mm=-6.0)
     kinds = ("range_offset", "fixed_pattern", "stuck_pixels", "amplitude_walk", "surface_pose")
     assert named_kinds(reconciled(small, *hidden, kinds=kinds)) == ["range_offset", "stuck_pixels"]
@@ -71,7 +71,7 @@ FAR = (
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", FAR, ids=str)
 def test_surface_many_sigma_from_its_model_is_found_with_the_right_effect(small: Model, hidden: Effect) -> None:
-    """Where the likelihood has no slope: a pattern of pixels, or random values, would take it all."""
+    """The likelihood has no slope there; a pattern or random values could explain all samples of the surface."""
     kinds = ("surface_pose", "multipath", "fixed_pattern", "outliers", *(("motion",) if hidden is FAR[0] else ()))
     result = reconciled(small, hidden, kinds=kinds)
     assert named_kinds(result) == [hidden.kind]
@@ -82,7 +82,7 @@ def test_surface_many_sigma_from_its_model_is_found_with_the_right_effect(small:
 
 @pytest.mark.slow
 def test_wave_is_found_where_most_samples_are_lost(small: Model) -> None:
-    """What lost samples gain is a thousand times what a wave does, of which it says nothing."""
+    """Lost samples gain a thousand times as much as the wave; this gain must not count against the wave."""
     hidden = MAKE["dropout"](probability=0.7), MAKE["wiggling"](amplitude_mm=3.5, phase_rad=0.8)
     kinds = ("dropout", "wiggling", "saturation", "fixed_pattern")
     assert named_kinds(reconciled(small, *hidden, kinds=kinds)) == ["dropout", "wiggling"]
@@ -117,7 +117,7 @@ def test_offset_is_named_and_no_other_effect_if_poses_are_nearly_right(
 @pytest.mark.slow
 @pytest.mark.parametrize("every", [9, 33, 5])
 def test_small_offset_is_found_with_pixels_of_one_value(model: Model, every: int) -> None:
-    """What each sample of these pixels gains does not count against how little an offset gains."""
+    """The large gain of the stuck pixels must not count against the small gain of the offset."""
     hidden = stuck(model, every), MAKE["range_offset"](offset_mm=1.0)
     result = reconciled(model, *hidden, kinds=("range_offset", "fixed_pattern", "stuck_pixels"))
     assert named_kinds(result) == ["range_offset", "stuck_pixels"]

@@ -90,7 +90,7 @@ def test_noise_averaged_over_frames_is_an_unexplained_memory(small: Model, frame
 
 @pytest.mark.slow
 def test_memory_with_random_values_is_found_and_leaves_no_gap(model: Model) -> None:
-    """Random values are not remembered, while the memory of the noise runs on below them."""
+    """Random values do not enter the memory, and do not interrupt it."""
     hidden = MAKE["temporal_correlation"](coefficient=0.4), MAKE["outliers"](probability=0.02)
     result = reconciled(model, *hidden, kinds=("temporal_correlation", "outliers", "fixed_pattern", "excess_noise"))
     assert [n.effect.kind for n in result.named] == ["outliers", "temporal_correlation"]

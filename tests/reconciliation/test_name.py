@@ -28,7 +28,7 @@ KINDS = ("range_offset", "surface_pose", "multipath", "amplitude_walk", "tempera
 )
 @pytest.mark.slow
 def test_surface_with_other_noise_has_no_second_path(small: Model, factor: float, kinds: tuple[str, ...]) -> None:
-    """A path of just one turn more, across the first, would dim the surface and not move it."""
+    """A second path of just one turn would change the noise of the surface and not its mean."""
     evidence = recorded(small)
     samples = evidence.samples.astype(np.float64)
     middle = np.median(samples, axis=0)
@@ -45,7 +45,7 @@ def test_surface_with_other_noise_has_no_second_path(small: Model, factor: float
     ids=["few rivals", "all rivals"],
 )
 def test_wrong_given_offset_is_named_neither_drift_nor_walk(small: Model, kinds: tuple[str, ...]) -> None:
-    """Another offset is not tried where the model has one; a drift that is over at once would stand for it."""
+    """No second offset is tried if the model has one; a drift that ends at once could imitate it."""
     two = replace(small, surfaces=small.surfaces[1:])
     wrong = replace(two, effects=(MAKE["range_offset"](offset_mm=10.0),))
     result = reconcile(wrong, recorded(two, MAKE["range_offset"](offset_mm=18.0)), Settings(kinds=kinds))

@@ -51,7 +51,7 @@ def test_independent_columns_are_never_smooth(lines: int) -> None:
 
 
 def test_pattern_of_pixels_with_faint_smooth_columns_is_not_smooth(rng: np.random.Generator) -> None:
-    """Poses within their tolerance bend what the columns have in common, of which pixels by themselves have little."""
+    """Poses within the tolerance make the columns smooth; in a pattern of pixels the columns are a small part."""
     known = np.ones((40, 60), dtype=bool)
     assert not smooth(rng.normal(0, 3, known.shape) + np.linspace(0, 1, 60) ** 2, known)
 

@@ -70,7 +70,7 @@ def test_fit_to_two_recordings_equals_least_squares_with_one_common_pattern(mode
 
 @pytest.mark.slow
 def test_pose_and_offset_fitted_together_have_their_true_numbers(model: Model, record: Record) -> None:
-    """A pose that was fitted alone has a part of the offset; fitted together, both are what they are."""
+    """A pose that was fitted alone has absorbed a part of the offset."""
     hidden = MAKE["surface_pose"](surface="middle", shift_mm=20.0), MAKE["range_offset"](offset_mm=8.0)
     first = _trial(model, record, *hidden)
     pose = next(c for c in candidates(first, ("surface_pose",)) if getattr(c.effect, "surface", "") == "middle")

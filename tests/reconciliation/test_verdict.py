@@ -54,7 +54,7 @@ def test_no_deviation_is_agree_and_a_bias_is_not() -> None:
 
 
 def test_too_few_samples_to_see_half_a_sigma_never_agree() -> None:
-    """Half a sigma is 3 standard errors of 40 samples: the limit of this panel is 2.7, and 1.6 more is asked."""
+    """Half a sigma is 3 standard errors of 40 samples; this panel needs 2.7, and 1.6 more for the power."""
     few = findings(panel(), panel(), samples=40)
     assert few.few
     assert judge(few) == "unexplained"
@@ -83,7 +83,7 @@ def test_limit_of_skew_follows_the_larger_of_skew_and_tails_and_limit_of_bias_fo
 @pytest.mark.parametrize(("own", "limit"), [(0.0, 0.02), (0.3, 0.032)])
 def test_inexact_law_may_leave_a_hundredth_of_a_spread_that_comes_from_a_bias(own: float, limit: float) -> None:
     """A law that is wrong by a tenth of a bias of 0.84 sigma leaves 0.084, whose square is next to no spread."""
-    told = 0.5 * own**2 * BINS / 1e-4  # nats of what spreads say beyond means
+    told = 0.5 * own**2 * BINS / 1e-4  # nats: the information of spreads beyond means
     spread = replace(curve("spread", 0.5), telling=told)
     before = replace(panel(bias=0.84), curves=(curve("bias", 0.84), spread))
     assert inexact(curve("spread", 0.05), before) == pytest.approx(limit, rel=0.01)

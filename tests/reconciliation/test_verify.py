@@ -66,7 +66,7 @@ def test_drift_with_a_ripple_in_time_is_not_explained_and_is_placed_in_time(
 def test_growing_pattern_is_not_explained_and_named_at_most_a_fixed_pattern(
     small: Model, rng: np.random.Generator
 ) -> None:
-    """What is left of each pixel changes slowly: one frame is like the next, and no bias stays."""
+    """The remaining bias of each pixel changes slowly, so neighbouring frames are alike and no bias is constant."""
     evidence = recorded(small)
     growing = evidence.time_s[:, None] / evidence.time_s[-1] * rng.normal(0.0, 8.0, evidence.shape[1])
     moved = np.where(evidence.samples > 0, np.rint(evidence.samples + growing), 0).astype(np.uint16)
@@ -103,8 +103,8 @@ def test_model_whose_simulation_contradicts_its_prediction_is_unexplained(small:
     [
         ({"memory": 80.0}, True),
         ({"memory": 80.0, "bias": 60.0}, True),
-        ({"memory": 60.0, "pattern": 80.0}, False),  # one frame is like the next as a bias stays
-        ({"memory": 4.0}, False),  # too little of what was gained
+        ({"memory": 60.0, "pattern": 80.0}, False),  # neighbouring frames are alike because of a constant bias
+        ({"memory": 4.0}, False),  # too small a part of the gain
         ({"pattern": 80.0}, False),
     ],
 )

@@ -60,7 +60,7 @@ def alone(small: Model, kind: str) -> Reconciliation:
     model = small
     if kind == "phase_wrapping":  # a turn of 3.75 m, so that a part of the wall lies beyond it
         model = replace(small, sensor=replace(small.sensor, modulation_frequency_hz=40e6))
-    if kind == "motion":  # each frame is cast by itself: few, over 8 s, of two surfaces
+    if kind == "motion":  # each frame is cast separately: few frames over 8 s, of two surfaces
         recording = replace(small.recording, frames=25, frame_rate_hz=3.0)
         model = replace(small, recording=recording, surfaces=small.surfaces[1:])
     return reconciled(model, HIDDEN[kind], kinds=tuple(k for k in KINDS if k in {kind, *RIVALS}))
@@ -158,7 +158,7 @@ def test_shift_is_given_in_mm_if_many_pixels_see_open_space(
 
 @pytest.mark.slow
 def test_wave_hidden_in_a_fixed_pattern_is_named_with_it(model: Model) -> None:
-    """A pattern can take up any static bias: the law that gains beside it has the precedence, and both are named."""
+    """A pattern can absorb any static bias: the law that gains in its presence is added first, and both are named."""
     hidden = (
         MAKE["fixed_pattern"](pixel_sigma_mm=10.0, column_sigma_mm=3.0, row_sigma_mm=3.0),
         MAKE["wiggling"](amplitude_mm=20.0, phase_rad=0.7),
