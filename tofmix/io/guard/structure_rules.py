@@ -48,7 +48,7 @@ class Limits:
     chunks : int
         Chunks of a dataset: the library holds an index of them in memory.
     walked_chunks : int
-        Chunks of a dataset up to which each one's place is checked; a larger index takes too long.
+        Most chunks of a dataset whose positions are checked; a larger index takes too long.
     value_bytes : int
         Size of one value of a dataset, such as a text of fixed length.
     attributes, attribute_bytes : int

@@ -1,4 +1,4 @@
-"""How much of a recording a page holds."""
+"""Limits of the samples in a page."""
 
 from dataclasses import dataclass
 

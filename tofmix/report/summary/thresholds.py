@@ -1,4 +1,4 @@
-"""When something about a layers file is worth a warning."""
+"""Thresholds of the warnings about a layers file."""
 
 import math
 from dataclasses import dataclass
