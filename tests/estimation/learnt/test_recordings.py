@@ -10,7 +10,7 @@ from support.learnt_pixels import CAMERA, KNOWN, LOW_MM, SIGMA_MM, TOP_MM, pixel
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.layering import layer_pixels
-from tofmix.estimation.learnt.learning import Pixels
+from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.recordings import (
     FoundNoise,
     calibrated,
@@ -20,7 +20,7 @@ from tofmix.estimation.learnt.recordings import (
     pixels_of,
     scatters,
 )
-from tofmix.estimation.learnt.thresholds import calibrate
+from tofmix.estimation.learnt.training_pixels import Pixels
 from tofmix.layers import Layers
 from tofmix.recording import ArrayRecording
 from tofmix.sensor import NoiseCurve, Sensor

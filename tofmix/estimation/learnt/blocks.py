@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace, read_gains, remove
-from tofmix.estimation.learnt.errors import standard_errors
-from tofmix.estimation.learnt.fitting import (
+from tofmix.estimation.learnt.components import (
     BACKGROUND,
     GAIN,
     LOG_WIDTH,
@@ -20,12 +18,14 @@ from tofmix.estimation.learnt.fitting import (
     SIGMA,
     SUPPORT,
     WEIGHT,
-    Samples,
-    fill_times,
-    maximise,
-    value_of,
+    remove_surface,
 )
+from tofmix.estimation.learnt.counting import Rules, count_surfaces
+from tofmix.estimation.learnt.errors import standard_errors
+from tofmix.estimation.learnt.fitting import Samples, fill_times, maximise, value_of
 from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.learnt.thresholds import Thresholds, read_gains
+from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.components import sort_surfaces
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS, chance_of
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
@@ -98,7 +98,7 @@ def fill_layers(
                     weakest = i
             if fit[SUPPORT, weakest] >= 1.0:
                 break
-            k = remove(k, weakest, fit)
+            k = remove_surface(k, weakest, fit)
             iterations = maximise(data, k, fit, law, beam, options.max_iter, options.tol, scratch)
         sort_surfaces(k, fit, OWN)
         known = standard_errors(data, k, fit, law, beam, scratch, range_errors, weight_errors)

@@ -12,12 +12,9 @@ from tofmix.arrays import Float32Array, FloatArray, IntArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import take_samples
-from tofmix.estimation.learnt.counting import CLOSE, new_workspace, try_one_more
-from tofmix.estimation.learnt.fitting import (
+from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
-    LEARNING_ITER,
-    LEARNING_TOL,
     LOG_WIDTH,
     MEAN,
     OWN,
@@ -25,14 +22,11 @@ from tofmix.estimation.learnt.fitting import (
     SIGMA,
     SUPPORT,
     WEIGHT,
-    Samples,
-    detrend,
-    fill_times,
-    maximise,
-    mix,
     still_row,
 )
+from tofmix.estimation.learnt.fitting import LEARNING_ITER, LEARNING_TOL, Samples, detrend, fill_times, maximise, mix
 from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.learnt.trials import CLOSE, densest_place, new_workspace, try_one_more
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 from tofmix.learnt_noise import DRIFTS
@@ -95,7 +89,7 @@ def find_clusters(samples: Float32Array, beam: Beam) -> Clusters:
         rest = n
         left[:n] = value[:n]
         for _ in range(MOST_IN_PIXEL):
-            place, crowd_size = _crowd(left, rest, curve_range, curve_sigma)
+            place, crowd_size = densest_place(left, rest, own, True)  # noqa: FBT003  a kernel's flag
             if crowd_size < max(LEAST_IN_CLUSTER, LEAST_SHARE * n):
                 break
             sigma = sigma_at(place, curve_range, curve_sigma)
@@ -110,21 +104,6 @@ def find_clusters(samples: Float32Array, beam: Beam) -> Clusters:
                     kept += 1
             rest = kept
     return Clusters(owner[:count].copy(), low[:count].copy(), high[:count].copy())
-
-
-@jit
-def _crowd(y: FloatArray, n: int, curve_range: FloatArray, curve_sigma: FloatArray) -> tuple[float, float]:
-    """Where most of `n` ascending samples lie together, and how many."""
-    most, place, stop, inside = 0.0, 0.0, 0, 0.0
-    for first in range(n):
-        end = y[first] + 2.0 * CLOSE * sigma_at(y[first], curve_range, curve_sigma)
-        while stop < n and y[stop] <= end:
-            inside += y[stop]
-            stop += 1
-        if stop - first > most:
-            most, place = float(stop - first), inside / (stop - first)
-        inside -= y[first]
-    return place, most
 
 
 @jit

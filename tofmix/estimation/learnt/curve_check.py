@@ -13,9 +13,10 @@ from tofmix.arrays import IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
-from tofmix.estimation.learnt.learning import LEAST_CLUSTERS, Pixels
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
+from tofmix.estimation.learnt.sigma_curve import LEAST_CLUSTERS
+from tofmix.estimation.learnt.training_pixels import Pixels
 from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.learnt_noise import DRIFTS
 from tofmix.sensor import NoiseCurve, Sensor

@@ -16,7 +16,7 @@ from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.cholesky import scaled_cholesky
-from tofmix.estimation.learnt.fitting import (
+from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DENSITY,
     DRIFT,
@@ -28,13 +28,11 @@ from tofmix.estimation.learnt.fitting import (
     TIME,
     TOTAL,
     WEIGHT,
-    Samples,
-    background_density,
-    mix,
     no_return_row,
     slope_row,
     still_row,
 )
+from tofmix.estimation.learnt.fitting import Samples, background_density, mix
 from tofmix.estimation.learnt.law import Law, precision_of_t
 from tofmix.learnt_noise import DRIFTS
 

@@ -18,38 +18,38 @@ Varadhan and Roland, Scandinavian J. Statistics 35(2), 2008, doi:10.1111/j.1467-
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from tofmix.arrays import FloatArray
-from tofmix.compiled.jit import borrowing, jit
+from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import log_of, product_of, total_of
 from tofmix.estimation.beam import Beam
+from tofmix.estimation.learnt.components import (
+    BACKGROUND,
+    DENSITY,
+    DRIFT,
+    FIRST,
+    LOG_WIDTH,
+    MEAN,
+    OWN,
+    OWN_NUMBERS,
+    PLACE,
+    SECOND,
+    SHARE,
+    SIGMA,
+    SUPPORT,
+    TERM,
+    THIRD,
+    TIME,
+    TOTAL,
+    VECTOR,
+    WEIGHT,
+    no_return_row,
+    slope_row,
+    still_row,
+)
 from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, REACH, STEPS, Law, log_prior_t, precision_of_t
 from tofmix.estimation.mixture.em import gaussians
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.learnt_noise import DRIFTS
-
-MEAN, SIGMA, WEIGHT, SUPPORT, GAIN, DRIFT = 0, 1, 2, 3, 4, 5
-OWN, PLACE, FIRST = DRIFT + DRIFTS, DRIFT + DRIFTS + 1, DRIFT + DRIFTS + 2
-"""Rows of a fit: what each surface has (from DRIFT on its `DRIFTS` coefficients, mm), the pixel's own numbers, steps,
-and from FIRST on three vectors of an acceleration."""
-
-VECTOR = 3 + DRIFTS
-"""Rows of a vector: means in sigmas, shares, drifts in sigmas, the pixel's own numbers."""
-
-SECOND, THIRD = FIRST + VECTOR, FIRST + 2 * VECTOR
-ROWS = FIRST + 3 * VECTOR
-
-LOG_WIDTH, BACKGROUND = 0, 1
-"""Columns of row OWN."""
-
-OWN_NUMBERS = 2  # numbers of a pixel's own: log width, background
-
-TOTAL, SHARE, TERM, NEW, TIME = 0, 1, 2, 3, 4
-SCORES = TIME + DRIFTS
-DENSITY = SCORES + 3
-"""Rows of the scratch: p(r_j), 1 / p, rows to work in, polynomials of time, three scores, and from DENSITY on the
-densities of the surfaces, that of c_0, the slopes, and the samples less each surface's drift."""
 
 LONGEST_STEP = 1.0
 """No mean moves by more than this, in sigmas, in one iteration: scoring may overshoot where a shape is not concave."""
@@ -68,32 +68,6 @@ class Samples(NamedTuple):
 
     value: FloatArray
     time: FloatArray
-
-
-@jit
-def new_fit(capacity: int) -> FloatArray:
-    """Room for `capacity` surfaces, c_0 (the last column), and the pixel's own numbers."""
-    return np.zeros((ROWS, max(capacity, OWN_NUMBERS) + 1))
-
-
-@jit
-def new_scratch(capacity: int, samples: int) -> FloatArray:
-    """Room for pixels of up to so many samples."""
-    return np.zeros((DENSITY + 3 * max(capacity, OWN_NUMBERS) + 1, samples))
-
-
-@borrowing
-def capacity_of(fit: FloatArray) -> int:
-    """Most surfaces that fit."""
-    return len(fit[MEAN]) - 1
-
-
-@borrowing
-def copy_fit(source: FloatArray, target: FloatArray) -> None:
-    """Copy the surfaces, c_0 and the pixel's own numbers."""
-    for row in range(OWN + 1):
-        for i in range(len(source[row])):
-            target[row, i] = source[row, i]
 
 
 @borrowing
@@ -168,24 +142,6 @@ def mix(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: F
         lend(y, n, fit[MEAN, i], width * fit[SIGMA, i], law, density, scratch[slope_row(fit) + i])
         for j in range(n):
             total[j] += weight * density[j]
-
-
-@borrowing
-def no_return_row(fit: FloatArray) -> int:
-    """Row of the densities of c_0."""
-    return DENSITY + capacity_of(fit)
-
-
-@borrowing
-def slope_row(fit: FloatArray) -> int:
-    """First row of the slopes."""
-    return DENSITY + capacity_of(fit) + 1
-
-
-@borrowing
-def still_row(fit: FloatArray) -> int:
-    """First row of the samples less each surface's drift; filled where there is one."""
-    return DENSITY + 2 * capacity_of(fit) + 1
 
 
 @borrowing

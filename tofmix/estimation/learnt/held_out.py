@@ -6,7 +6,8 @@ from tofmix.arrays import Float32Array, FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.learnt.blocks import take_samples
-from tofmix.estimation.learnt.counting import Rules, Thresholds, count_surfaces, new_workspace
+from tofmix.estimation.learnt.components import TOTAL as TOTAL_ROW
+from tofmix.estimation.learnt.counting import Rules, count_surfaces
 from tofmix.estimation.learnt.fitting import (
     LEARNING_ITER,
     LEARNING_TOL,
@@ -16,8 +17,9 @@ from tofmix.estimation.learnt.fitting import (
     maximise,
     mix,
 )
-from tofmix.estimation.learnt.fitting import TOTAL as TOTAL_ROW
 from tofmix.estimation.learnt.law import Law
+from tofmix.estimation.learnt.thresholds import Thresholds
+from tofmix.estimation.learnt.trials import new_workspace
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.estimation.noise.pixel_noise import beam_of_pixel
 

@@ -11,9 +11,9 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.learnt.counting import Thresholds
+from tofmix.estimation.learnt.bootstrap import calibrate
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.thresholds import calibrate
+from tofmix.estimation.learnt.thresholds import Thresholds
 
 
 class KnownThresholds:
@@ -41,7 +41,7 @@ class KnownThresholds:
         ranges_mm: FloatArray,
         *,
         samples: tuple[int, int],
-        own: FloatArray | None = None,
+        pixel_effects: FloatArray | None = None,
         rounding_mm: float = 0.0,
         workers: int = 1,
         progress: Callable[[int, int], None] | None = None,
@@ -50,7 +50,7 @@ class KnownThresholds:
 
         Parameters
         ----------
-        noise, beam, ranges_mm, samples, own, rounding_mm, workers, progress
+        noise, beam, ranges_mm, samples, pixel_effects, rounding_mm, workers, progress
             As for `calibrate`.
 
         Returns
@@ -58,7 +58,7 @@ class KnownThresholds:
         Thresholds
             For `count_surfaces`.
         """
-        key = _digest((noise, beam, ranges_mm, samples, own, rounding_mm))
+        key = _digest((noise, beam, ranges_mm, samples, pixel_effects, rounding_mm))
         with self._lock:
             if key in self._tables:
                 self._tables.move_to_end(key)
@@ -68,7 +68,7 @@ class KnownThresholds:
             beam,
             ranges_mm,
             samples=samples,
-            own=own,
+            pixel_effects=pixel_effects,
             rounding_mm=rounding_mm,
             workers=workers,
             progress=progress,

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tofmix.arrays import FloatArray
-from tofmix.estimation.learnt.counting import Thresholds
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, Law, law_of
+from tofmix.estimation.learnt.thresholds import Thresholds
 from tofmix.learnt_noise import DRIFTS, LearntNoise
 from tofmix.sensor import NoiseCurve, Sensor
 

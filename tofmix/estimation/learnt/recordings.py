@@ -10,19 +10,14 @@ import numpy as np
 from tofmix.arrays import Float32Array, FloatArray
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.curve_check import doubts
+from tofmix.estimation.learnt.folds import MANY_PIXELS, MAX_LAYERS
 from tofmix.estimation.learnt.held_out import flat_thresholds
 from tofmix.estimation.learnt.known_thresholds import known_thresholds
-from tofmix.estimation.learnt.learning import (
-    MANY_PIXELS,
-    MAX_LAYERS,
-    Lesson,
-    Pixels,
-    beta_prior,
-    learn_pixel_noise,
-    medians,
-)
+from tofmix.estimation.learnt.learning import LearntModel, learn_pixel_noise
 from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.parts import beta_prior
 from tofmix.estimation.learnt.shares import background_shares
+from tofmix.estimation.learnt.training_pixels import Pixels, medians
 from tofmix.estimation.learnt.words import noise_words
 from tofmix.estimation.noise.measurement import MeasuredNoise, measure_noise
 from tofmix.estimation.noise.series import quantisation_step, read_runs
@@ -69,13 +64,13 @@ class FoundNoise:
         The recording's, with the noise curve, and `learnt` where the noise is not a Gaussian's alone.
     measured : MeasuredNoise or None
         What clusters of one Gaussian surface tell (`noise.measurement`); None where they tell nothing.
-    lesson : Lesson or None
+    model : LearntModel or None
         What was learnt; None where most pixels do not scatter.
     """
 
     sensor: Sensor
     measured: MeasuredNoise | None
-    lesson: Lesson | None
+    model: LearntModel | None
 
     @property
     def is_gaussian(self) -> bool:
@@ -85,10 +80,10 @@ class FoundNoise:
     def line(self) -> str:
         """What was found, for a user."""
         said = noise_words(self.sensor)
-        if self.lesson is None:
+        if self.model is None:
             return f"{', '.join(said)}; the samples of most pixels are all equal"
-        told = f"{', '.join(said)}; learnt from {counted(self.lesson.pixels, 'pixel')}"
-        if self.lesson.shapes_differ:
+        told = f"{', '.join(said)}; learnt from {counted(self.model.pixels, 'pixel')}"
+        if self.model.shapes_differ:
             told += "; the shape of the error differs between pixels, and one is used for all"
         return told + self._disagreement()
 
@@ -170,30 +165,30 @@ def learn_noise(
         if measured is None:
             raise ValueError("noise: the samples of most pixels are all equal, and tell no sigma")
         kept = source.sensor if instead_of is not None else replace(sensor, noise=measured.curve)
-        return FoundNoise(sensor=kept, measured=measured, lesson=None)
-    lesson = learn_pixel_noise(
+        return FoundNoise(sensor=kept, measured=measured, model=None)
+    model = learn_pixel_noise(
         pixels, sensor, None if measured is None else measured.curve, shape=shape, widths=widths,
         drift=drift, instead_of=instead_of,
         workers=workers,
     )  # fmt: skip
-    noise = lesson.noise
-    if lesson.given_holds:
-        return FoundNoise(sensor=source.sensor, measured=measured, lesson=lesson)
+    noise = model.noise
+    if model.given_holds:
+        return FoundNoise(sensor=source.sensor, measured=measured, model=model)
     if noise.is_gaussian:
         curve = _without_spread(noise.curve, pixels.rounding_mm)
-        if measured is not None and lesson.kept_start and pixels.rounding_mm < COARSE * curve.sigma_mm.min():
+        if measured is not None and model.kept_start and pixels.rounding_mm < COARSE * curve.sigma_mm.min():
             curve = measured.curve
-        return FoundNoise(sensor=replace(sensor, noise=curve), measured=measured, lesson=lesson)
+        return FoundNoise(sensor=replace(sensor, noise=curve), measured=measured, model=model)
     beam = beam_of(replace(sensor, noise=noise.curve))
     thresholds = known_thresholds(
-        noise, beam, lesson.ranges_mm, samples=_numbers(pixels, min_samples, window), own=lesson.own,
+        noise, beam, model.ranges_mm, samples=_numbers(pixels, min_samples, window), pixel_effects=model.pixel_effects,
         rounding_mm=pixels.rounding_mm, workers=workers, progress=progress,
     )  # fmt: skip
     curve = noise.curve
     if noise.background is not None:
         curve = replace(curve, background=background_map(source, noise, sensor, window))
     return FoundNoise(
-        sensor=replace(sensor, noise=curve, learnt=noise.learnt_with(thresholds)), measured=measured, lesson=lesson
+        sensor=replace(sensor, noise=curve, learnt=noise.learnt_with(thresholds)), measured=measured, model=model
     )
 
 
@@ -233,7 +228,7 @@ def learn_if_contradicted(
     found = learn_noise(
         source, window_frames=window_frames, stride_frames=stride_frames, instead_of=source.sensor.noise, **choices
     )
-    return None if found.lesson is None or found.lesson.given_holds else found
+    return None if found.model is None or found.model.given_holds else found
 
 
 def _without_spread(curve: NoiseCurve, rounding_mm: float) -> NoiseCurve:

@@ -59,7 +59,7 @@ CENTRES = np.arange(-round(REACH / STEP), round(REACH / STEP) + 1) * STEP
 
 
 def histogram(z: FloatArray, weight: FloatArray | None = None) -> FloatArray:
-    """Errors (bin,) in each bin of `CENTRES`."""
+    """Count the errors z, in sigmas, in each bin of `CENTRES`: (bin,); NaN is in none."""
     edges = np.concatenate([CENTRES - 0.5 * STEP, [CENTRES[-1] + 0.5 * STEP]])
     return np.histogram(z, edges, weights=weight)[0].astype(np.float64)
 

@@ -12,17 +12,17 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.learnt.fitting import (
+from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
     LOG_WIDTH,
     MEAN,
     OWN,
     SIGMA,
+    SUPPORT,
     WEIGHT,
-    Samples,
-    background_density,
 )
+from tofmix.estimation.learnt.fitting import Samples, background_density, log_priors, value_of
 from tofmix.estimation.learnt.law import Law, at_table
 from tofmix.learnt_noise import DRIFTS
 
@@ -31,6 +31,9 @@ NEAR_SIGMAS = 5.0
 
 LEAST_AFTER = 2
 """Samples on either side of a jump."""
+
+SIGNIFICANT = 2.0
+"""Standard errors by which a width or a drift must differ from none before it may stand for something else."""
 
 _ROUNDS = 8  # scoring steps for the range on one side of a jump
 
@@ -96,3 +99,22 @@ def value_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam) -> float
     jump = _side(value[: at + 1], first_mean, weight, background, width, law)
     jump += _side(value[at + 1 :], second_mean, weight, background, width, law)
     return jump
+
+
+@borrowing
+def drift_exceeds_noise(i: int, fit: FloatArray, law: Law, n: float) -> bool:
+    """Whether the drift of a surface of `n` samples exceeds noise: its root mean square over the standard error."""
+    sigma = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, i]
+    square = 0.0
+    for d in range(DRIFTS):
+        square += fit[DRIFT + d, i] ** 2 / (2.0 * d + 3.0)  # mean square of the polynomial
+    return bool(square > (SIGNIFICANT * sigma) ** 2 / (law.information * n))
+
+
+@jit
+def gain_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> float:
+    """Gain in log likelihood, nat, of one jump over the drift in a fit of one surface; 0 where it does not drift."""
+    if not drift_exceeds_noise(0, fit, law, max(fit[SUPPORT, 0], 1.0)):
+        return 0.0
+    drifting = value_of(data, 1, fit, law, beam, scratch) - log_priors(1, fit, law)
+    return value_of_jump(data, fit, law, beam) - drifting
