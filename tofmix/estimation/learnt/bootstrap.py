@@ -1,10 +1,10 @@
-"""Gains that the learnt noise reaches by chance: a parametric bootstrap, once a recording.
+"""Gains that the learnt noise alone reaches: a parametric bootstrap, once a recording.
 
-Pixels are drawn from the learnt model with one surface, and with none, for a few numbers of samples and shares of
-background, and rounded as the recording is. The package's own search fits one surface more to each, and a jump in time.
-The gains it finds have a tail that falls exponentially, as those of likelihood ratios do; it is fitted from the gains
-that a twentieth of the pixels exceed, so that chances down to 10^-6 follow from a few thousand draws. Seeds are fixed:
-the same model gives the same table.
+Pixels with one surface and without surfaces are drawn from the learnt model, for some numbers of samples and shares of
+background, and rounded as the recording is. A trial (`trials`) fits one surface more to each, and a jump in time. The
+tail of the gains falls exponentially, as that of likelihood ratios. It is fitted to the largest twentieth of the gains,
+so that probabilities down to 10^-6 follow from some thousand draws. The seed is fixed: the same model gives the same
+thresholds.
 
 References
 ----------
@@ -22,44 +22,43 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import jit
 from tofmix.estimation.beam import Beam
-from tofmix.estimation.learnt.blocks import take_samples
 from tofmix.estimation.learnt.components import copy_fit, start_without_surface
-from tofmix.estimation.learnt.fitting import Samples, fill_times
+from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
-from tofmix.estimation.learnt.steps import gain_of_jump
+from tofmix.estimation.learnt.pixel_samples import Samples, fill_times, take_samples
 from tofmix.estimation.learnt.thresholds import Thresholds
 from tofmix.estimation.learnt.trials import first_surface, new_workspace, try_one_more
 from tofmix.estimation.mixture.false_alarms import FALSE_ALARMS
 from tofmix.learnt_noise import DRIFTS
 
 DRAWS = 6000, 20_000
-"""Fewest and most pixels drawn for each number of samples and share of background: 300 or more exceed the tail's
-start."""
+"""Fewest and most pixels of each number of samples and share of background: the tail then has 300 gains or more."""
 
 DRAWS_IN_ALL = 120_000
-"""Pixels drawn in all, within these."""
+"""Pixels drawn in all, within these bounds."""
 
 TAIL = 0.05
-"""Share of the gains that the tail is fitted to."""
+"""Part of the gains that the tail is fitted to."""
 
 SHARES = (0.0, 0.02, 0.1, 0.3, 0.6, 0.85)
-"""Shares of background that are drawn, where pixels have shares of their own: those that one in a thousand has."""
+"""Shares of background that are drawn where each pixel has a share."""
 
-RARE_SHARE = 1.0e-3  # part of the pixels whose background may lie beyond the simulated shares, on either side
+RARE_SHARE = 1.0e-3
+"""Part of the pixels whose share of background may lie beyond those that are drawn, at either end."""
 
 SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
-"""Numbers of samples that are drawn, as far as the recording's windows have them; past the last, its gains hold."""
+"""Numbers of samples that are drawn, as far as pixels of the recording have them; the gains of the last hold beyond."""
 
 LEAST_WORTH = 1.0
-"""Gains below this, nat, need not be known: more than a twentieth of all noise exceeds them."""
+"""Gain bound, nat, from which on a trial is made: smaller gains are no part of the tail."""
 
 _SEED = 20080922  # of the bootstrap, so that the same model gives the same table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Cell:
-    """Draws of one number of samples: with one surface on a share of background, or with none (None)."""
+    """Draws of one number of samples, with one surface on a share of background; without surfaces where it is None."""
 
     samples: int
     background: float | None
@@ -78,7 +77,7 @@ def calibrate(
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> Thresholds:
-    """Draw the gains that noise exceeds.
+    """Draw the gains that noise alone exceeds.
 
     Parameters
     ----------
@@ -87,19 +86,19 @@ def calibrate(
     beam : Beam
         The fixed part of equation (1).
     ranges_mm : (n,) float64
-        Ranges of surfaces as the recording has them, mm: draws take them in turn.
+        Ranges of surfaces of the recording, mm: draws take them in turn.
     samples : (int, int)
         Fewest and most valid samples of the recording's pixels in a window.
     pixel_effects : (n, 1 + DRIFTS) float64, optional
-        Log width and drift, mm, of pixels of the recording: draws take them at random. By the priors without it.
+        Log width and drift, mm, of pixels of the recording: draws take them at random. Default: draws of the priors.
     rounding_mm : float
-        Step of the stored ranges: draws are rounded to it.
+        Step of the stored ranges, mm: draws are rounded to it.
     draws : int, optional
-        Pixels a cell; by `DRAWS` and `DRAWS_IN_ALL` without it.
+        Pixels of each number of samples and share; default: by `DRAWS` and `DRAWS_IN_ALL`.
     workers : int
         Threads; the table does not depend on them.
     progress : callable, optional
-        Told cells done and all cells.
+        Is called with the numbers of finished and of all parts of the table.
 
     Returns
     -------
@@ -139,7 +138,7 @@ def calibrate(
 
 
 def _shares(prior: tuple[float, float]) -> list[float]:
-    """Those of `SHARES` that enclose all but rare shares of the prior."""
+    """Return the `SHARES` that enclose all but rare shares of the prior."""
     from scipy.special import betaincinv
 
     low, high = betaincinv(*prior, [RARE_SHARE, 1.0 - RARE_SHARE])
@@ -149,16 +148,16 @@ def _shares(prior: tuple[float, float]) -> list[float]:
 
 
 def _numbers(least: int, most: int) -> list[int]:
-    """Numbers of samples to draw, ascending: those of `SAMPLES` between the ends, and the ends."""
+    """Return the numbers of samples to draw, ascending: those of `SAMPLES` between the ends, and the ends."""
     low, high = max(least, SAMPLES[0]), min(max(most, SAMPLES[0]), SAMPLES[-1])
     low = min(low, high)
     return sorted({low, high, *(n for n in SAMPLES if low < n < high)})
 
 
 def _tail(gains: FloatArray) -> FloatArray:
-    """Gains exceeded with each of `FALSE_ALARMS`: quantiles down to `TAIL`, and an exponential tail beyond.
+    """Gains that are exceeded with each probability of `FALSE_ALARMS`: quantiles to `TAIL`, and an exponential tail.
 
-    The mean excess over the tail's start is the scale of an exponential (its maximum likelihood).
+    The mean excess over the start of the tail is the maximum-likelihood scale of an exponential.
     """
     ordered = np.sort(np.maximum(gains, 0.0))
     start = float(np.quantile(ordered, 1.0 - TAIL))
@@ -170,12 +169,12 @@ def _tail(gains: FloatArray) -> FloatArray:
             out.append(max(float(np.quantile(ordered, 1.0 - chance)), 0.0))
         else:
             out.append(start + scale * math.log(TAIL / chance))
-    # Chances are read off between the gains: these must ascend.
+    # Probabilities are interpolated between the gains, which must ascend.
     return np.maximum.accumulate(np.array(out) + 1e-9 * np.arange(len(out)))
 
 
 class _Drawing:
-    """Draws blocks of pixels from the learnt model."""
+    """Draws of pixels from the learnt model."""
 
     def __init__(
         self, noise: PixelNoise, beam: Beam, ranges_mm: FloatArray, pixel_effects: FloatArray | None, rounding_mm: float
@@ -185,7 +184,7 @@ class _Drawing:
         self._effects = None if pixel_effects is None or len(pixel_effects) == 0 else pixel_effects
 
     def block(self, cell: _Cell, count: int) -> FloatArray:
-        """Samples (pixel, frame), mm."""
+        """Draw samples (pixel, frame), mm."""
         rng = np.random.default_rng([_SEED, cell.number, cell.samples])
         n, beam, noise = cell.samples, self._beam, self._noise
         if cell.background is None:
@@ -202,7 +201,7 @@ class _Drawing:
         return np.asarray(out, dtype=np.float64)
 
     def _draw_effects(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Log width and drift, mm, of so many pixels (count, 1 + DRIFTS)."""
+        """Draw log width and drift, mm, of `count` pixels: (count, 1 + DRIFTS)."""
         if self._effects is not None:
             return self._effects[rng.integers(len(self._effects), size=count)]
         spread = SCALE_OF_SPREAD * self._noise.curve.width_spread
@@ -212,7 +211,7 @@ class _Drawing:
 
 
 def _standardised(rng: np.random.Generator, noise: PixelNoise, shape: tuple[int, int]) -> FloatArray:
-    """Standardised errors with the learnt shape and memory: a Gaussian copula of AR(1) noise."""
+    """Draw standardised errors with the learnt shape and memory: a Gaussian copula of AR(1) noise."""
     from scipy.special import ndtr
 
     z = rng.standard_normal(shape)
@@ -227,7 +226,7 @@ def _standardised(rng: np.random.Generator, noise: PixelNoise, shape: tuple[int,
 
 @jit
 def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, out: FloatArray) -> None:
-    """Fill `out` (pixel,) with the gain of the first surface, where pixels have none, or of a second one or a jump."""
+    """Fill `out` (pixel,) with gains, nat: of the first surface in empty pixels, else of a second one or a jump."""
     pixels, frames = block.shape
     value, time = np.empty(frames), np.empty(frames)
     work = new_workspace(3, frames, 1)
@@ -244,7 +243,7 @@ def _gains(block: FloatArray, empty: bool, laws: tuple[Law, Law], beam: Beam, ou
             jump = gain_of_jump(data, work.fit, laws[0], beam, work.scratch)
             more = try_one_more(data, 1, work, laws[0], beam, LEAST_WORTH)
             if jump > more:
-                # A jump alone splits no pixel: without drift, a further surface must gain as much.
+                # A jump alone splits no pixel: without drift, a further surface must gain as much too.
                 start_without_surface(data.value, work.fit, beam)
                 first_surface(data, work, laws[1], beam)
                 copy_fit(work.best, work.fit)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam
+from tofmix.estimation.learnt.acceleration import value_of
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
     GAIN,
@@ -23,9 +24,10 @@ from tofmix.estimation.learnt.components import (
     remove_surface,
     start_without_surface,
 )
-from tofmix.estimation.learnt.fitting import Samples, mix, value_of
+from tofmix.estimation.learnt.em import mix
+from tofmix.estimation.learnt.jumps import gain_of_jump
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.steps import gain_of_jump
+from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.learnt.thresholds import Thresholds, read_gains
 from tofmix.estimation.learnt.trials import (
     Workspace,
@@ -40,6 +42,10 @@ from tofmix.estimation.mixture.false_alarms import least_gain
 
 NEAR_NO_RETURN = 5.0
 """Distance, in sigmas, within which c_0 and a surface may stand for the same samples."""
+
+LEARNING_FALSE_ALARM, LEARNING_NO_RETURN_GAIN = 1.0e-3, 4.0
+"""Rules of the counts that noise is learnt from: false alarms, and c_0's gain in nat, which noise alone gives it with a
+probability of 0.002."""
 
 
 class Rules(NamedTuple):

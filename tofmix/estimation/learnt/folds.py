@@ -10,12 +10,9 @@ from tofmix.estimation.learnt.clusters import ClusterFits, Clusters, find_cluste
 from tofmix.estimation.learnt.held_out import flat_thresholds, held_out_scores
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.shares import PixelWidths, background_shares, pixel_widths
-from tofmix.estimation.learnt.training_pixels import Pixels
+from tofmix.estimation.learnt.training_pixels import MANY_PIXELS, Pixels
 from tofmix.estimation.noise.pixel_noise import pixel_curves
 from tofmix.sensor import Sensor
-
-MANY_PIXELS = 900
-"""From so many pixels on, one third of them judges all models: its standard error is small enough."""
 
 MAX_LAYERS = 4
 """Most surfaces of a pixel while the noise is learnt."""

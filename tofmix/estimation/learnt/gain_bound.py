@@ -34,8 +34,9 @@ from tofmix.estimation.learnt.components import (
     slope_row,
     still_row,
 )
-from tofmix.estimation.learnt.fitting import Samples, drifts
+from tofmix.estimation.learnt.em import drifts
 from tofmix.estimation.learnt.law import Law, at_table, precision_of_t
+from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.mixture.share_step import LEAST_BEND, next_share
 from tofmix.estimation.noise.kernel import sigma_at
 

@@ -1,4 +1,4 @@
-"""Thresholds that this process has drawn before: the same noise is not calibrated twice."""
+"""A cache of thresholds in this process: those of one noise are drawn once."""
 
 import dataclasses
 import hashlib
@@ -17,9 +17,9 @@ from tofmix.estimation.learnt.thresholds import Thresholds
 
 
 class KnownThresholds:
-    """Tables by the noise they were drawn for; those used last are kept, a few kilobytes each.
+    """Thresholds by all that they depend on; those used last are kept, a few kilobytes each.
 
-    A table depends on nothing but what it is drawn for: its seed is fixed, and workers do not change it.
+    The seed of a bootstrap is fixed, and its workers do not change it. So its arguments are the key.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class KnownThresholds:
         workers: int = 1,
         progress: Callable[[int, int], None] | None = None,
     ) -> Thresholds:
-        """The table of the noise, drawn or known. `progress` is not called where it is known.
+        """Return the thresholds of the noise, drawn or known. `progress` is called where they are drawn.
 
         Parameters
         ----------
@@ -81,10 +81,10 @@ class KnownThresholds:
 
 
 def _digest(value: tuple[Any, ...]) -> bytes:
-    """A digest of all numbers in tuples, dataclasses and arrays."""
+    """SHA-256 of all numbers in tuples, dataclasses and arrays."""
     found = hashlib.sha256()
 
-    def take(value: Any) -> None:  # noqa: ANN401  whatever noise is made of
+    def take(value: Any) -> None:  # noqa: ANN401  any part of the arguments
         if isinstance(value, np.ndarray):
             found.update(repr((value.dtype.str, value.shape)).encode())
             found.update(np.ascontiguousarray(value).tobytes())
@@ -104,4 +104,4 @@ def _digest(value: tuple[Any, ...]) -> bytes:
 
 
 known_thresholds = KnownThresholds()
-"""Those of this process."""
+"""The cache of this process."""

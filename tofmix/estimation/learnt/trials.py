@@ -1,6 +1,6 @@
 """Trials of one pixel under the learnt noise: a fit with one surface more or less, and its gain.
 
-A gain is a difference of the objective (`fitting.objective`), priors included, nat. `counting` decides by gains which
+A gain is a difference of the objective (`em.objective`), priors included, nat. `counting` decides by gains which
 surfaces stay; `bootstrap` and `clusters` make the same trials on drawn pixels and on clusters.
 """
 
@@ -12,6 +12,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond
+from tofmix.estimation.learnt.acceleration import maximise, value_of
 from tofmix.estimation.learnt.components import (
     DENSITY,
     LOG_WIDTH,
@@ -32,10 +33,11 @@ from tofmix.estimation.learnt.components import (
     start_without_surface,
     still_row,
 )
-from tofmix.estimation.learnt.fitting import Samples, background_density, drifts, maximise, mix, objective, value_of
+from tofmix.estimation.learnt.em import background_density, drifts, mix, objective
 from tofmix.estimation.learnt.gain_bound import best_share_at, steepest_place
+from tofmix.estimation.learnt.jumps import SIGNIFICANT, drift_exceeds_noise
 from tofmix.estimation.learnt.law import Law
-from tofmix.estimation.learnt.steps import SIGNIFICANT, drift_exceeds_noise
+from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.mixture.counting import COUNT_ITER, COUNT_TOL, LEAST_BOUND, MIN_SUPPORT, SPLIT_SIGMAS
 from tofmix.estimation.mixture.share_step import LARGEST_SHARE
 from tofmix.estimation.noise.kernel import sigma_at

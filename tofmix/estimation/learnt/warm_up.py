@@ -1,4 +1,4 @@
-"""Compile the kernels of learnt noise, or load them from their cache, by using each once on a few made-up pixels."""
+"""Compile the kernels of learnt noise, or load them from the cache: each runs once on some made-up pixels."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ _FRAMES, _PIXELS = 20, 3  # of the made-up samples
 
 
 def warm_up() -> None:
-    """Use each kernel once."""
+    """Run each kernel once."""
     samples = np.random.default_rng(1).normal(_RANGE_MM, _SIGMA_MM, (_PIXELS, _FRAMES)).astype(np.float32)
     sensor = Sensor(
         name="warm-up",

@@ -11,6 +11,7 @@ from support.learnt_pixels import KNOWN, LOW_MM, SIGMA_MM, TOP_MM, camera_with, 
 from tofmix.arrays import FloatArray
 from tofmix.estimation.beam import Beam, beam_of
 from tofmix.estimation.layering import layer_pixels
+from tofmix.estimation.learnt.acceleration import maximise, value_of
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
@@ -22,9 +23,10 @@ from tofmix.estimation.learnt.components import (
     new_fit,
     new_scratch,
 )
-from tofmix.estimation.learnt.fitting import Samples, em_step, fill_times, maximise, value_of
+from tofmix.estimation.learnt.em import em_step
 from tofmix.estimation.learnt.law import SCALE_OF_SPREAD, TAIL_DEGREES, Law
 from tofmix.estimation.learnt.model import PixelNoise
+from tofmix.estimation.learnt.pixel_samples import Samples, fill_times
 from tofmix.estimation.settings import EstimateOptions
 from tofmix.learnt_noise import DRIFTS
 

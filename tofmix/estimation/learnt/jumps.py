@@ -1,8 +1,8 @@
-"""Whether a pixel's range jumps rather than drifts: a jump in mid-window is two surfaces, a slow drift is one.
+"""Whether a pixel's range drifts or jumps: a slow drift is one surface, a jump within the window is two.
 
-A smooth polynomial follows a jump far enough to beat two surfaces whose samples may come in any order. So the drift is
-held against one jump at the best of all times, with as many free numbers: where the jump gains as much as a further
-surface must, the pixel is given no drift, and its surfaces are counted.
+A polynomial follows a jump well enough to have a larger likelihood than two surfaces, whose samples may come in any
+order. So the drift is compared with one jump at the best of all times, which has as many free numbers. Where the jump
+gains as much as a further surface must, the surfaces of the pixel are counted without drift.
 """
 
 import math
@@ -12,6 +12,7 @@ import numpy as np
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.estimation.beam import Beam
+from tofmix.estimation.learnt.acceleration import value_of
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DRIFT,
@@ -22,25 +23,26 @@ from tofmix.estimation.learnt.components import (
     SUPPORT,
     WEIGHT,
 )
-from tofmix.estimation.learnt.fitting import Samples, background_density, log_priors, value_of
+from tofmix.estimation.learnt.em import background_density, log_priors
 from tofmix.estimation.learnt.law import Law, at_table
+from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.learnt_noise import DRIFTS
 
 NEAR_SIGMAS = 5.0
-"""Samples farther from the drifting surface than this do not say when the jump was; half a jump counts as well."""
+"""Samples this near to the drifting surface, in sigmas beyond its drift, determine the time of the jump."""
 
 LEAST_AFTER = 2
-"""Samples on either side of a jump."""
+"""Least samples on either side of a jump."""
 
 SIGNIFICANT = 2.0
-"""Standard errors by which a width or a drift must differ from none before it may stand for something else."""
+"""Standard errors from which on a width or a drift exceeds noise, and may stand for a further surface."""
 
-_ROUNDS = 8  # scoring steps for the range on one side of a jump
+_ROUNDS = 8  # steps of scoring for the range on one side of a jump
 
 
 @borrowing
 def _side(value: FloatArray, start: float, weight: float, background: float, width: float, law: Law) -> float:
-    """Log likelihood, nat, of the samples on one side of the jump, at the best place of the surface there."""
+    """Log likelihood, nat, of the samples on one side of the jump, at the best range there, from `start`, mm, on."""
     place, total = start, 0.0
     for _ in range(_ROUNDS):
         push, held, total = 0.0, 0.0, 0.0
@@ -59,9 +61,9 @@ def _side(value: FloatArray, start: float, weight: float, background: float, wid
 
 @jit
 def value_of_jump(data: Samples, fit: FloatArray, law: Law, beam: Beam) -> float:
-    """Log likelihood, nat, of the samples of `fit`, of one surface, with one jump at the best time instead of a drift.
+    """Log likelihood, nat, of one surface with a jump at the best time, instead of the drift of `fit`.
 
-    Minus infinity where there are too few samples for two sides.
+    Minus infinity where the samples are too few for two sides.
     """
     n = len(data.value)
     width = math.exp(fit[OWN, LOG_WIDTH]) * fit[SIGMA, 0]

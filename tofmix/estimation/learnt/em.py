@@ -6,17 +6,14 @@ The likelihood of sample j, y_j being its range less the pixel's drift, is
 
 with the learnt shape f, the pixel's width u, c_0's share w_0 and the background's share b. Shares are updated as in any
 EM; means, log u and the drift by Fisher's scoring on the samples' responsibilities, which for a Gaussian is EM itself.
-Priors of u, b and the drift are part of the objective (`objective`). Steps are accelerated as in
-`tofmix.estimation.mixture.acceleration`.
+Priors of u, b and the drift are part of the objective (`objective`). `acceleration` takes the steps.
 
 References
 ----------
 McLachlan and Krishnan, The EM Algorithm and Extensions, 2nd edition, 2008, sections 1.5 and 4.
-Varadhan and Roland, Scandinavian J. Statistics 35(2), 2008, doi:10.1111/j.1467-9469.2007.00585.x: scheme S3.
 """
 
 import math
-from typing import NamedTuple
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing
@@ -26,63 +23,37 @@ from tofmix.estimation.learnt.components import (
     BACKGROUND,
     DENSITY,
     DRIFT,
-    FIRST,
     LOG_WIDTH,
     MEAN,
     OWN,
-    OWN_NUMBERS,
     PLACE,
-    SECOND,
     SHARE,
     SIGMA,
     SUPPORT,
     TERM,
-    THIRD,
     TIME,
     TOTAL,
-    VECTOR,
     WEIGHT,
     no_return_row,
     slope_row,
     still_row,
 )
 from tofmix.estimation.learnt.law import MOST_LOG_WIDTH, REACH, STEPS, Law, log_prior_t, precision_of_t
+from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.mixture.em import gaussians
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.learnt_noise import DRIFTS
 
 LONGEST_STEP = 1.0
-"""No mean moves by more than this, in sigmas, in one iteration: scoring may overshoot where a shape is not concave."""
+"""Most that a mean moves in one iteration, in sigmas: scoring may overshoot where log f is not concave."""
 
-_LONGEST_JUMP = 32.0  # most EM steps that one extrapolation stands for
-_LEAST_SHARE = 1.0e-9  # an extrapolation that leaves less of a share is taken back
-_LEAST_BACKGROUND = 1.0e-12  # least share of background, and of all else, whose logarithm is taken
+_LEAST_BACKGROUND = 1.0e-12  # least share of background, and of the rest, before its logarithm is taken
 _INFINITE = 1.0e30  # information of a number that is held fixed
-
-LEARNING_ITER, LEARNING_TOL = 60, 1.0e-3
-"""Most EM iterations, and tolerance in sigmas, of the fits that noise is learnt from: curves need no exact means."""
-
-
-class Samples(NamedTuple):
-    """One pixel's samples: `value` (n,) ascending, mm, and `time` (n,) of each, -1 to 1 over the window."""
-
-    value: FloatArray
-    time: FloatArray
-
-
-@borrowing
-def fill_times(data: Samples, scratch: FloatArray) -> None:
-    """Fill the rows of the polynomials of time: Legendre's of the degrees 1 to 3."""
-    for j in range(len(data.value)):
-        t = data.time[j]
-        scratch[TIME, j] = t
-        scratch[TIME + 1, j] = 1.5 * t * t - 0.5
-        scratch[TIME + 2, j] = (2.5 * t * t - 1.5) * t
 
 
 @borrowing
 def drifts(law: Law) -> int:
-    """Polynomials that a surface's range may follow: those up to the last one with a scale."""
+    """Number of polynomials of a drift: up to the last one whose scale is above 0."""
     count = 0
     for d in range(DRIFTS):
         if law.drift_mm[d] > 0.0:
@@ -92,7 +63,7 @@ def drifts(law: Law) -> int:
 
 @borrowing
 def detrend(data: Samples, i: int, fit: FloatArray, scratch: FloatArray) -> None:
-    """Fill the surface's row of samples with those less its drift."""
+    """Fill the row of surface `i` from `still_row` on with the samples less its drift, mm."""
     n, y = len(data.value), scratch[still_row(fit) + i]
     for j in range(n):
         y[j] = data.value[j]
@@ -122,7 +93,7 @@ def lend(y: FloatArray, n: int, mean: float, width: float, law: Law, density: Fl
 
 @borrowing
 def mix(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> None:
-    """Fill the densities and slopes of the surfaces, and p(r)."""
+    """Fill the scratch with p(r_j), and with the densities and slopes of the surfaces and of c_0."""
     n, moving = len(data.value), drifts(law) > 0
     total = scratch[TOTAL]
     uniform = fit[OWN, BACKGROUND] * background_density(beam) + 1.0e-30
@@ -152,21 +123,21 @@ def background_density(beam: Beam) -> float:
 
 @borrowing
 def objective(data: Samples, k: int, fit: FloatArray, law: Law, scratch: FloatArray) -> float:
-    """Log likelihood of what `mix` left, nat, and the log priors of the pixel's own numbers."""
+    """Log likelihood plus log priors, nat; without surfaces, the log likelihood. `mix` has been called."""
     total, term = scratch[TOTAL], scratch[TERM, : len(data.value)]
     for j in range(len(term)):
         term[j] = log_of(total[j])
     value = float(total_of(term))
     if k == 0:
-        return value  # the priors are those of pixels with a surface
+        return value  # the priors hold for pixels with a surface
     return value + log_priors(k, fit, law)
 
 
 @borrowing
 def log_priors(k: int, fit: FloatArray, law: Law) -> float:
-    """Logarithm of the priors of width, drifts and background share, each over its value at its peak.
+    """Logarithm of the priors of width, drifts and share of background, nat, each 0 at its peak.
 
-    A prior that is strong where a pixel agrees with it costs a surface nothing beside background alone, which has none.
+    So a pixel that agrees with the priors pays nothing for its first surface, as background alone has no prior.
     """
     value = log_prior_t(fit[OWN, LOG_WIDTH], law.width_spread)
     for d in range(DRIFTS):
@@ -181,14 +152,14 @@ def log_priors(k: int, fit: FloatArray, law: Law) -> float:
 
 @borrowing
 def em_step(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> None:
-    """One iteration from the values in `fit`; the scratch is left as `mix` leaves it before the step."""
+    """Do one iteration of EM; the scratch then holds densities of the fit before it."""
     mix(data, k, fit, law, beam, scratch)
     step_up(data, k, fit, law, beam, scratch)
 
 
 @borrowing
 def step_up(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> None:
-    """Second half of an iteration, after `mix`."""
+    """Do the second half of an iteration, after `mix`: new means, width, drifts and shares."""
     n, moving = len(data.value), drifts(law) > 0
     total, share = scratch[TOTAL], scratch[SHARE]
     for j in range(n):
@@ -234,7 +205,10 @@ def _move_shares(
     sum_share: float,
     held: float,
 ) -> None:
-    """Update the shares of surfaces, c_0 and background."""
+    """Update the shares of surfaces, c_0 and background.
+
+    `sum_share` is the sum of 1 / p(r_j), and `held` the sum of the surfaces' supports.
+    """
     no_return = 0.0
     if fit[WEIGHT, -1] > 0.0:
         row, share = scratch[no_return_row(fit)], scratch[SHARE]
@@ -255,7 +229,10 @@ def _move_shares(
 
 @borrowing
 def _move_drift(n: int, i: int, push: float, fit: FloatArray, law: Law, scratch: FloatArray, own_width: float) -> None:  # noqa: PLR0915  sums of one pass
-    """Update the drift of a surface, together with its mean, by one step of scoring."""
+    """Update the drift of a surface, together with its mean, by one step of scoring.
+
+    `push` is the score of the mean, in units of the width.
+    """
     support = fit[SUPPORT, i]
     if support <= 0.0:
         return
@@ -280,7 +257,7 @@ def _move_drift(n: int, i: int, push: float, fit: FloatArray, law: Law, scratch:
         g0 += rise * b0[j]
         g1 += rise * b1[j]
         g2 += rise * b2[j]
-    # In units of the surface's width; what a polynomial shares with the constant is left to the mean.
+    # In units of the surface's width; the part of a polynomial along the constant is left to the mean.
     info, inverse = law.information * weight, 1.0 / support
     a00 = info * (m00 - weight * c0 * c0 * inverse)
     a01 = info * (m01 - weight * c0 * c1 * inverse)
@@ -294,7 +271,7 @@ def _move_drift(n: int, i: int, push: float, fit: FloatArray, law: Law, scratch:
     g0, a00 = _with_prior(g0, a00, fit[DRIFT, i], law.drift_mm[0], own_width)
     g1, a11 = _with_prior(g1, a11, fit[DRIFT + 1, i], law.drift_mm[1], own_width)
     g2, a22 = _with_prior(g2, a22, fit[DRIFT + 2, i], law.drift_mm[2], own_width)
-    # Cholesky of the 3 x 3 matrix; a polynomial that is not there has an infinite precision.
+    # Cholesky factor of the 3 x 3 matrix; a polynomial without a scale has an infinite precision.
     l00 = math.sqrt(a00)
     l10, l20 = a01 / l00, a02 / l00
     l11 = math.sqrt(max(a11 - l10 * l10, 1.0e-12 * a11))
@@ -309,136 +286,14 @@ def _move_drift(n: int, i: int, push: float, fit: FloatArray, law: Law, scratch:
     fit[DRIFT, i] += s0 * own_width
     fit[DRIFT + 1, i] += s1 * own_width
     fit[DRIFT + 2, i] += s2 * own_width
-    # The mean was to move by its own push: take off what the drift now does for it.
+    # The mean moves by its own score less the part of it that the drift now explains.
     fit[PLACE, i] -= (s0 * c0 + s1 * c1 + s2 * c2) * weight * inverse
 
 
 @borrowing
 def _with_prior(slope: float, information: float, value: float, scale: float, own_width: float) -> tuple[float, float]:
-    """Slope and information with the prior's, in units of the width; no step where there is no such polynomial."""
+    """Add the prior's slope and information, in units of the width; without a scale, no step follows."""
     if scale <= 0.0:
         return 0.0, _INFINITE
     precision = precision_of_t(value, scale) * own_width * own_width
     return slope - precision * value / own_width, information + precision
-
-
-@borrowing
-def _pack(k: int, fit: FloatArray, law: Law, row: int) -> None:
-    """Write means (in sigmas), shares, drifts (in sigmas) and the pixel's own numbers to the rows from `row` on."""
-    unit, moving = fit[PLACE, -1], drifts(law) > 0
-    for i in range(k):
-        fit[row, i] = fit[MEAN, i] / unit
-        fit[row + 1, i] = fit[WEIGHT, i]
-        if moving:
-            for d in range(DRIFTS):
-                fit[row + 2 + d, i] = fit[DRIFT + d, i] / unit
-    fit[row + 1, -1] = fit[WEIGHT, -1]
-    for number in range(OWN_NUMBERS):
-        fit[row + VECTOR - 1, number] = fit[OWN, number]
-
-
-@borrowing
-def _unpack(k: int, fit: FloatArray, law: Law, row: int, beam: Beam) -> bool:
-    """Set the fit from what `_pack` writes; false, and nothing is set, where a share is not above 0."""
-    unit, no_return, total = fit[PLACE, -1], fit[row + 1, -1], 0.0
-    own = row + VECTOR - 1
-    background = fit[own, BACKGROUND]
-    for i in range(k):
-        if fit[row + 1, i] < _LEAST_SHARE:
-            return False
-        total += fit[row + 1, i]
-    if no_return < 0.0 or (no_return < _LEAST_SHARE < fit[WEIGHT, -1]) or not 0.0 <= background < 1.0:
-        return False
-    scale = (1.0 - background) / (total + no_return)
-    moving = drifts(law) > 0
-    for i in range(k):
-        fit[MEAN, i] = fit[row, i] * unit
-        fit[SIGMA, i] = sigma_at(fit[MEAN, i], beam.curve_range, beam.curve_sigma)
-        fit[WEIGHT, i] = fit[row + 1, i] * scale
-        if moving:
-            for d in range(DRIFTS):
-                fit[DRIFT + d, i] = fit[row + 2 + d, i] * unit
-    fit[WEIGHT, -1] = no_return * scale
-    fit[OWN, LOG_WIDTH] = min(max(fit[own, LOG_WIDTH], -MOST_LOG_WIDTH), MOST_LOG_WIDTH)
-    fit[OWN, BACKGROUND] = background
-    return True
-
-
-@borrowing
-def _step_and_bend(k: int, fit: FloatArray, law: Law) -> tuple[float, float, float]:
-    """Squares of the step and of its bend between the three vectors, and the largest last step."""
-    step2, bend2, last = 0.0, 0.0, 0.0
-    for row in range(VECTOR):
-        if 2 <= row < VECTOR - 1 and drifts(law) == 0:  # noqa: PLR2004  rows of drifts
-            continue
-        for i in range(OWN_NUMBERS if row == VECTOR - 1 else k):
-            step = fit[SECOND + row, i] - fit[FIRST + row, i]
-            after = fit[THIRD + row, i] - fit[SECOND + row, i]
-            step2 += step * step
-            bend2 += (after - step) ** 2
-            last = max(last, abs(after))
-    step = fit[SECOND + 1, -1] - fit[FIRST + 1, -1]
-    after = fit[THIRD + 1, -1] - fit[SECOND + 1, -1]
-    return step2 + step * step, bend2 + (after - step) ** 2, max(last, abs(after))
-
-
-@borrowing
-def _extrapolate(k: int, jump: float, fit: FloatArray, law: Law) -> None:
-    """Put where the three vectors lead into the first."""
-    for row in range(VECTOR):
-        if 2 <= row < VECTOR - 1 and drifts(law) == 0:  # noqa: PLR2004  rows of drifts
-            continue
-        for i in range(OWN_NUMBERS if row == VECTOR - 1 else k):
-            step = fit[SECOND + row, i] - fit[FIRST + row, i]
-            bend = fit[THIRD + row, i] - fit[SECOND + row, i] - step
-            fit[FIRST + row, i] += 2.0 * jump * step + jump * jump * bend
-    step = fit[SECOND + 1, -1] - fit[FIRST + 1, -1]
-    bend = fit[THIRD + 1, -1] - fit[SECOND + 1, -1] - step
-    fit[FIRST + 1, -1] += 2.0 * jump * step + jump * jump * bend
-
-
-@borrowing
-def maximise(
-    data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, max_iter: int, tol: float, scratch: FloatArray
-) -> int:
-    """Run accelerated EM on `k` surfaces from the values in `fit`; return iterations, negative if not converged."""
-    if k == 0 and fit[WEIGHT, -1] == 0.0:
-        fit[OWN, BACKGROUND] = 1.0
-        return 0
-    iterations = 0
-    fit[PLACE, -1] = fit[SIGMA, 0] if k > 0 else beam.sigma_max
-    while iterations + 2 <= max_iter:
-        _pack(k, fit, law, FIRST)
-        em_step(data, k, fit, law, beam, scratch)
-        _pack(k, fit, law, SECOND)
-        em_step(data, k, fit, law, beam, scratch)
-        _pack(k, fit, law, THIRD)
-        iterations += 2
-        step2, bend2, last = _step_and_bend(k, fit, law)
-        jump = min(math.sqrt(step2 / bend2), _LONGEST_JUMP) if bend2 > 0.0 else 1.0
-        if last * max(jump, 1.0) < tol:
-            return iterations
-        if jump <= 1.0 or iterations >= max_iter:
-            continue
-        # The scratch array still holds p(r) at the second vector.
-        _unpack(k, fit, law, SECOND, beam)
-        before = objective(data, k, fit, law, scratch)
-        _extrapolate(k, jump, fit, law)
-        if _unpack(k, fit, law, FIRST, beam):
-            iterations += 1
-            mix(data, k, fit, law, beam, scratch)
-            worse = objective(data, k, fit, law, scratch) < before
-            if worse:
-                _unpack(k, fit, law, THIRD, beam)
-            else:
-                step_up(data, k, fit, law, beam, scratch)
-        else:
-            _unpack(k, fit, law, THIRD, beam)
-    return -iterations
-
-
-@borrowing
-def value_of(data: Samples, k: int, fit: FloatArray, law: Law, beam: Beam, scratch: FloatArray) -> float:
-    """Objective of a fit, nat."""
-    mix(data, k, fit, law, beam, scratch)
-    return objective(data, k, fit, law, scratch)
