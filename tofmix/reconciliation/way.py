@@ -5,12 +5,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tofmix.bounds import Positive, Probability, WholeNumber, check_bounds, check_one_of
 from tofmix.reconciliation.compare import Compared
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.name import Candidate
 
 CRUMB = 0.01
 """Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
+
+SPLITS = ("frames,pixels", "frames", "pixels")
+"""Parts of the recording that may be held out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,11 +38,15 @@ class Settings:
     """
 
     kinds: tuple[str, ...]
-    max_effects: int = 3
-    alpha: float = 0.01
-    tolerance: float = 0.1
+    max_effects: WholeNumber = 3
+    alpha: Probability = 0.01
+    tolerance: Positive = 0.1
     split: str = "frames,pixels"
-    seed: int = 1
+    seed: WholeNumber = 1
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_one_of(self, "split", SPLITS)
 
 
 @dataclass(slots=True, eq=False)
