@@ -5,6 +5,7 @@
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from scipy.stats import norm
@@ -27,7 +28,9 @@ CLOSED = 0.8
 SIGMAS = 0.5
 """A bias of all samples, in sigma, that a recording must be able to show before it can be said to agree."""
 
-_POWER = 1.645  # standard errors beyond the limit: such a bias is seen in 95 of 100 recordings
+_POWER = round(NormalDist().inv_cdf(0.95), 3)
+"""Standard errors beyond the limit, to three decimals: such a bias is seen in 95 of 100 recordings."""
+
 _WITHIN_CHANCE = 0.15  # of a gap
 _SANE = 1.5  # times chance, which the refined model's own simulation may be from it, where the recording is no further
 _SETTLED, _UNTOUCHED = 0.97, 0.7  # of the largest disagreement that was there, gone; of one that is still there, left

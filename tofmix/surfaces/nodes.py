@@ -6,6 +6,7 @@ grid of pixels.
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,8 @@ from tofmix.layers import Layers
 from tofmix.surfaces.edge_shape import UNIFORM_VARIANCE
 from tofmix.surfaces.settings import DEFAULT_SETTINGS, LinkSettings
 
-_MEDIAN_CHI2 = 0.4549364
-"""Median of chi-square with one degree of freedom."""
+_MEDIAN_CHI2 = round(NormalDist().inv_cdf(0.75) ** 2, 7)
+"""Median of chi-square with one degree of freedom, Phi^-1(3/4)^2, to seven decimals."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -44,7 +44,8 @@ TOTAL, SHARE, TERM, NEW, TIME = range(5)
 SCORES = TIME + DRIFTS
 DENSITY = SCORES + 3
 
-_LEAST_SHARE = 1.0e-9  # where less share is left, it is rounding: the other shares are not scaled up
+_LEAST_SHARE = 1.0e-9
+"""Least share that scales the others up where a surface is removed: a smaller one is rounding."""
 
 
 @jit

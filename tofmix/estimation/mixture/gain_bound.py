@@ -30,9 +30,12 @@ _STEPS = 6
 _HEAVY = 0.5
 """Where one sample has such a part in a new surface, the score statistic falls short, and the gain is worked out."""
 
-_LEAST_INFORMATION = 1.0e-6  # least information by sample; less is rounding
+_LEAST_INFORMATION = 1.0e-6
+"""Least information by sample: less is rounding."""
+
 _ROOT = math.exp(_STEP * SURFACE_SIGMAS)
-_NEWTON_STEPS = 3  # Newton steps for the best share in a gain bound
+_NEWTON_STEPS = 3
+"""Newton steps for the best share in a gain bound."""
 
 
 @borrowing
