@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support import lens
+from support import lens, naive
 from support.alike import MakeLayers
 from support.sizes import sized
 
-from tofmix.mapping.beams import Beams, beams_from_layers
+from tofmix.arrays import FloatArray
+from tofmix.mapping.beams import beams_from_layers
 from tofmix.mapping.grid import Grid, plan_grid
 from tofmix.mapping.occupancy import count_light
 from tofmix.mapping.outline import cell_outlines, image_cone, image_nodes
@@ -30,28 +31,9 @@ def pinhole(camera: Sensor) -> Sensor:
     return replace(camera, projection=Pinhole(**LENS, distortion=DISTORTION))
 
 
-def thin_rays(beams: Beams, pose: Pose, grid: Grid, rays: int) -> tuple[np.ndarray, np.ndarray]:
-    """Samples that stop in each voxel, and that pass: every pixel's square as rays x rays rays, all through all."""
-    rows, cols, layers = beams.samples.shape
-    corners = np.stack(np.meshgrid(*[np.array(f) + np.arange(n) for f, n in zip(grid.first, grid.shape, strict=True)],
-                                   indexing="ij"), axis=-1) * grid.cell_mm - pose.position()  # fmt: skip
-    stopped, passed = np.zeros(grid.shape), np.zeros(grid.shape)
-    for number in np.ndindex(rows * rays, cols * rays):
-        row, col = number[0] // rays, number[1] // rays
-        place = [np.array((n + 0.5) / rays - 0.5) for n in number]
-        ray = np.dot(pose.rotation(), lens.beams(*place, **LENS, distortion=DISTORTION)[0])
-        with np.errstate(divide="ignore"):
-            planes = corners / ray, (corners + grid.cell_mm) / ray
-        enter = np.maximum(np.minimum(*planes).max(axis=-1), 0.0)
-        leave = np.maximum(*planes).min(axis=-1)
-        hit = leave > enter
-        for layer in range(layers):
-            part = beams.samples[row, col, layer] / rays**2
-            inside = (beams.near_mm[row, col, layer] <= leave) & (beams.far_mm[row, col, layer] >= enter)
-            passed[hit & (beams.clear_to_mm[row, col, layer] > leave)] += part
-            stopped[hit & inside] += part
-        passed[hit & (leave <= beams.free_to_mm)] += beams.samples_no_return[row, col] / rays**2
-    return stopped, passed
+def _direction(down: float, right: float) -> FloatArray:
+    """Unit vector of a place in the image, by the twin of the lens."""
+    return lens.beams(np.array(down), np.array(right), **LENS, distortion=DISTORTION)[0]
 
 
 @pytest.mark.slow
@@ -65,7 +47,7 @@ def test_counted_light_agrees_with_thin_rays(make_layers: MakeLayers, pinhole: S
     ahead = np.floor((pose.position() + 1100 * pose.rotation()[:, 2]) / 40).astype(int) - 7
     grid = Grid(cell_mm=40.0, first=(int(ahead[0]), int(ahead[1]), int(ahead[2])), shape=(14, 14, 14))
     light = count_light(beams, pose, grid, workers=2)
-    stopped, passed = thin_rays(beams, pose, grid, rays=sized(12, 6))
+    stopped, passed = naive.light(beams, pose, grid, rays=sized(12, 6), direction=_direction)
     scale = passed.max()
     assert stopped.max() > 0.1 * scale
     assert np.abs(light.passed - passed).mean() < 0.02 * scale

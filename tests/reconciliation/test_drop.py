@@ -43,7 +43,7 @@ def added(model: Model, hidden: tuple[Effect, ...], kinds: tuple[str, ...]) -> W
         ((OFFSET,), ("range_offset", "excess_noise"), ["range_offset"]),
         ((OFFSET, NOISE), ("excess_noise", "range_offset"), ["excess_noise", "range_offset"]),
         ((OFFSET, LITTLE), ("excess_noise", "range_offset"), ["excess_noise", "range_offset"]),
-        ((LARGE, LITTLE), ("excess_noise", "wiggling"), ["wiggling"]),  # a crumb of what the wave gains
+        ((LARGE, LITTLE), ("excess_noise", "wiggling"), ["wiggling"]),  # faint beside the wave
     ],
 )  # fmt: skip
 def test_effect_that_is_not_hidden_is_dropped_and_others_are_kept(

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
+from support.noise_parts import sensor_text
 from support.transform import pit
 
 from tofmix.errors import BadInputError
@@ -28,19 +29,7 @@ amplitude = [50.0, 200.0, 2000.0]
 amplitude_factor = [4.0, 2.0, 0.2]
 reference_amplitude = [900.0, 700.0, 500.0]
 """
-MODEL = """
-[sensor]
-profile = "sr4000"
-rows = 8
-cols = 12
-integration_time_ms = 2.0
-outlier_probability = 0.0
-[sensor.noise]
-range_mm = [500.0, 2000.0, 5000.0]
-sigma_mm = [6.0, 15.0, 40.0]
-reference_integration_time_ms = 8.0
-exponent = 0.5
-LAW
+SCENE = """
 [[surface]]
 name = "dark"
 center_mm = [-500.0, 0.0, 1800.0]
@@ -54,7 +43,7 @@ size_mm = [9000.0, 9000.0]
 
 
 def model(law: str = LAW) -> Model:
-    return parse_model(MODEL.replace("LAW", law), source="model.toml")
+    return parse_model(sensor_text(law, outliers=0.0) + SCENE, source="model.toml")
 
 
 def sigma_by_hand(range_mm: float, amplitude: float) -> float:

@@ -1,5 +1,7 @@
 """Slow and obvious twins of the fast kernels, in plain NumPy, one pixel at a time."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
@@ -114,18 +116,27 @@ def plain_em(
     return weight, mean, sigma
 
 
-def light(beams: Beams, pose: Pose, grid: Grid, *, rays: int) -> tuple[Array, Array]:
-    """Samples that stop in each voxel, and that pass: every pixel as rays x rays thin rays, every ray through all."""
+def light(
+    beams: Beams, pose: Pose, grid: Grid, *, rays: int, direction: Callable[[float, float], Array] | None = None
+) -> tuple[Array, Array]:
+    """Samples that stop in each voxel, and that pass: every pixel as rays x rays thin rays, every ray through all.
+
+    `direction` gives the unit vector of a place (down, right) in the image, pixels; default: an equiangular camera.
+    """
     rows, cols, layers = beams.samples.shape
-    width, height = beams.pixel_size_rad
+
+    def equiangular(down: float, right: float) -> Array:
+        width, height = beams.pixel_size_rad
+        el, az = (down + 0.5 - rows / 2) * height, (right + 0.5 - cols / 2) * width
+        return np.array([np.sin(az) * np.cos(el), np.sin(el), np.cos(az) * np.cos(el)])
+
     corners = np.stack(np.meshgrid(*[np.array(f) + np.arange(n) for f, n in zip(grid.first, grid.shape, strict=True)],
                                    indexing="ij"), axis=-1) * grid.cell_mm - pose.position()  # fmt: skip
     stopped, passed = np.zeros(grid.shape), np.zeros(grid.shape)
     for number in np.ndindex(rows * rays, cols * rays):
         row, col = number[0] // rays, number[1] // rays
-        el = ((number[0] + 0.5) / rays - rows / 2) * height
-        az = ((number[1] + 0.5) / rays - cols / 2) * width
-        ray = pose.rotation() @ np.array([np.sin(az) * np.cos(el), np.sin(el), np.cos(az) * np.cos(el)])
+        down, right = ((n + 0.5) / rays - 0.5 for n in number)
+        ray = pose.rotation() @ (direction or equiangular)(down, right)
         with np.errstate(divide="ignore"):
             planes = corners / ray, (corners + grid.cell_mm) / ray
         enter = np.maximum(np.minimum(*planes).max(axis=-1), 0.0)

@@ -35,19 +35,25 @@ def shape_keys(shape: NoiseShape) -> str:
     return f"shape_z = {listed(shape.z)}\nshape_density = {listed(shape.density)}\n"
 
 
-MODEL = """
+def sensor_text(parts: str, *, outliers: float) -> str:
+    """The tables of a small camera, whose sigma is twice the curve's: ``[sensor.noise]`` has further keys `parts`."""
+    return f"""
 [sensor]
 profile = "sr4000"
 rows = 8
 cols = 12
 integration_time_ms = 2.0
-outlier_probability = 0.01
+outlier_probability = {outliers}
 [sensor.noise]
 range_mm = [500.0, 2000.0, 5000.0]
 sigma_mm = [6.0, 15.0, 40.0]
 reference_integration_time_ms = 8.0
 exponent = 0.5
-PARTS
+{parts}
+"""
+
+
+SCENE = """
 [recording]
 frames = 60
 seed = 3
@@ -65,7 +71,7 @@ size_mm = [2500.0, 9000.0]
 
 def model_text(parts: str = "", effects: str = "") -> str:
     """The model with keys of ``[sensor.noise]`` and tables of effects."""
-    return MODEL.replace("PARTS", parts) + effects
+    return sensor_text(parts, outliers=0.01) + SCENE + effects
 
 
 def with_noise(model: Model, **parts: Any) -> Model:  # noqa: ANN401  of NoiseCurve

@@ -1,7 +1,9 @@
 """From a median absolute deviation to a standard deviation."""
 
-MAD_TO_SIGMA = 1.4826
-"""Sigma of Gaussian samples by their median absolute deviation, 1 / Phi^-1(3/4), to five digits.
+from statistics import NormalDist
+
+MAD_TO_SIGMA = round(1.0 / NormalDist().inv_cdf(0.75), 4)
+"""Sigma of Gaussian samples by their median absolute deviation, 1 / Phi^-1(3/4), to four decimals.
 
 References
 ----------

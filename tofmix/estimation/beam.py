@@ -77,6 +77,12 @@ def is_beyond(range_mm: float, beam: Beam) -> bool:
 
 
 @borrowing
+def near_no_return(range_mm: float, sigmas: float, beam: Beam) -> bool:
+    """Whether c_0 lies within so many of its sigmas; false where the sensor has no end of range."""
+    return bool(abs(beam.range_max - range_mm) < sigmas * beam.sigma_max)
+
+
+@borrowing
 def reaches_no_return(samples: FloatArray, beam: Beam) -> bool:
     """Whether any of the sorted samples lies so near to range_max that there may be a c_0."""
     reach = NO_RETURN_REACH * beam.sigma_max

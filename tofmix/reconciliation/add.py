@@ -1,8 +1,8 @@
 """Step 4, forward: add effects one by one while they gain.
 
 An effect is added if its held-out gain, less the price of its parameters, is above what chance gives among all that
-was tried, above what a model within its tolerance gains, and no mere crumb of what was gained so far. A fixed
-pattern, which can stand for any static bias, must leave every structured effect that gains beside it the precedence.
+was tried, above what a model within its tolerance gains, and not faint beside the others. A fixed pattern, which can
+stand for any static bias, must leave every structured effect that gains beside it the precedence.
 
 If two effects are hidden, a third one may gain more than either alone. If it is added first, it prevents both. So close
 rivals of earlier effects are tried again together with the later ones, and if nothing explains the recording, another
@@ -27,7 +27,7 @@ from tofmix.reconciliation.name import PRICE_NATS, Candidate, Trial, begin_trial
 from tofmix.reconciliation.refit import begin, refit, without
 from tofmix.reconciliation.subsets import Explained
 from tofmix.reconciliation.verdict import inexact
-from tofmix.reconciliation.way import CRUMB, Settings, Way, fit_part, held_out, name_of
+from tofmix.reconciliation.way import FAINT_SHARE, Settings, Way, fit_part, held_out, name_of
 from tofmix.simulation.effects.excess_noise import ExcessNoise
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.quantisation import Quantisation
@@ -250,9 +250,9 @@ def _panel(likelihood: Likelihood, settings: Settings, state: State, chosen: Seq
 def without_faint(likelihood: Likelihood, settings: Settings, added: Added, failed: Sequence[int]) -> Added | None:
     """The outcome of a search without the faint effects that leave the statistics open in which they must show.
 
-    A faint effect gains less than `CRUMB` of the others' gain. It is added because such a statistic stands out. If
-    that statistic still stands out, the effect does not explain it. The laws of the others may be wrong by as much, so
-    that they are judged alone.
+    A faint effect gains less than `FAINT_SHARE` of the others' gain. It is added because such a statistic stands out.
+    If that statistic still stands out, the effect does not explain it. The laws of the others may be wrong by as much,
+    so that they are judged alone.
 
     Parameters
     ----------
@@ -269,7 +269,9 @@ def without_faint(likelihood: Likelihood, settings: Settings, added: Added, fail
         None if there is no such effect.
     """
     gains = [c.gain for c in added.chosen]
-    faint = {k for k in failed if added.chosen[k].fitted is not None and gains[k] < CRUMB * (sum(gains) - gains[k])}
+    faint = {
+        k for k in failed if added.chosen[k].fitted is not None and gains[k] < FAINT_SHARE * (sum(gains) - gains[k])
+    }
     if not faint:
         return None
     state, chosen = added.state, [c for k, c in enumerate(added.chosen) if k not in faint]
@@ -309,8 +311,8 @@ def _open(way: Way, panel: Compared) -> set[str]:
 def _round(way: Way, open_: set[str]) -> bool:
     """Try all kinds, and add the best candidate if it is good enough.
 
-    A gain of less than a hundredth of the gain so far may follow the errors of the added effects' laws. This does not
-    hold if a statistic that the candidate must change stands out by more than these errors.
+    A faint effect may follow the errors of the added effects' laws. This does not hold if a statistic that the candidate
+    must change stands out by more than these errors.
     """
     settings, likelihood = way.settings, way.likelihood
     trial = begin_trial(likelihood, way.state, settings.split, settings.seed)
@@ -319,18 +321,18 @@ def _round(way: Way, open_: set[str]) -> bool:
     tried = candidates(trial, settings.kinds, way.tick)
     found = with_the_others(trial, way.chosen, tried)
     chance = math.log(max(len(found), 1) / settings.alpha)
-    crumb = CRUMB * sum(c.gain for c in way.chosen if not (c.exact or c.loses))
-    lost = CRUMB * sum(c.gain for c in way.chosen if not c.exact)
+    faint_gain = FAINT_SHARE * sum(c.gain for c in way.chosen if not (c.exact or c.loses))
+    lost = FAINT_SHARE * sum(c.gain for c in way.chosen if not c.exact)
     found = [c for c in found if not c.loses or c.score > lost]
     found, beyond = _tolerant(way, trial, found, near)
     way.missed |= {c.kind for c in found[:1] if way.chosen and open_ & set(c.effect.shows_in)}
     if found and found[0].kind in way.missed:
-        crumb = 0.0
-    needed = max(allowed + chance, crumb)
+        faint_gain = 0.0
+    needed = max(allowed + chance, faint_gain)
     way.first = way.first or tuple(found)
     if not found:
         return False
-    if found[0].score <= needed and beyond <= max(chance, crumb):
+    if found[0].score <= needed and beyond <= max(chance, faint_gain):
         faint = _faint_pattern(way, found, near, needed)
         if faint is not None:
             _take(way, _Taken((faint,), ()), found)
@@ -338,7 +340,7 @@ def _round(way: Way, open_: set[str]) -> bool:
     taken = _best(way, trial, found, near, needed)
     if len(taken.best) == 1 and taken.best[0].score <= needed:
         taken = _Taken((found[0],), _near(found[0], found))
-    _take(way, _with_partner(way, trial, taken, max(chance, crumb)), found)
+    _take(way, _with_partner(way, trial, taken, max(chance, faint_gain)), found)
     return True
 
 

@@ -17,7 +17,7 @@ from tofmix.reconciliation.name import Candidate
 from tofmix.reconciliation.searches import Problem, problems
 from tofmix.reconciliation.subsets import Explained, Subsets
 from tofmix.reconciliation.summaries import summaries
-from tofmix.reconciliation.way import Settings, fit_part, name_of
+from tofmix.reconciliation.way import FAINT_SHARE, Settings, fit_part, name_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 
 ALIAS_NATS = 4.0
@@ -27,7 +27,6 @@ MOST_ALIASES = 3
 """Most aliases that are listed."""
 
 _BETTER_NATS = 1.0  # evidence above the found set, from which a search starts from another set
-_CRUMB = 0.01  # of the evidence, which a smaller set may have less: no law is exact
 _LARGEST = 3  # most effects of a set
 
 
@@ -76,7 +75,7 @@ class Alternatives:
         if not sets:
             return None
         top = max(s.evidence for s in sets)
-        enough = [s for s in sets if s.evidence >= top - max(ALIAS_NATS, _CRUMB * top)]
+        enough = [s for s in sets if s.evidence >= top - max(ALIAS_NATS, FAINT_SHARE * top)]
         least = min(s.numbers for s in enough)
         best = max((s for s in enough if s.numbers == least), key=lambda s: s.evidence)
         return best if best.evidence > self.found.evidence + _BETTER_NATS else None

@@ -8,7 +8,7 @@ from tofmix.reconciliation.beside import worth
 from tofmix.reconciliation.likelihood import Part, State
 from tofmix.reconciliation.name import PRICE_NATS, Candidate
 from tofmix.reconciliation.refit import refit, without
-from tofmix.reconciliation.way import CRUMB, Way, fit_part, held_out, name_of
+from tofmix.reconciliation.way import FAINT_SHARE, Way, fit_part, held_out, name_of
 from tofmix.simulation.effects.fixed_pattern import FixedPattern
 from tofmix.simulation.effects.multipath import Multipath
 from tofmix.simulation.effects.range_offset import RangeOffset
@@ -75,8 +75,8 @@ def drop(way: Way) -> None:
             continue
         rest, others = without(way.state, k), [*way.chosen[:k], *way.chosen[k + 1 :]]
         worth_ = likelihood.value(rest, part)
-        needed = max(PRICE_NATS * candidate.parameters, _crumb(way, k))
-        if needed <= whole - worth_ < CRUMB * sum(c.gain for c in others) and not rest.pixel_bias.any():
+        needed = max(PRICE_NATS * candidate.parameters, _faint_gain(way, k))
+        if needed <= whole - worth_ < FAINT_SHARE * sum(c.gain for c in others) and not rest.pixel_bias.any():
             # The others were fitted together with it; without it they may have other numbers
             rest, others = refit(likelihood, rest, others, fit_part(likelihood, way.settings))
             worth_ = likelihood.value(rest, part)
@@ -85,8 +85,8 @@ def drop(way: Way) -> None:
             del way.rivals[k]
 
 
-def _crumb(way: Way, number: int) -> float:
-    """The gain that noise, or a change in time, needs in the presence of the others, as if it were added last.
+def _faint_gain(way: Way, number: int) -> float:
+    """Gain, nat, that noise, or a change in time, needs in the presence of the others, as if it were added last.
 
     The gain of a fixed pattern does not count: a pattern may contain a static effect and gain far more.
     """
@@ -94,7 +94,7 @@ def _crumb(way: Way, number: int) -> float:
     if own.static or own.exact or own.loses or own.kind in way.missed:
         return 0.0
     others = (*way.chosen[:number], *way.chosen[number + 1 :])
-    return CRUMB * sum(c.gain for c in others if not (c.kind == FixedPattern.kind or c.exact or c.loses))
+    return FAINT_SHARE * sum(c.gain for c in others if not (c.kind == FixedPattern.kind or c.exact or c.loses))
 
 
 def _bare(state: State, pattern: int) -> State:

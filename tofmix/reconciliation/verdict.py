@@ -5,6 +5,7 @@
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from scipy.stats import norm
@@ -27,7 +28,9 @@ CLOSED = 0.8
 SIGMAS = 0.5
 """Bias of all samples, in sigma, that a recording must be able to show for the verdict `agree`."""
 
-_POWER = 1.645  # standard errors beyond the limit: such a bias is seen in 95 of 100 recordings
+_POWER = round(NormalDist().inv_cdf(0.95), 3)
+"""Standard errors beyond the limit, to three decimals: such a bias is seen in 95 of 100 recordings."""
+
 _WITHIN_CHANCE = 0.15  # of a gap
 _SANE = 1.5  # largest gap of the refined model's own simulation, if that of the recording is no larger
 _SETTLED, _UNTOUCHED = 0.97, 0.7  # least share that is removed of the largest deviation; that is left of others

@@ -10,8 +10,8 @@ from tofmix.reconciliation.compare import Compared
 from tofmix.reconciliation.likelihood import Likelihood, Part, State
 from tofmix.reconciliation.name import Candidate
 
-CRUMB = 0.01
-"""Share of the gain so far below which a further effect is not believed: no law of ours is exact."""
+FAINT_SHARE = 0.01
+"""An effect is faint if it gains less than this share of the others' gain: no law of theirs is exact."""
 
 SPLITS = ("frames,pixels", "frames", "pixels")
 """Parts of the recording that may be held out."""

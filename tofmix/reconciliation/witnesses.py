@@ -12,6 +12,7 @@ import cmath
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import ClassVar
 
 import numpy as np
@@ -30,6 +31,9 @@ from tofmix.simulation.model import Model
 _SINGLE = 0.9  # weight of a pixel's main surface
 _LEAST_PIXELS = 12  # of a surface, for the median of its amplitudes
 _ROUGH = 0.3  # largest scatter of a surface's log ratios; above, its amplitudes follow another law
+_MEDIAN_DEVIATION = round(NormalDist().inv_cdf(0.75), 4)
+"""Median absolute deviation of a standard Gaussian, Phi^-1(3/4), to four decimals."""
+
 _OWN_UNIT = 0.02  # log ratio: if a surface is right to this, the unit of amplitudes is the model's
 _BEST = 0.002  # log ratio: prior scatter of a model's amplitudes,
 _SUPPOSED = 2  # with the weight of so many surfaces
@@ -113,7 +117,7 @@ def log_ratios(model: Model, evidence: Evidence, mixture: Mixture) -> dict[str, 
             continue
         ratio = np.log(evidence.amplitude[own] / predicted[own])
         middle = float(np.median(ratio))
-        if float(np.median(np.abs(ratio - middle))) / 0.6745 < _ROUGH:
+        if float(np.median(np.abs(ratio - middle))) / _MEDIAN_DEVIATION < _ROUGH:
             out[given.name] = middle
     return out
 

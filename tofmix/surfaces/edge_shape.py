@@ -13,8 +13,8 @@ from tofmix.surfaces.half_plane import chord, chord_outside, covered, covered_by
 LINE, ARC, BAR = 0, 1, 2
 """Kinds of edges: n . x = c; the same with a curvature; between two parallel lines."""
 
-_UNIFORM = 1.0 / 12.0
-"""Variance of a place that is anywhere in a pixel, pixels^2."""
+UNIFORM_VARIANCE = 1.0 / 12.0
+"""Variance of a place that is anywhere in a pixel, pixels^2: that of a uniform distribution of width 1."""
 
 # Columns of a collected pixel.
 X, Y, X_ROW, Y_ROW, X_COL, Y_COL, SHARE, SAMPLES, FLOOR, HIDES, HIDES_ROW, HIDES_COL, HIDES_AT = range(13)
@@ -64,7 +64,7 @@ def predict(
     out[2] = -place[0] * (1.0 - bend * (down * x + right * y - offset))
     out[3] = 0.0
     if kind == ARC:
-        square = (down * x + right * y - offset) ** 2 + turned * turned + _UNIFORM * place[0] * place[0]
+        square = (down * x + right * y - offset) ** 2 + turned * turned + UNIFORM_VARIANCE * place[0] * place[0]
         out[3] = -0.5 * place[0] * square
     if kind == BAR:
         c = off + offset - third
@@ -97,11 +97,11 @@ def _mean_square(
     """
     chord(a, b, c, place)
     if place[0] == 0.0:
-        return _UNIFORM
+        return UNIFORM_VARIANCE
     x = pixel[X_ROW] * place[1] + pixel[X_COL] * place[2]
     y = pixel[Y_ROW] * place[1] + pixel[Y_COL] * place[2]
     middle = -by_col * x + by_row * y
-    return float(middle * middle + _UNIFORM * place[0] * place[0])
+    return float(middle * middle + UNIFORM_VARIANCE * place[0] * place[0])
 
 
 @borrowing

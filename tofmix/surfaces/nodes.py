@@ -4,7 +4,9 @@ A plane has 1/r = m . d with the unit vector d of the beam: linear in the three 
 grid of pixels.
 """
 
+import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +14,11 @@ from numpy.typing import NDArray
 from tofmix.arrays import BoolArray, FloatArray
 from tofmix.flags import Mixing
 from tofmix.layers import Layers
+from tofmix.surfaces.edge_shape import UNIFORM_VARIANCE
 from tofmix.surfaces.settings import DEFAULT_SETTINGS, LinkSettings
 
-_UNIFORM = 12.0**-0.5
-"""Standard deviation of a place that is anywhere in a pixel, pixels."""
-
-_MEDIAN_CHI2 = 0.4549364
-"""Median of chi-square with one degree of freedom."""
+_MEDIAN_CHI2 = round(NormalDist().inv_cdf(0.75) ** 2, 7)
+"""Median of chi-square with one degree of freedom, Phi^-1(3/4)^2, to seven decimals."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,7 +90,7 @@ def make_nodes(layers: Layers, directions: FloatArray, settings: LinkSettings = 
     variance *= _excess(np.where(alone, 1.0 / np.where(used, layers.range, np.inf).min(axis=-1), np.nan),
                         _pixels(variance, index, alone), directions)  # fmt: skip
     share = layers.weight[row, col, layer].astype(np.float64)
-    shift = np.where(alone[row, col], 0.0, _UNIFORM * np.clip(1.0 - share, 0.0, 1.0))
+    shift = np.where(alone[row, col], 0.0, math.sqrt(UNIFORM_VARIANCE) * np.clip(1.0 - share, 0.0, 1.0))
     down, across = (_gradient(directions, axis)[row, col] for axis in (0, 1))
     return Nodes(
         index=index, row=row.astype(np.int32), col=col.astype(np.int32), inverse=inverse, variance=variance,

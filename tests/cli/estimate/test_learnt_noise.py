@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.commandline import Tofmix
 from support.files import write_recording
+from support.full_disk import FullDisk
 from support.learnt_pixels import KNOWN, surfaces
 
 from tofmix.estimation.layering import layer_pixels
@@ -60,20 +61,9 @@ def test_bytes_do_not_depend_on_workers_memory_shards_or_resumption(
 def test_resumed_run_has_the_same_bytes(
     tofmix: Tofmix, recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import os
-
     assert tofmix("estimate", recording, *QUICK, "-o", tmp_path / "one.h5").code == 0
-    real, left = os.pwrite, 3
-
-    def limited(descriptor: int, data: bytes, offset: int) -> int:
-        nonlocal left
-        left -= 1
-        if left < 0:
-            raise OSError(28, "No space left on device")
-        return real(descriptor, data, offset)
-
     with monkeypatch.context() as patch:
-        patch.setattr("os.pwrite", limited)
+        patch.setattr("os.pwrite", FullDisk(3))
         assert "--resume continues from the finished blocks" in tofmix("estimate", recording, *QUICK).err
     resumed = tofmix("estimate", recording, *QUICK, "--resume")
     assert resumed.code == 0, resumed.err

@@ -1,6 +1,5 @@
 """`tofmix estimate --resume`, `--shard` and `merge`: the same bytes in however many pieces."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -9,6 +8,7 @@ from pathlib import Path
 import pytest
 from support.commandline import Tofmix
 from support.files import boards, write_recording
+from support.full_disk import FullDisk
 from support.sizes import sized
 
 from tofmix.errors import ExitCode
@@ -43,17 +43,8 @@ def names(folder: Path) -> list[str]:
 def test_full_disk_keeps_the_journal_and_resume_gives_the_same_bytes(
     tofmix: Tofmix, recording: Path, tmp_path: Path, expected: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real, left = os.pwrite, 3
-
-    def limited(descriptor: int, data: bytes, offset: int) -> int:
-        nonlocal left
-        left -= 1
-        if left < 0:
-            raise OSError(28, "No space left on device")
-        return real(descriptor, data, offset)
-
     with monkeypatch.context() as patch:
-        patch.setattr("os.pwrite", limited)
+        patch.setattr("os.pwrite", FullDisk(3))
         outcome = tofmix("estimate", recording, *WINDOWS)
     assert outcome.code == ExitCode.STORAGE
     assert "No space left on device; --resume continues from the finished blocks" in outcome.err

@@ -5,10 +5,19 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy import integrate, stats
+from scipy import integrate, optimize, stats
 from support.learnt_pixels import KNOWN
 
-from tofmix.estimation.learnt.law import REACH, STEPS, TAIL_DEGREES, at_table, law_of, log_prior_t, precision_of_t
+from tofmix.estimation.learnt.law import (
+    REACH,
+    SCALE_OF_SPREAD,
+    STEPS,
+    TAIL_DEGREES,
+    at_table,
+    law_of,
+    log_prior_t,
+    precision_of_t,
+)
 from tofmix.noise_shape import NoiseShape
 
 Z = np.linspace(-REACH, REACH, int(2 * REACH * STEPS) + 1)
@@ -91,3 +100,12 @@ def test_prior_is_students_t_over_its_peak_and_its_precision_the_slope_of_its_lo
 
 def test_prior_without_a_scale_costs_nothing() -> None:
     assert log_prior_t(3.0, 0.0) == 0.0
+
+
+def test_scale_of_the_prior_has_the_largest_likelihood_for_gaussian_values() -> None:
+    def loss(scale: float) -> float:
+        mean, _ = integrate.quad(lambda x: stats.norm.pdf(x) * stats.t.logpdf(x, TAIL_DEGREES, scale=scale), -12, 12)
+        return -float(mean)
+
+    best = optimize.minimize_scalar(loss, bounds=(0.5, 1.2), method="bounded", options={"xatol": 1e-6}).x
+    assert round(float(best), 3) == SCALE_OF_SPREAD

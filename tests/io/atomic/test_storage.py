@@ -7,6 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from support.full_disk import FullDisk
 
 from tofmix.errors import BadInputError, StorageError, UsageError
 from tofmix.io.atomic.storage import AtomicFile, Sink, check_output, read_text, write_text
@@ -88,18 +89,10 @@ def test_each_failing_call_leaves_the_old_file(tmp_path: Path, monkeypatch: pyte
 
 def test_hdf5_survives_every_possible_failing_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Fail at the n-th write for n = 0, 1, ... until the run succeeds: HDF5 must never see it.
-    real, left = os.pwrite, 0
-
-    def limited(descriptor: int, data: bytes, offset: int) -> int:
-        nonlocal left
-        left -= 1
-        if left < 0:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        return real(descriptor, data, offset)
-
-    monkeypatch.setattr("os.pwrite", limited)
+    disk = FullDisk(0)
+    monkeypatch.setattr("os.pwrite", disk)
     for allowed in range(200):
-        left = allowed
+        disk.left = allowed
         with AtomicFile(tmp_path / "a.h5", overwrite=True) as file:
             with h5py.File(file.sink, "w") as root:
                 for k in range(5):

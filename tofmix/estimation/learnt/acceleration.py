@@ -34,9 +34,11 @@ from tofmix.estimation.learnt.pixel_samples import Samples
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.learnt_noise import DRIFTS
 
-_LONGEST_JUMP = 32.0  # most EM steps that one extrapolation stands for
+_LONGEST_JUMP = 32.0
+"""Most EM steps that one jump stands for."""
 
-_LEAST_SHARE = 1.0e-9  # a jump to a smaller share is taken back
+_LEAST_SHARE = 1.0e-9
+"""Least share after a jump: a jump to a smaller one is taken back."""
 
 LEARNING_ITER, LEARNING_TOL = 60, 1.0e-3
 """Most EM iterations, and tolerance in sigmas, of the fits that noise is learnt from."""

@@ -53,7 +53,8 @@ SAMPLES = (3, 6, 12, 25, 50, 100, 200, 400, 1000)
 LEAST_WORTH = 1.0
 """Gain bound, nat, from which on a trial is made: smaller gains are no part of the tail."""
 
-_SEED = 20080922  # of the bootstrap, so that the same model gives the same table
+_SEED = 20080922
+"""Seed of the bootstrap: the same model gives the same thresholds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,11 +165,11 @@ def _tail(gains: FloatArray) -> FloatArray:
     beyond = ordered[ordered > start]
     scale = float(beyond.mean() - start) if beyond.size else 1.0
     out = []
-    for chance in FALSE_ALARMS:
-        if chance >= TAIL:
-            out.append(max(float(np.quantile(ordered, 1.0 - chance)), 0.0))
+    for probability in FALSE_ALARMS:
+        if probability >= TAIL:
+            out.append(max(float(np.quantile(ordered, 1.0 - probability)), 0.0))
         else:
-            out.append(start + scale * math.log(TAIL / chance))
+            out.append(start + scale * math.log(TAIL / probability))
     # Probabilities are interpolated between the gains, which must ascend.
     return np.maximum.accumulate(np.array(out) + 1e-9 * np.arange(len(out)))
 

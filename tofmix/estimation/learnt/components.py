@@ -21,7 +21,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.estimation.beam import NO_RETURN_REACH, Beam
+from tofmix.estimation.beam import NO_RETURN_REACH, Beam, near_no_return
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.learnt_noise import DRIFTS
 
@@ -44,7 +44,8 @@ TOTAL, SHARE, TERM, NEW, TIME = range(5)
 SCORES = TIME + DRIFTS
 DENSITY = SCORES + 3
 
-_LEAST_SHARE = 1.0e-9  # where less share is left, it is rounding: the other shares are not scaled up
+_LEAST_SHARE = 1.0e-9
+"""Least share that scales the others up where a surface is removed: a smaller one is rounding."""
 
 
 @jit
@@ -101,7 +102,7 @@ def start_without_surface(value: FloatArray, fit: FloatArray, beam: Beam) -> Non
     near = 0.0
     if math.isfinite(beam.range_max):
         for j in range(n):
-            if abs(value[j] - beam.range_max) < NO_RETURN_REACH * beam.sigma_max:
+            if near_no_return(value[j], NO_RETURN_REACH, beam):
                 near += 1.0
     share = near / n
     fit[OWN, BACKGROUND] = 1.0 if near == 0.0 else max(1.0 - share, 1.0 / n)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.estimation.beam import Beam
+from tofmix.estimation.beam import Beam, near_no_return
 from tofmix.estimation.learnt.acceleration import value_of
 from tofmix.estimation.learnt.components import (
     BACKGROUND,
@@ -72,7 +72,7 @@ def _remove_no_return(data: Samples, k: int, work: Workspace, law: Law, beam: Be
     fit, trial, _, scratch, _ = work
     near = False
     for i in range(k):
-        near = near or abs(beam.range_max - fit[MEAN, i]) < NEAR_NO_RETURN * beam.sigma_max
+        near = near or near_no_return(fit[MEAN, i], NEAR_NO_RETURN, beam)
     if fit[WEIGHT, -1] == 0.0 or not near:
         return
     copy_fit(fit, trial)

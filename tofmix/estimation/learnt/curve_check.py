@@ -6,6 +6,7 @@ held-out pixels decide whether the learnt noise is better.
 """
 
 import math
+from statistics import NormalDist
 
 import numpy as np
 
@@ -13,8 +14,10 @@ from tofmix.arrays import IntArray
 from tofmix.compiled.robust import MAD_TO_SIGMA
 from tofmix.estimation.beam import beam_of
 from tofmix.estimation.learnt.clusters import ClusterFits, find_clusters, fit_clusters
+from tofmix.estimation.learnt.folds import WEAK_PRIOR
 from tofmix.estimation.learnt.model import PixelNoise
 from tofmix.estimation.learnt.pair_differences import sigma_from_differences
+from tofmix.estimation.learnt.parts import FREE_DRIFT_SIGMAS
 from tofmix.estimation.learnt.sigma_curve import LEAST_CLUSTERS
 from tofmix.estimation.learnt.training_pixels import Pixels
 from tofmix.estimation.noise.pixel_noise import pixel_curves
@@ -39,13 +42,31 @@ LEAST_WITH_CLUSTER = 0.5
 FAR_OFF = 1.5
 """Tolerated factor between the curve's sigma and that of differences of samples, which close surfaces widen."""
 
-SURE = 3.0
+SIGNIFICANT = 3.0
 """Standard errors beyond each tolerance: noise alone contradicts the curve in one of some hundred recordings."""
 
-_NEAR_SIGMAS = 8.0  # of a cluster: samples farther from all clusters count as background
-_QUARTILE_ERROR = 1.83
-"""Relative standard error of the upper quartile of n chi-square variables of one degree, times sqrt(n)."""
-_CENTRAL = 4.0  # sigmas; errors more than one sigma farther out are outliers, and no sign of a shape
+FREE_SCALE = 0.5
+"""Scale of log width while widths are measured: this prior leaves each width to its samples."""
+
+LEAST_ERRORS = 100
+"""Least errors whose skewness and kurtosis are tested."""
+
+_NEAR_SIGMAS = 8.0
+"""Distance from a cluster, in sigmas, beyond which a sample counts as background."""
+
+_QUARTILE = NormalDist().inv_cdf(7.0 / 8.0)
+_QUARTILE_ERROR = round(math.sqrt(3.0) / (4.0 * _QUARTILE * NormalDist().pdf(_QUARTILE)), 2)
+"""Relative standard error of the upper quartile of n chi-square variables of one degree, times sqrt(n).
+
+The variance of a sample quantile is p (1 - p) / (n f^2), with f the density there: that of z^2 is phi(z) / z.
+
+References
+----------
+Serfling, Approximation Theorems of Mathematical Statistics, 1980, section 2.3.3.
+"""
+
+_CENTRAL = 4.0
+"""Largest error, in sigmas, that is a sign of a shape; one sigma farther out, errors are outliers."""
 
 
 def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
@@ -79,21 +100,21 @@ def doubts(pixels: Pixels, sensor: Sensor) -> list[str]:
     filled = np.count_nonzero(np.isfinite(pixels.samples).sum(axis=1) >= 1)
     if len(clusters.pixel) < LEAST_CLUSTERS or len(owners) < LEAST_WITH_CLUSTER * filled:
         return _by_differences(pixels, sensor.noise)
-    free = PixelNoise(curve=sensor.noise, p_outlier=noise.p_outlier, background=(0.5, 5.0), drift_mm=np.zeros(DRIFTS))
-    law = free.laws()[0]._replace(width_spread=0.5)
+    free = PixelNoise(curve=sensor.noise, p_outlier=noise.p_outlier, background=WEAK_PRIOR, drift_mm=np.zeros(DRIFTS))
+    law = free.laws()[0]._replace(width_spread=FREE_SCALE)
     fits = fit_clusters(pixels.samples, clusters, law, beam, False)  # noqa: FBT003  a kernel's flag
-    moving = law._replace(drift_mm=np.full(DRIFTS, 3.0 * float(np.median(fits.sigma))))
+    moving = law._replace(drift_mm=np.full(DRIFTS, FREE_DRIFT_SIGMAS * float(np.median(fits.sigma))))
     drifting = fit_clusters(pixels.samples, clusters, moving, beam, False)  # noqa: FBT003  a kernel's flag
     found = []
-    chance = 1.0 / (law.width_information * np.maximum(fits.support, 1.0))
+    variance = 1.0 / (law.width_information * np.maximum(fits.support, 1.0))
     count = len(fits.place)
     typical = float(np.median(fits.log_width))
-    if abs(typical) > WIDTH_TOLERANCE + SURE * math.sqrt(float(np.median(chance)) / count):
+    if abs(typical) > WIDTH_TOLERANCE + SIGNIFICANT * math.sqrt(float(np.median(variance)) / count):
         found.append("width")
     spread = MAD_TO_SIGMA * float(np.median(np.abs(fits.log_width - typical)))
-    if spread**2 - float(np.median(chance)) > WIDTH_TOLERANCE**2 + SURE * float(np.median(chance)) * math.sqrt(
-        2 / count
-    ):
+    if spread**2 - float(np.median(variance)) > WIDTH_TOLERANCE**2 + SIGNIFICANT * float(
+        np.median(variance)
+    ) * math.sqrt(2 / count):
         found.append("widths")
     if _is_shaped(fits):
         found.append("shape")
@@ -117,12 +138,12 @@ def _by_differences(pixels: Pixels, curve: NoiseCurve) -> list[str]:
 def _is_shaped(fits: ClusterFits) -> bool:
     """Whether the errors of all clusters are skewed or long-tailed, beyond noise and tolerance."""
     z = fits.error[np.isfinite(fits.error) & (np.abs(fits.error) < _CENTRAL + 1.0)]
-    if z.size < 100:  # noqa: PLR2004  moments of fewer tell nothing
+    if z.size < LEAST_ERRORS:
         return False
     z = (z - z.mean()) / z.std()
     skewness, kurtosis = float((z**3).mean()), float((z**4).mean() - 3.0)
-    return abs(skewness) > SKEWNESS_TOLERANCE + SURE * math.sqrt(6 / z.size) or kurtosis > (
-        KURTOSIS_TOLERANCE + SURE * math.sqrt(24 / z.size)
+    return abs(skewness) > SKEWNESS_TOLERANCE + SIGNIFICANT * math.sqrt(6 / z.size) or kurtosis > (
+        KURTOSIS_TOLERANCE + SIGNIFICANT * math.sqrt(24 / z.size)
     )
 
 
@@ -137,10 +158,10 @@ def _drifts(fits: ClusterFits) -> bool:
     width = np.exp(fits.log_width) * fits.sigma
     n = max(float(np.median(fits.support)), 1.0)
     free = max(n - 1.0 - DRIFTS, 1.0)
-    chance = 12.0 / free
+    variance = 12.0 / free
     quartile = float(f.ppf(0.75, 1.0, free))
     square = float(np.quantile((2.0 * fits.drift[:, 0] / width) ** 2, 0.75)) / quartile
-    return square - chance > DRIFT_TOLERANCE**2 + SURE * chance * _QUARTILE_ERROR / math.sqrt(len(width))
+    return square - variance > DRIFT_TOLERANCE**2 + SIGNIFICANT * variance * _QUARTILE_ERROR / math.sqrt(len(width))
 
 
 def _far_share(pixels: Pixels, fits: ClusterFits, pixel: IntArray, owners: IntArray) -> float:

@@ -47,8 +47,10 @@ from tofmix.learnt_noise import DRIFTS
 LONGEST_STEP = 1.0
 """Most that a mean moves in one iteration, in sigmas: scoring may overshoot where log f is not concave."""
 
-_LEAST_BACKGROUND = 1.0e-12  # least share of background, and of the rest, before its logarithm is taken
-_INFINITE = 1.0e30  # information of a number that is held fixed
+_LEAST_BACKGROUND = 1.0e-12
+"""Least share of background, and of the rest, before its logarithm is taken."""
+_INFINITE = 1.0e30
+"""Information of a number that is held fixed."""
 
 
 @borrowing

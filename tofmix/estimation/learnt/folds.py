@@ -20,9 +20,14 @@ MAX_LAYERS = 4
 MOST_COUNTED = 600
 """Most pixels whose surfaces are counted, to measure backgrounds or widths."""
 
-_FOLDS = 3  # two thirds of the pixels teach, one third judges
-_SEED = 20080922  # of the split into folds, so that the same recording gives the same noise
-_WEAK_PRIOR = (0.5, 5.0)  # pseudo-counts of background and of the rest, for a cluster under noise without background
+_FOLDS = 3
+"""Parts of the pixels: two thirds teach, one third judges."""
+
+_SEED = 20080922
+"""Seed of the split into folds: the same recording gives the same noise."""
+
+WEAK_PRIOR = (0.5, 5.0)
+"""Pseudo-counts of background and of the rest for a cluster, where the noise has no background."""
 
 
 class Fold:
@@ -60,7 +65,7 @@ class Fold:
 
     def fits(self, noise: PixelNoise, clusters: Clusters, *, second: bool = False) -> ClusterFits:
         """One surface fitted to each cluster; with `second`, also the gain of a second one."""
-        free = replace(noise, background=noise.background or _WEAK_PRIOR)
+        free = replace(noise, background=noise.background or WEAK_PRIOR)
         return fit_clusters(self.training.samples, clusters, free.laws()[0], self._beam(noise, self.training), second)
 
     def widths(self, noise: PixelNoise, free: PixelNoise) -> PixelWidths:

@@ -54,9 +54,9 @@ _LEAST_INFORMATION = 1.0e-6
 def _best_share(ratio: FloatArray, outside: float, steps: int) -> float:
     """Share of a new surface that raises the likelihood most, all else held.
 
-    Newton's method, from the share of one sample. `ratio` (m,) is the density of the new surface by p(r_j) at the
-    samples near it; at `outside` other samples its density is 0. The kernels of `mixture` have loops of their own: they
-    count equal samples once, and add in another order, so that a common loop would change the last bits.
+    Newton's method, from the share of one sample; `mixture.share_step` says why this loop is not that of others.
+    `ratio` (m,) is the density of the new surface by p(r_j) at the samples near it; at `outside` other samples its
+    density is 0.
     """
     part = 1.0 / (len(ratio) + outside)
     for _ in range(steps):

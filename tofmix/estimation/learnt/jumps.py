@@ -37,7 +37,8 @@ LEAST_AFTER = 2
 SIGNIFICANT = 2.0
 """Standard errors from which on a width or a drift exceeds noise, and may stand for a further surface."""
 
-_ROUNDS = 8  # steps of scoring for the range on one side of a jump
+_ROUNDS = 8
+"""Steps of scoring for the range on one side of a jump."""
 
 
 @borrowing

@@ -23,7 +23,8 @@ TAIL_DEGREES = 4.0
 """Degrees of freedom of the Student t priors of log width and drift: some pixels are far wider than others."""
 
 SCALE_OF_SPREAD = 0.831
-"""Scale of the Student t of `TAIL_DEGREES` with the largest likelihood for values of a standard Gaussian."""
+"""Scale s of the Student t of n = `TAIL_DEGREES` with the largest likelihood for values x of a standard Gaussian, to
+three decimals: the mean of (n + 1) x^2 / (n s^2 + x^2) is 1."""
 
 MOST_LOG_WIDTH = 1.5
 """Largest absolute log width of a pixel."""

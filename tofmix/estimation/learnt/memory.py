@@ -17,9 +17,14 @@ LEAST_MEMORY, MOST_MEMORY = 0.05, 0.95
 LEAST_PAIRS = 100
 """Least pairs of neighbouring frames: fewer determine a correlation to no better than 0.1."""
 
-_CENTRAL = 4.0  # sigmas: a larger error is background
-_SIGNIFICANT = 3.0  # standard errors, 1 / sqrt(pairs) each for errors without memory
-_ROUNDS = 30  # iterations for the part of the memory that fitted means and drifts hide
+_CENTRAL = 4.0
+"""Largest error of a surface, in sigmas; a larger one is background."""
+
+_SIGNIFICANT = 3.0
+"""Standard errors of a correlation, 1 / sqrt(pairs) for errors without memory, up to which it counts as 0."""
+
+_ROUNDS = 30
+"""Iterations for the part of the memory that fitted means and drifts hide."""
 
 
 def memory_of(fits: ClusterFits, noise: PixelNoise) -> float:

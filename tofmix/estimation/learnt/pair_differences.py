@@ -42,7 +42,14 @@ FLAT = 0.25
 LEAST_EXCESS = 0.02
 """Least part of the differences that the peak has over the level."""
 
-_GRID_STEP = math.log(1.12)  # between the sigmas that are tried
+LEAST_IN_PEAK = 10
+"""Least differences of a peak."""
+
+SIGNIFICANT_EXCESS = 5.0
+"""Least excess of a peak over the level, in standard errors of the number of differences up to `LEVEL_SIGMAS`."""
+
+_GRID_STEP = math.log(1.12)
+"""Step between the logarithms of the sigmas that are tried."""
 
 
 @jit
@@ -114,7 +121,7 @@ def _bins(place: FloatArray, common: float) -> list[tuple[int, int]]:
 def _scale(lags: FloatArray, most: float) -> float | None:
     """Smallest sigma, mm, up to `most`, that equals the sigma of its peak in ascending lags, mm; None without one."""
     positive = lags[lags > 0]
-    if positive.size < 10:  # noqa: PLR2004  fewer tell nothing
+    if positive.size < LEAST_IN_PEAK:
         return None
     low, high = 0.25 * float(np.quantile(positive, 0.001)) + 1e-6, min(float(positive[-1]), most)
     before = None
@@ -139,7 +146,7 @@ def _peak(lags: FloatArray, scale: float) -> float | None:
     near, far = np.searchsorted(lags, [PEAK_SIGMAS * scale, LEVEL_SIGMAS * scale], side="right")
     level = (far - near) / ((LEVEL_SIGMAS - PEAK_SIGMAS) * scale)
     excess = near - level * PEAK_SIGMAS * scale
-    if near < 10 or excess < max(LEAST_EXCESS * near, 5.0 * math.sqrt(far)):  # noqa: PLR2004  as in `_scale`
+    if near < LEAST_IN_PEAK or excess < max(LEAST_EXCESS * near, SIGNIFICANT_EXCESS * math.sqrt(far)):
         return None
     over = np.arange(1, near + 1) - level * lags[:near]
     at = int(np.argmax(over >= 0.5 * excess))

@@ -6,6 +6,7 @@ alone give to fitted widths, drifts and shares is subtracted. `selection` decide
 
 import math
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 
@@ -22,14 +23,14 @@ from tofmix.learnt_noise import DRIFTS
 PARTS = ("background", "drift", "widths", "shape")
 """Names of the parts."""
 
-_FREE_DRIFT_SIGMAS = 3.0
+FREE_DRIFT_SIGMAS = 3.0
 """Scale of the drift, in sigmas, while drifts are measured: this prior leaves each drift to its samples."""
 
 FIRST_PRIOR = (0.5, 2.0)
 """Pseudo-counts of background and of the rest, before shares are known."""
 
-_UPPER_QUARTILE = 1.1503
-"""Upper quartile of |z| of a standard Gaussian: its quantile at 7/8."""
+_UPPER_QUARTILE = round(NormalDist().inv_cdf(7.0 / 8.0), 4)
+"""Upper quartile of |z| of a standard Gaussian, Phi^-1(7/8), to four decimals."""
 
 _LEAST_DRIFT_SIGMAS = 0.02
 """A drift of a smaller scale, in sigmas, counts as none: it changes no count."""
@@ -37,7 +38,8 @@ _LEAST_DRIFT_SIGMAS = 0.02
 _WIDTH_SCALES = np.geomspace(0.02, 1.0, 30)
 """Scales of log width that are tried."""
 
-_LEAST_LIKELIHOOD = 1e-12  # before its logarithm is taken
+_LEAST_LIKELIHOOD = 1e-12
+"""Least likelihood of a scale before its logarithm is taken."""
 
 
 def with_part(fold: Fold, noise: PixelNoise, part: str) -> PixelNoise | None:
@@ -98,7 +100,7 @@ def single_surfaces(fold: Fold, noise: PixelNoise, clusters: Clusters) -> Cluste
 def _with_drift(fold: Fold, noise: PixelNoise, clusters: Clusters) -> PixelNoise | None:
     """Measure the scale of each polynomial of the drift, beyond the variance that samples give to fitted drifts."""
     sigma = float(np.median(noise.curve.sigma_mm))
-    free = replace(noise, drift_mm=np.full(DRIFTS, _FREE_DRIFT_SIGMAS * sigma))
+    free = replace(noise, drift_mm=np.full(DRIFTS, FREE_DRIFT_SIGMAS * sigma))
     fits = fold.fits(free, clusters)
     width = np.exp(fits.log_width) * fits.sigma
     information = noise.laws()[0].information
@@ -169,7 +171,7 @@ def shrunken_effects(fold: Fold, noise: PixelNoise) -> FloatArray:
     if not len(out) or not (wide or moves.any()):
         return out
     sigma = float(np.median(noise.curve.sigma_mm))
-    free = replace(noise, drift_mm=np.where(moves, _FREE_DRIFT_SIGMAS * sigma, 0.0))
+    free = replace(noise, drift_mm=np.where(moves, FREE_DRIFT_SIGMAS * sigma, 0.0))
     if wide:
         free = replace(free, curve=replace(free.curve, width_spread=FREE_WIDTH))
     fits, law = fold.fits(free, clusters), noise.laws()[0]

@@ -30,9 +30,15 @@ RING = (12.0, 16.0)
 _PENALTIES = np.logspace(-5, 5, 11)
 """Weights of the mean square of the third derivative that are tried, by error."""
 
-_NEWTON_STEPS = 40  # most steps of one fit of the shape: a bound for histograms on which it does not end
-_BACKGROUND_ROUNDS = 6  # fits of the shape, each with the background that the one before leaves in `RING`
-_TOLERANCE = 1e-6  # gain of the log likelihood, nat an error, below which a fit ends
+_NEWTON_STEPS = 40
+"""Most steps of one fit of the shape."""
+
+_BACKGROUND_ROUNDS = 6
+"""Rounds of EM between the shape and the background under it."""
+
+_TOLERANCE = 1e-6
+"""Gain of the penalised log likelihood by error, nat, below which a fit ends."""
+
 _RIDGE = 1e-11
 """Damps Newton's steps where rounding makes the matrix singular: the penalty leaves parabolas free."""
 
@@ -48,7 +54,7 @@ FAR = 4.0
 LEAST_SAMPLES, LEAST_SURFACES = 10, 30
 """Least samples of a surface, and least surfaces, whose shapes are compared."""
 
-UNLIKE, SURE = 1.3, 5.0
+LEAST_RATIO, SIGNIFICANT = 1.3, 5.0
 """Shapes differ from this ratio on of the variance between surfaces to that of samples alone, and from so many standard
 errors of the ratio on. Noise of one shape has 0.4 to 1.0, also where widths, drifts and backgrounds differ."""
 
@@ -95,7 +101,8 @@ def shapes_differ(error: FloatArray) -> bool:
 
     The statistic of a surface is the mean of the third Hermite polynomial, H3(z) = z^3 - 3 z: its skewness, which
     neither its mean nor its width changes. For one shape, these means would have the variance within surfaces by the
-    number of samples. They must have `UNLIKE` times this variance, and `SURE` standard errors of the ratio more.
+    number of samples. Shapes differ where they have `LEAST_RATIO` times this variance, and the ratio exceeds 1 by
+    `SIGNIFICANT` standard errors.
 
     Parameters
     ----------
@@ -115,7 +122,7 @@ def shapes_differ(error: FloatArray) -> bool:
     # Each surface counts equally, by its own variance: some may have longer tails than others.
     square = (mean - np.average(mean, weights=number)) ** 2 * number / np.maximum(within, within.mean())
     ratio, spread = float(square.mean()), math.sqrt(2.0 / len(square))
-    return ratio > max(UNLIKE, 1.0 + SURE * spread)
+    return ratio > max(LEAST_RATIO, 1.0 + SIGNIFICANT * spread)
 
 
 def _without_background(counts: FloatArray) -> FloatArray:

@@ -38,8 +38,11 @@ _DIFFERENT_FACTOR = 1.1
 _CONVERGED = 0.01
 """Change of log sigma that ends the rounds: samples determine sigma less exactly."""
 
-_LEAST_IN_BIN, _WIDEST_BIN = 20, 0.12  # clusters in a bin of range, and its greatest width by its range
-_LEAST_VARIANCE_LEFT = 0.1  # see `variance_left`
+_LEAST_IN_BIN, _WIDEST_BIN = 20, 0.12
+"""Least clusters in a bin of range, and greatest width of the bin by its range."""
+
+_LEAST_VARIANCE_LEFT = 0.1
+"""Least part of the variance that fits leave, for clusters of few samples."""
 
 
 def first_curves(samples: Float32Array, start: NoiseCurve | None) -> list[NoiseCurve]:

@@ -25,7 +25,8 @@ MOST_FRAMES = 1000
 FEW_PIXELS = 0.02
 """Part of the pixels whose number of samples may lie beyond those that gains are drawn for, at either end."""
 
-_SEED = 20080922  # of the noise that replaces the rounding, so that the same recording gives the same noise
+_SEED = 20080922
+"""Seed of the noise that is added over the rounding: the same recording gives the same noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

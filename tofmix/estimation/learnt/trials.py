@@ -11,7 +11,7 @@ import numpy as np
 
 from tofmix.arrays import FloatArray
 from tofmix.compiled.jit import borrowing, jit
-from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond
+from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, near_no_return
 from tofmix.estimation.learnt.acceleration import maximise, value_of
 from tofmix.estimation.learnt.components import (
     DENSITY,
@@ -242,7 +242,7 @@ def surely_needed(data: Samples, k: int, index: int, fit: FloatArray, beam: Beam
             return False
     if k == 1 and fit[SUPPORT, index] < 0.5 * len(data.value):
         return False
-    if math.isfinite(beam.range_max) and abs(beam.range_max - fit[MEAN, index]) < CERTAIN_SIGMAS * beam.sigma_max:
+    if math.isfinite(beam.range_max) and near_no_return(fit[MEAN, index], CERTAIN_SIGMAS, beam):
         return False
     loss, rest = 0.0, background_density(beam)
     for j in range(len(data.value)):
@@ -260,10 +260,10 @@ def gain_of_surface(data: Samples, k: int, index: int, full: float, work: Worksp
     """
     fit, trial, _, scratch, _ = work
     copy_fit(fit, trial)
-    near_no_return = abs(beam.range_max - fit[MEAN, index]) < NO_RETURN_REACH * beam.sigma_max
-    if fit[WEIGHT, -1] == 0.0 and near_no_return:
+    near = near_no_return(fit[MEAN, index], NO_RETURN_REACH, beam)
+    if fit[WEIGHT, -1] == 0.0 and near:
         trial[WEIGHT, -1] = fit[WEIGHT, index]
     remove_surface(k, index, trial)
-    if near_no_return and trial[WEIGHT, -1] > 0.0 and k == 1:
+    if near and trial[WEIGHT, -1] > 0.0 and k == 1:
         start_without_surface(data.value, trial, beam)
     return full - settle(data, k - 1, trial, law, beam, scratch)

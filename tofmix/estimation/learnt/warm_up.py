@@ -14,8 +14,9 @@ from tofmix.estimation.learnt.pair_differences import sigma_from_differences
 from tofmix.estimation.learnt.shares import background_shares, pixel_widths
 from tofmix.sensor import NoiseCurve, Sensor
 
-_RANGE_MM, _SIGMA_MM = 1000.0, 10.0  # of the made-up samples
-_FRAMES, _PIXELS = 20, 3  # of the made-up samples
+_RANGE_MM, _SIGMA_MM = 1000.0, 10.0
+_FRAMES, _PIXELS = 20, 3
+"""Range, sigma and size of the made-up samples."""
 
 
 def warm_up() -> None:

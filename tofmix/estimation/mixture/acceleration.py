@@ -19,8 +19,11 @@ from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
 from tofmix.estimation.settings import MODE_PRIOR, MODE_TIED
 
-_LONGEST_JUMP = 64.0  # most EM steps that one extrapolation stands for
-_LEAST_SHARE = 1.0e-9  # an extrapolation that leaves less of a share is taken back
+_LONGEST_JUMP = 64.0
+"""Most EM steps that one extrapolation stands for."""
+
+_LEAST_SHARE = 1.0e-9
+"""Least share after an extrapolation: one to a smaller share is taken back."""
 
 _FIRST, _SECOND, _THIRD = STEPS, STEPS + 3, STEPS + 6
 _SHARES = 2

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from tofmix.compiled.jit import borrowing, jit
 from tofmix.compiled.vector import product_of, total_of
-from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, is_no_return
+from tofmix.estimation.beam import NO_RETURN_REACH, Beam, is_beyond, is_no_return, near_no_return
 from tofmix.estimation.mixture.acceleration import maximise_likelihood
 from tofmix.estimation.mixture.components import (
     GAIN,
@@ -218,22 +218,16 @@ def drop_unsupported(n: float, k: int, fit: Components, beam: Beam, rules: Rules
 @borrowing
 def _certain(k: int, index: int, fit: Components, beam: Beam) -> bool:
     """Whether a surface is so far from all others, and from c_0, that its loss need not be computed."""
-    if fit[SUPPORT, index] < CERTAIN_SUPPORT or _may_be_no_return(fit[MEAN, index], CERTAIN_SIGMAS, beam):
+    if fit[SUPPORT, index] < CERTAIN_SUPPORT or near_no_return(fit[MEAN, index], CERTAIN_SIGMAS, beam):
         return False
     return _gap_sigmas(k, index, fit, beam) > CERTAIN_SIGMAS
-
-
-@borrowing
-def _may_be_no_return(range_mm: float, sigmas: float, beam: Beam) -> bool:
-    """Whether c_0 lies within so many of its sigmas."""
-    return abs(beam.range_max - range_mm) < sigmas * beam.sigma_max
 
 
 @borrowing
 def _leave_out(k: int, index: int, fit: Components, trial: Components, beam: Beam) -> None:
     """Fill `trial` with the fit without one surface, as a start; c_0 may take its place where it is near."""
     copy_components(k, fit, trial)
-    if fit[WEIGHT, -1] == 0.0 and _may_be_no_return(fit[MEAN, index], NO_RETURN_REACH, beam):
+    if fit[WEIGHT, -1] == 0.0 and near_no_return(fit[MEAN, index], NO_RETURN_REACH, beam):
         trial[WEIGHT, -1] = fit[WEIGHT, index]
     remove_surface(k, index, trial)
 
@@ -244,10 +238,10 @@ def weigh_no_return(data: Readings, k: int, work: Workspace, beam: Beam, rules: 
     fit, trial, _, scratch = work
     if k == 0 or fit[WEIGHT, -1] == 0.0:
         return False
-    near_no_return = False
+    near = False
     for i in range(k):
-        near_no_return = near_no_return or _may_be_no_return(fit[MEAN, i], CERTAIN_SIGMAS, beam)
-    if not near_no_return:
+        near = near or near_no_return(fit[MEAN, i], CERTAIN_SIGMAS, beam)
+    if not near:
         return False
     copy_components(k, fit, trial)
     scale = (1.0 - beam.p_outlier) / (1.0 - beam.p_outlier - fit[WEIGHT, -1])

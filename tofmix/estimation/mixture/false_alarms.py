@@ -20,7 +20,8 @@ FALSE_ALARMS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0001)
 SAMPLES = (5, 10, 15, 30, 60, 100, 200, 500, 1000)
 """Samples in the pixel, a row each."""
 
-LEAST_FALSE_ALARM, MOST_FALSE_ALARM = 1.0e-6, 0.1  # chances that the table covers
+LEAST_FALSE_ALARM, MOST_FALSE_ALARM = 1.0e-6, 0.1
+"""Least and greatest probability of a false alarm that the table covers, the least by extrapolation."""
 
 _GAINS = np.array([
     (0.00, 0.51, 1.30, 1.91, 2.55, 3.53, 4.18, 6.44),  # 5

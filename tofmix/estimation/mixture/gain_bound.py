@@ -14,7 +14,7 @@ from tofmix.compiled.jit import borrowing
 from tofmix.compiled.vector import exp_minus, log_of, product_of, total_of
 from tofmix.estimation.beam import Beam
 from tofmix.estimation.mixture.components import MEAN, OTHER, SHARE, SIGMA, SPARE, TOTAL, WEIGHT, Components, Scratch
-from tofmix.estimation.mixture.share_step import next_share
+from tofmix.estimation.mixture.share_step import LEAST_BEND, next_share
 from tofmix.estimation.noise.kernel import sigma_at
 from tofmix.estimation.samples import Readings
 
@@ -30,9 +30,12 @@ _STEPS = 6
 _HEAVY = 0.5
 """Where one sample has such a part in a new surface, the score statistic falls short, and the gain is worked out."""
 
-_LEAST_INFORMATION = 1.0e-6  # least information by sample; less is rounding
+_LEAST_INFORMATION = 1.0e-6
+"""Least information by sample: less is rounding."""
+
 _ROOT = math.exp(_STEP * SURFACE_SIGMAS)
-_NEWTON_STEPS = 3  # Newton steps for the best share in a gain bound
+_NEWTON_STEPS = 3
+"""Newton steps for the best share in a gain bound."""
 
 
 @borrowing
@@ -161,10 +164,7 @@ def _next_power(power: FloatArray, base: FloatArray, z: FloatArray, count: Float
 
 @borrowing
 def _gain_of_best_share(power: FloatArray, scale: float, own: Readings, term: FloatArray) -> float:
-    """Gain, nat, of the best share of a new surface with density ratios scale * power, all else held.
-
-    `gradient` has the same for densities by p(r_j) that differ from sample to sample, with two rows more to read.
-    """
+    """Gain, nat, of the best share of a new surface with density ratios scale * power, all else held."""
     count, share = own.times, 1.0 / own.total
     for _ in range(_NEWTON_STEPS):
         for j in range(len(count)):
@@ -173,7 +173,7 @@ def _gain_of_best_share(power: FloatArray, scale: float, own: Readings, term: Fl
         slope = product_of(count, term)
         for j in range(len(count)):
             term[j] *= term[j]
-        bend = product_of(count, term) + 1.0e-12
+        bend = product_of(count, term) + LEAST_BEND
         share = next_share(share, slope, bend)
     for j in range(len(count)):
         term[j] = log_of(1.0 + share * (scale * power[j] - 1.0))

@@ -185,8 +185,7 @@ def _score_statistic(
 def best_share(data: Readings, place: float, beam: Beam, scratch: Scratch) -> float:
     """Share of a new surface at `place` that raises the likelihood most, all else scaled down; by Newton's steps.
 
-    scratch[TOTAL] holds p(r_j), as `steepest_place` leaves it. Its terms are those of `_gain_of_best_share` in another
-    order, without one of them outside: in that order, their last bits change.
+    scratch[TOTAL] holds p(r_j), as `steepest_place` leaves it.
     """
     sigma = sigma_at(place, beam.curve_range, beam.curve_sigma)
     m = len(data.value)

@@ -14,9 +14,14 @@ from tofmix.estimation.noise.scale import GRID, STEP, Mixtures, place
 from tofmix.estimation.noise.settings import AmplitudeSettings
 from tofmix.sensor import AmplitudeLaw
 
-_SEED = 20080923  # of the split into folds, so that the same recording gives the same law
-_ROUNDS = 30  # most scoring steps
-_CONVERGED = 1e-4  # largest step of log sigma in the last round: 0.01 % of sigma
+_SEED = 20080923
+"""Seed of the split into folds: the same recording gives the same law."""
+
+_ROUNDS = 30
+"""Most steps of scoring."""
+
+_CONVERGED = 1e-4
+"""Step of log sigma that ends the scoring: 0.01 % of sigma."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -199,8 +199,8 @@ class Effect:
         Statistics of `tofmix.reconciliation.panel` that it changes. It is never named for a deviation in other
         statistics. Empty for an exact law, which needs no such check.
     latent : Latent
-        Hidden state that links its samples. `reconcile` searches for a kind without a hidden state by its parameters
-        alone.
+        Hidden state that links its samples. `reconcile` searches for a kind without one by its parameters; where the
+        likelihood has several tops, as by a frequency, from several starts (`reconciliation.searches`).
     exact_law : bool
         Whether cameras follow its law exactly. Then a single sample that fits exactly gains as much as many samples
         that fit roughly.
