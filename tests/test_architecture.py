@@ -2,13 +2,9 @@
 
 import ast
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
-import tofmix
-
-PACKAGE = Path(tofmix.__file__).parent
-MODULES = sorted(PACKAGE.rglob("*.py"))
+from support.modules import MODULES, PACKAGE, nodes, tree
 
 COMMON = {"optics", "compiled"}
 """Folders below the root modules, which all may import."""
@@ -63,13 +59,8 @@ def _folder(module: Path) -> str:
     return inside.parts[0] if len(inside.parts) > 1 else ""
 
 
-@cache
-def _tree(module: Path) -> ast.Module:
-    return ast.parse(module.read_text())
-
-
 def _imports(module: Path) -> Iterator[str]:
-    for node in ast.walk(_tree(module)):
+    for node in nodes(module):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -132,7 +123,7 @@ def test_folders_within_a_folder_import_one_way() -> None:
 
 
 def test_every_module_has_a_docstring() -> None:
-    offenders = [str(module.relative_to(PACKAGE)) for module in MODULES if not ast.get_docstring(_tree(module))]
+    offenders = [str(module.relative_to(PACKAGE)) for module in MODULES if not ast.get_docstring(tree(module))]
     assert not offenders, "\n".join(offenders)
 
 
@@ -148,7 +139,7 @@ def _is_number(value: ast.expr) -> bool:
 
 def _unexplained_constants(module: Path) -> Iterator[str]:
     """Numbers at a module's top level with no comment, and no string below them or below their block of assignments."""
-    lines, body = ["", *module.read_text().splitlines(), ""], _tree(module).body
+    lines, body = ["", *module.read_text().splitlines(), ""], tree(module).body
     for node in body:
         if not (isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None and _is_number(node.value)):
             continue

@@ -3,15 +3,10 @@
 import ast
 import re
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
-
-import tofmix
-
-PACKAGE = Path(tofmix.__file__).parent
-MODULES = sorted(PACKAGE.rglob("*.py"))
+from support.modules import MODULES, PACKAGE, nodes
 
 RUNS_CODE = {"pickle", "cPickle", "_pickle", "dill", "cloudpickle", "shelve", "marshal", "joblib", "code", "runpy"}
 CONNECTS = {"socket", "ssl", "http", "urllib", "urllib3", "requests", "ftplib", "smtplib", "telnetlib", "aiohttp"}
@@ -26,18 +21,13 @@ IMPORTS_BY_NAME = {"__init__.py", "io/extras.py"}
 """Optional libraries, backends and the public names of the package, by names that stand in our own code."""
 
 
-@cache
-def _nodes(module: Path) -> tuple[ast.AST, ...]:
-    return tuple(ast.walk(ast.parse(module.read_text())))
-
-
 def _name(module: Path) -> str:
     return str(module.relative_to(PACKAGE))
 
 
 def _imported(module: Path) -> set[str]:
     found: set[str] = set()
-    for node in _nodes(module):
+    for node in nodes(module):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
@@ -47,7 +37,7 @@ def _imported(module: Path) -> set[str]:
 
 def _calls(module: Path) -> dict[str, list[ast.Call]]:
     found: dict[str, list[ast.Call]] = {}
-    for node in _nodes(module):
+    for node in nodes(module):
         if isinstance(node, ast.Call):
             found.setdefault(ast.unparse(node.func), []).append(node)
     return found
@@ -62,8 +52,8 @@ def _code_runners(module: Path) -> Iterator[str]:
     calls = _calls(module)
     yield from sorted(calls.keys() & (BUILTINS | {"yaml.load"}))
     yield from (name for name in calls if name.startswith(("os.system", "os.popen", "os.exec", "os.spawn")))
-    for name, nodes in calls.items():
-        for node in nodes:
+    for name, found in calls.items():
+        for node in found:
             options = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
             if options.get("allow_pickle", "False") != "False" or options.get("shell", "False") != "False":
                 yield f"{ast.unparse(node)} in line {node.lineno}"

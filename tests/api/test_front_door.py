@@ -8,6 +8,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray
+from support.commandline import succeed
 from support.files import boards, write_recording
 
 import tofmix as tm
@@ -19,10 +20,6 @@ from tofmix.sensor import NoiseCurve
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     return write_recording(tmp_path / "a.h5", boards(40))
-
-
-def _command(*arguments: object) -> None:
-    subprocess.run([sys.executable, "-m", "tofmix", *map(str, arguments)], capture_output=True, check=True)
 
 
 def _without_curve(path: Path) -> Path:
@@ -53,7 +50,7 @@ def test_function_reconcile_is_not_hidden_by_the_package_of_reconciliation() -> 
 
 @pytest.mark.slow
 def test_estimate_gives_the_values_that_the_command_writes(recording: Path, tmp_path: Path) -> None:
-    _command("estimate", recording, "-o", tmp_path / "command.h5", "--window", 15, "--stride", 10)
+    succeed("estimate", recording, "-o", tmp_path / "command.h5", "--window", 15, "--stride", 10)
     found = tm.estimate(recording, window=15, stride=10)
     command = tm.open(tmp_path / "command.h5")
     assert isinstance(command, tm.Estimate)
@@ -146,7 +143,7 @@ def test_options_of_learnt_noise_need_learnt_noise(recording: Path) -> None:
 def test_options_of_learnt_noise_give_the_values_of_the_command(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "a.h5", boards(60, rows=12, cols=24))
     chosen = ("--noise", "auto", "--noise-shape", "gaussian", "--noise-widths", "common", "--outliers", 0.01)
-    _command("estimate", path, "-o", tmp_path / "a.layers.h5", *chosen)
+    succeed("estimate", path, "-o", tmp_path / "a.layers.h5", *chosen)
     written = tm.open(tmp_path / "a.layers.h5")
     found = tm.estimate(path, noise="auto", noise_shape="gaussian", noise_widths="common", outliers=0.01)
     assert isinstance(written, tm.Estimate)
@@ -156,7 +153,7 @@ def test_options_of_learnt_noise_give_the_values_of_the_command(tmp_path: Path) 
 
 @pytest.mark.slow
 def test_simulate_gives_the_samples_that_the_command_writes(tmp_path: Path) -> None:
-    _command("simulate", "near-far", "-o", tmp_path / "s.h5", "--frames", 5, "--seed", 3)
+    succeed("simulate", "near-far", "-o", tmp_path / "s.h5", "--frames", 5, "--seed", 3)
     command = tm.open(tmp_path / "s.h5")
     assert isinstance(command, tm.Recording)
     memory = tm.simulate("near-far", frames=5, seed=3)

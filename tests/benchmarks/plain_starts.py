@@ -59,7 +59,6 @@ def _best_cuts(samples: FloatArray, k: int, floor: float, equal: bool) -> IntArr
     return cuts
 
 
-@jit
 def _density_peaks(samples: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
     """Places and heights of the peaks of a kernel density with a fixed bandwidth."""
     low, high = samples[0] - h, samples[-1] + h

@@ -97,7 +97,16 @@ def test_after_warmup_reconciling_compiles_no_kernel(tofmix: Tofmix, tmp_path: P
     )
     assert tofmix("simulate", model, "-o", measured).code == 0
     assert tofmix("warmup").code == 0
-    model.write_text(model.read_text() + '[[effect]]\nkind = "quantisation"\nstep_mm = 9.0\n')
-    with nothing_compiled():
-        done = tofmix("reconcile", model, measured, "-o", tmp_path / "gap", "--effects", "interference,range_offset")
-    assert done.code == 0, done.err
+    text = model.read_text()
+    for effect in (
+        'kind = "quantisation"\nstep_mm = 9.0\n',
+        'kind = "motion"\nsurface = "board"\nvelocity_mm_s = 1.0\n',
+        'kind = "scattering"\nshare = 0.05\n',
+    ):
+        model.write_text(f"{text}[[effect]]\n{effect}")
+        with nothing_compiled():
+            done = tofmix(
+                "reconcile", model, measured, "-o", tmp_path / "gap", "--overwrite",
+                "--effects", "interference,range_offset,temporal_correlation",
+            )  # fmt: skip
+        assert done.code == 0, done.err

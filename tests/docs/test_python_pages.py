@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.commandline import succeed
 from support.files import boards, write_recording
 
 from tofmix.flags import STATUS_MEANINGS, status_name
@@ -27,20 +28,15 @@ def program(page: str) -> str:
     return "\n".join(lines)
 
 
-def tofmix(folder: Path, *arguments: str) -> None:
-    """Run the command line in a folder."""
-    subprocess.run([sys.executable, "-m", "tofmix", *arguments], cwd=folder, check=True, capture_output=True)
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the files that the pages name."""
     folder = tmp_path_factory.mktemp("docs")
     write_recording(folder / "recording.h5", boards(100))
-    tofmix(folder, "estimate", "recording.h5")
-    tofmix(folder, "simulate", "three-boards", "--frames", "20", "-o", "boards.h5")
-    tofmix(folder, "estimate", "boards.h5")
-    tofmix(folder, "surfaces", "boards.layers.h5")
+    succeed("estimate", folder / "recording.h5")
+    succeed("simulate", "three-boards", "--frames", 20, "-o", folder / "boards.h5")
+    succeed("estimate", folder / "boards.h5")
+    succeed("surfaces", folder / "boards.layers.h5")
     return folder
 
 
@@ -62,11 +58,11 @@ def test_every_block_runs_without_a_warning(folder: Path, clone: Path, name: str
     assert "import" in code
     (folder / "page.py").write_text(code, encoding="utf-8")
     command = [sys.executable, "-W", "error", "page.py"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"docs/{name} (line numbers are the page's):\n{done.stderr}"
-    assert done.stderr == ""
+    ran = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, f"docs/{name} (line numbers are the page's):\n{ran.stderr}"
+    assert ran.stderr == ""
     if name == "reference/formats.md":
-        tofmix(folder, "estimate", "mine.h5", "--overwrite")
+        succeed("estimate", folder / "mine.h5", "--overwrite")
 
 
 def test_every_fenced_block_is_run_or_parsed() -> None:

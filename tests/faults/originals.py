@@ -143,7 +143,7 @@ def make(folder: Path, pool: Pool) -> dict[str, Original]:
     run("estimate", recording, "--window", 10, "-o", layers)
     parts = (folder / "1.part", folder / "2.part")
     for number, part in enumerate(parts, 1):
-        run("estimate", recording, "--window", 10, "--shard", f"{number}/2", "-o", part)
+        run("estimate", recording, "--window", 5, "--shard", f"{number}/2", "-o", part)
     return {
         "recording": Original((recording,), "hdf5", _with_verify(_READ_RECORDING), own=True),
         "foreign recording": Original((_foreign(folder / "foreign.h5"),), "hdf5", _with_verify(_READ_RECORDING)),

@@ -58,9 +58,9 @@ def scenes() -> None:
 
 
 PARTS: tuple[Callable[[], None], ...] = (
-    layers, noise_and_reconciliation, further_options, scenes, images, learnt_noise
+    layers, noise_and_reconciliation, images, scenes, further_options, learnt_noise
 )  # fmt: skip
-"""The first four take nearly as long together as the last two."""
+"""The first three take nearly as long together as the last three."""
 
 
 def begin(worker: int) -> None:

@@ -5,7 +5,9 @@ their phasor sum with the probability q; q = 0 is equation (1) of the paper.
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
+import h5py
 import numpy as np
 from blind import scenes
 from blind.camera import Device, Exposure, Mechanism, record
@@ -255,3 +257,18 @@ def judge(
 def small(seed: int, **choices: float | bool) -> Scene:
     """A small recording of two boards before a wall."""
     return made(two_boards(np.random.default_rng(seed)), seed, view=SMALL, **choices)  # type: ignore[arg-type]
+
+
+def write_sums(path: Path, source: ArrayRecording, *, amplitude: bool = True, frames: int = 40) -> Path:
+    """Write a recording in memory as a foreign program would."""
+    with h5py.File(path, "w") as root:
+        root["range"] = source.read_range(slice(0, frames), slice(None))
+        if amplitude:
+            root["amplitude"] = source.read_amplitude(slice(0, frames), slice(None))
+        sensor, camera = root.create_group("sensor"), source.sensor
+        for name in ("modulation_frequency_hz", "range_min_mm", "range_max_mm", "fov_horizontal_deg",
+                     "fov_vertical_deg", "outlier_probability"):  # fmt: skip
+            sensor.attrs[name] = getattr(camera, name)
+        assert camera.noise is not None
+        sensor["noise_range"], sensor["noise_sigma"] = camera.noise.range_mm, camera.noise.sigma_mm
+    return path

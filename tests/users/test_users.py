@@ -15,7 +15,7 @@ from tofmix.reconciliation.way import Settings
 from tofmix.reconciliation.workflow import reconcile
 from tofmix.simulation.effects import Effect
 from tofmix.simulation.prediction import predict
-from users.cases import MAGNITUDES, SCENES, Case, draw, recorded
+from users.cases import COLS, MAGNITUDES, ROWS, SCENES, Case, draw, recorded
 from users.greedy import greedy_bic
 from users.oracle import Known, known
 from users.score import alternatives, score
@@ -23,11 +23,16 @@ from users.score import alternatives, score
 SEED = 3
 
 
-def case(scene: str, *hidden: Effect) -> Case:
+def case(scene: str, *hidden: Effect, rows: int = ROWS, cols: int = COLS) -> Case:
     """A case of a scene with these effects."""
     any_one = next(c for c in (draw(SEED, n) for n in range(200)) if c.scene == scene)
-    given = replace(any_one.given, effects=())
+    given = replace(any_one.given, effects=(), sensor=replace(any_one.given.sensor, rows=rows, cols=cols))
     return replace(any_one, sort="effects", given=given, true=replace(given, effects=hidden), hidden=hidden)
+
+
+def small_case(scene: str, *hidden: Effect) -> Case:
+    """The same with a third of the pixels, where the whole search is run."""
+    return case(scene, *hidden, rows=32, cols=40)
 
 
 def test_cases_do_not_depend_on_their_order_and_have_the_stated_shares() -> None:
@@ -122,7 +127,7 @@ def test_agree_is_right_without_effects_and_no_name_is_right_for_a_stranger() ->
     ids=lambda hidden: "+".join(e.kind for e in hidden),
 )
 def test_reconcile_is_right_on_a_wall_and_a_box(hidden: tuple[Effect, ...]) -> None:
-    one = case("wall and box", *hidden)
+    one = small_case("wall and box", *hidden)
     evidence = make_evidence(one.given, recorded(one), time_s=np.arange(120) / 25.0)
     found = reconcile(one.given, evidence, Settings(kinds=KINDS)).as_dict()
     assert score(one, found, known(one)).result == "right", found["effects"]
@@ -130,7 +135,7 @@ def test_reconcile_is_right_on_a_wall_and_a_box(hidden: tuple[Effect, ...]) -> N
 
 @pytest.mark.slow
 def test_noise_and_offset_of_one_wall_are_never_a_second_path_alone() -> None:
-    one = case("wall", MAKE["excess_noise"](factor=1.3), MAKE["range_offset"](offset_mm=12.0))
+    one = small_case("wall", MAKE["excess_noise"](factor=1.3), MAKE["range_offset"](offset_mm=12.0))
     found = reconcile(one.given, make_evidence(one.given, recorded(one)), Settings(kinds=KINDS)).as_dict()
     assert [e["kind"] for e in found["effects"]] != ["multipath"]
     assert score(one, found, known(one)).result == "right", found["effects"]
@@ -166,7 +171,7 @@ def test_another_recording_of_a_case_has_the_pixels_own_biases_of_the_first() ->
 def test_greedy_bic_names_a_clear_offset_with_its_error_and_nothing_where_nothing_is_hidden() -> None:
     settings = Settings(kinds=("range_offset", "excess_noise", "outliers"))
     for hidden in ((), (MAKE["range_offset"](offset_mm=9.0),)):
-        one = case("wall and box", *hidden)
+        one = small_case("wall and box", *hidden)
         evidence = make_evidence(one.given, recorded(one), time_s=np.arange(120) / 25.0)
         found = greedy_bic(one.given, evidence, settings)
         assert [e["kind"] for e in found["effects"]] == [e.kind for e in hidden]

@@ -311,8 +311,8 @@ def _open(way: Way, panel: Compared) -> set[str]:
 def _round(way: Way, open_: set[str]) -> bool:
     """Try all kinds, and add the best candidate if it is good enough.
 
-    A faint effect may follow the errors of the added effects' laws. This does not hold if a statistic that the candidate
-    must change stands out by more than these errors.
+    A faint effect may follow the errors of the added effects' laws. This does not hold if a statistic that the
+    candidate must change stands out by more than these errors.
     """
     settings, likelihood = way.settings, way.likelihood
     trial = begin_trial(likelihood, way.state, settings.split, settings.seed)

@@ -6,7 +6,7 @@ latent states use these sums: disturbed frames (hidden Markov chain), the bias o
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
@@ -103,6 +103,12 @@ class Sums:
         return float(self.by_pixel[:, 0].sum())
 
 
+def _in_rows(mixture: Mixture) -> Mixture:
+    """The same with rows of pixels in memory, whatever made it: kernels are compiled for this one order."""
+    names = "weight", "mean", "sigma", "rate", "lit"
+    return replace(mixture, **{name: np.ascontiguousarray(getattr(mixture, name)) for name in names})
+
+
 @dataclass(eq=False)
 class Likelihood:
     """Evaluates states on parts of a recording.
@@ -175,7 +181,7 @@ class Likelihood:
         added = self._variance(state) if variance is None else variance
         shift = state.pixel_bias if bias is None else bias
         density = mixture.outlier / (mixture.high - mixture.low)
-        m = mixture
+        m = _in_rows(mixture)
         chosen = sort_pixels(pixels, m.weight, m.sigma, m.invalid, m.step, m.period, gaussian=m.shape is None)
         run = partial(self._pass, m, chosen, (added, shift, density))
         results = list(_pool().map(run, np.array_split(frames, _CHUNKS)))
@@ -242,7 +248,7 @@ class Likelihood:
         ValueError
             If the recording has no such frame or pixel.
         """
-        m = self.mixture(state) if mixture is None else mixture
+        m = _in_rows(self.mixture(state) if mixture is None else mixture)
         frames, pixels = self._working(state, part)
         out: Float32Array = np.full(self.evidence.shape, np.nan, dtype=np.float32)
         added = self._variance(state)

@@ -146,6 +146,7 @@ def predicted_noise(
     Kalman, J. Basic Eng. 82 (1960) 35. A sample that is noise and one that is not give two Gaussians, which are put
     together by their moments: Bar-Shalom and Tse, Automatica 11 (1975) 451.
     """
+    u = np.ascontiguousarray(u)
     mean, variance = np.empty_like(u), np.empty_like(u)
     _filter(u, coefficient, camera, random.share, random.density, mean, variance)
     return mean, variance

@@ -10,7 +10,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from support.commandline import Tofmix
 from support.files import boards, write_recording
+from support.lock_in import small, write_sums
 
 from tofmix.errors import ExitCode
 from tofmix.io.layers.layers_file import open_layers
@@ -75,34 +77,46 @@ def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("recording")
-    return write_recording(folder / "a.h5", boards(1000, 20, 24), chunks=(100, 5, 24), compression="gzip")
+    return write_recording(folder / "a.h5", boards(600, 20, 24), chunks=(100, 5, 24), compression="gzip")
 
 
-def command(recording: Path, output: Path, *extra: object) -> list[str]:
-    arguments = ("estimate", recording, "-o", output, "--window", 40, "--stride", 8, "--mixing", "events", *extra)
-    return [*TOFMIX, *(str(argument) for argument in arguments)]
+def arguments(recording: Path, output: Path, *extra: object) -> tuple[object, ...]:
+    return "estimate", recording, "-o", output, "--window", 40, "--stride", 8, "--mixing", "events", *extra
+
+
+def command(*parts: object) -> list[str]:
+    """The same in a process of its own, as a cluster's client."""
+    return [*TOFMIX, *(str(part) for part in parts)]
 
 
 def run(recording: Path, output: Path, *extra: object) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(command(recording, output, *extra), capture_output=True, text=True, check=False)
+    return subprocess.run(command(*arguments(recording, output, *extra)), capture_output=True, text=True, check=False)
 
 
-@pytest.fixture(scope="module")
-def expected(recording: Path) -> bytes:
-    output = recording.with_name("local")
-    done = run(recording, output)
+_EXPECTED: list[bytes] = []
+"""The layers file of a local run, made by the first test that needs it."""
+
+
+@pytest.fixture
+def expected(tofmix: Tofmix, recording: Path) -> bytes:
+    if not _EXPECTED:
+        output = recording.with_name("local")
+        done = tofmix(*arguments(recording, output))
+        assert done.code == 0, done.err
+        _EXPECTED.append(output.read_bytes())
+    return _EXPECTED[0]
+
+
+def test_unmixed_layers_of_phasor_sums_have_the_bytes_of_a_local_run(
+    cluster: Cluster, tofmix: Tofmix, tmp_path: Path
+) -> None:
+    sums = write_sums(tmp_path / "sums.h5", small(1).recording)
+    given = "estimate", sums, "--window", 20, "--noise", "file", "--mixing", "phasor"
+    local = tofmix(*given, "-o", tmp_path / "local.layers.h5")
+    assert local.code == 0, local.err
+    program = command(*given, "-o", tmp_path / "cluster.layers.h5", "--scheduler", cluster.file)
+    done = subprocess.run(program, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    return output.read_bytes()
-
-
-@pytest.mark.compiled("25,344 fits, twice")
-def test_unmixed_layers_of_phasor_sums_have_the_bytes_of_a_local_run(cluster: Cluster, tmp_path: Path) -> None:
-    made = [*TOFMIX, "simulate", "three-boards", "--averaged", "--frames", "30", "-o", str(tmp_path / "boards.h5")]
-    subprocess.run(made, check=True, capture_output=True)
-    for output, extra in (("local.layers.h5", ()), ("cluster.layers.h5", ("--scheduler", str(cluster.file)))):
-        given = ("estimate", str(tmp_path / "boards.h5"), "-o", str(tmp_path / output), "--mixing", "phasor", *extra)
-        done = subprocess.run([*TOFMIX, *given], capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
     assert (tmp_path / "cluster.layers.h5").read_bytes() == (tmp_path / "local.layers.h5").read_bytes()
     with open_layers(tmp_path / "local.layers.h5") as layers:
         assert layers.mixing_law is not None
@@ -116,13 +130,13 @@ def first_blocks_of(running: "subprocess.Popen[str]", folder: Path) -> None:
     assert running.poll() is None, "it ended too early"
 
 
-@pytest.mark.compiled("58,080 fits")
+@pytest.mark.compiled("34,080 fits")
 def test_ctrl_c_cancels_remaining_blocks_and_keeps_finished_ones(
-    cluster: Cluster, recording: Path, expected: bytes, tmp_path: Path
+    cluster: Cluster, tofmix: Tofmix, recording: Path, expected: bytes, tmp_path: Path
 ) -> None:
     output = tmp_path / "a.layers.h5"
     running = subprocess.Popen(
-        command(recording, output, "--scheduler", cluster.file), stderr=subprocess.PIPE, text=True
+        command(*arguments(recording, output, "--scheduler", cluster.file)), stderr=subprocess.PIPE, text=True
     )
     first_blocks_of(running, tmp_path)
     running.send_signal(signal.SIGINT)
@@ -136,8 +150,8 @@ def test_ctrl_c_cancels_remaining_blocks_and_keeps_finished_ones(
         "    while client.run_on_scheduler(tasks):\n        time.sleep(0.1)\n"
     )
     subprocess.run([sys.executable, "-c", count, cluster.file], check=True, timeout=60)
-    resumed = run(recording, output, "--resume")
-    assert "blocks from the interrupted run" in resumed.stderr
+    resumed = tofmix(*arguments(recording, output, "--resume"))
+    assert "blocks from the interrupted run" in resumed.err
     assert output.read_bytes() == expected
 
 
@@ -150,23 +164,23 @@ def doubts(output: Path, recording: Path) -> set[str]:
         }
 
 
-def test_the_bytes_are_those_of_a_local_run(cluster: Cluster, tmp_path: Path) -> None:
-    small = write_recording(tmp_path / "a.h5", boards(56, 4, 6))
+def test_the_bytes_are_those_of_a_local_run(cluster: Cluster, tofmix: Tofmix, tmp_path: Path) -> None:
+    few = write_recording(tmp_path / "a.h5", boards(56, 4, 6))
     outputs = tmp_path / "local", tmp_path / "cluster"
-    for output, extra in zip(outputs, ([], ["--scheduler", cluster.file]), strict=True):
-        done = run(small, output, *extra)
-        assert done.returncode == 0, done.stderr
-        assert set(done.stderr.splitlines()) <= doubts(output, small)
+    local, done = tofmix(*arguments(few, outputs[0])), run(few, outputs[1], "--scheduler", cluster.file)
+    assert (local.code, done.returncode) == (0, 0), done.stderr
+    for output, said in zip(outputs, (local.err, done.stderr), strict=True):
+        assert set(said.splitlines()) <= doubts(output, few)
     assert outputs[0].read_bytes() == outputs[1].read_bytes()
 
 
-@pytest.mark.compiled("58,080 fits")
+@pytest.mark.compiled("34,080 fits")
 def test_the_bytes_are_those_of_a_local_run_though_a_worker_is_killed(
     cluster: Cluster, recording: Path, expected: bytes, tmp_path: Path
 ) -> None:
     output = tmp_path / "a.layers.h5"
     running = subprocess.Popen(
-        command(recording, output, "--scheduler", cluster.file),
+        command(*arguments(recording, output, "--scheduler", cluster.file)),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -186,7 +200,7 @@ def test_path_missing_on_worker_exits_with_3(cluster: Cluster, recording: Path, 
     with recording.open("rb") as file:
         os.dup2(file.fileno(), 77)
         done = subprocess.run(
-            command(Path("/proc/self/fd/77"), tmp_path / "out", "--scheduler", cluster.file),
+            command(*arguments(Path("/proc/self/fd/77"), tmp_path / "out", "--scheduler", cluster.file)),
             capture_output=True, text=True, check=False, pass_fds=(77,),
         )  # fmt: skip
         os.close(77)

@@ -8,33 +8,17 @@ import h5py
 import numpy as np
 import pytest
 from support.commandline import Tofmix
-from support.lock_in import small
+from support.lock_in import small, write_sums
 
 from tofmix.api.estimates import Estimate
 from tofmix.errors import ExitCode
 from tofmix.flags import Mixing
-from tofmix.recording import ArrayRecording
-
-
-def _write(path: Path, source: ArrayRecording, *, amplitude: bool = True, frames: int = 40) -> Path:
-    """Write a recording in memory as a foreign program would."""
-    with h5py.File(path, "w") as root:
-        root["range"] = source.read_range(slice(0, frames), slice(None))
-        if amplitude:
-            root["amplitude"] = source.read_amplitude(slice(0, frames), slice(None))
-        sensor, camera = root.create_group("sensor"), source.sensor
-        for name in ("modulation_frequency_hz", "range_min_mm", "range_max_mm", "fov_horizontal_deg",
-                     "fov_vertical_deg", "outlier_probability"):  # fmt: skip
-            sensor.attrs[name] = getattr(camera, name)
-        assert camera.noise is not None
-        sensor["noise_range"], sensor["noise_sigma"] = camera.noise.range_mm, camera.noise.sigma_mm
-    return path
 
 
 @pytest.fixture(scope="module")
 def sums(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two windows of phasor sums."""
-    return _write(tmp_path_factory.mktemp("sums") / "a.h5", small(1).recording)
+    return write_sums(tmp_path_factory.mktemp("sums") / "a.h5", small(1).recording)
 
 
 WINDOWS = ("--window", 20, "--noise", "file")
@@ -84,7 +68,7 @@ def test_mixing_law_is_printed_and_stored(tofmix: Tofmix, sums: Path, tmp_path: 
 
 
 def test_recordings_without_amplitudes_have_one_note_and_no_mixing(tofmix: Tofmix, tmp_path: Path) -> None:
-    plain = _write(tmp_path / "a.h5", small(1).recording, amplitude=False)
+    plain = write_sums(tmp_path / "a.h5", small(1).recording, amplitude=False)
     done = tofmix("estimate", plain, "--noise", "file")
     assert [line for line in done.err.splitlines() if "mixing: not measured" in line]
     with h5py.File(tmp_path / "a.layers.h5") as root:

@@ -260,6 +260,7 @@ def test_shares_of_a_fit_add_up_to_1(rng: np.random.Generator) -> None:
     assert found.no_return == pytest.approx(14 / 120, abs=0.02)
 
 
+@pytest.mark.slow
 def test_nothing_but_background_is_a_fit_without_iterations(rng: np.random.Generator) -> None:
     pixel = Pixel(rng.uniform(LOW_MM, TOP_MM - 200.0, 50), NOISES["Gaussian on background"])
     k = pixel.begin((), background=0.3)
@@ -282,6 +283,7 @@ def test_layers_state_the_objective_of_their_fit(rng: np.random.Generator) -> No
         assert layers.log_likelihood[pixel] == pytest.approx(written_out(samples[:, pixel], noise, fitted), abs=0.05)
 
 
+@pytest.mark.slow
 def test_the_prior_of_background_is_that_of_pixels_with_a_surface(rng: np.random.Generator) -> None:
     samples = rng.uniform(LOW_MM, TOP_MM, 40)
     samples[0] = TOP_MM - 1.0  # it may be c_0's
@@ -295,6 +297,7 @@ def test_the_prior_of_background_is_that_of_pixels_with_a_surface(rng: np.random
     assert values[0] == pytest.approx(values[1], abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_prior_that_a_pixel_agrees_with_costs_its_surface_nothing(rng: np.random.Generator) -> None:
     samples = np.concatenate([rng.uniform(LOW_MM, TOP_MM, 10), 2000.0 + SIGMA_MM * rng.standard_normal(90)])
     gains = []

@@ -57,6 +57,7 @@ def test_words_of_an_effect_have_four_digits() -> None:
     assert in_words(RangeOffset(offset_mm=9.123456)) == "every range is 9.123 mm longer"
 
 
+@pytest.mark.slow
 def test_pictures_show_the_largest_disagreements_and_each_statistic(page: str, explained: Reconciliation) -> None:
     curves = [title for title in _titles(page) if " against " in title]
     places = [f"{p.statistic} against {p.axis}" for p in explained.where if p.axis != "all"]
@@ -67,6 +68,7 @@ def test_pictures_show_the_largest_disagreements_and_each_statistic(page: str, e
     assert re.search(rf'alt="{curves[0]}: \d+\.\d times noise alone before, \d\.\d after"', page) is not None
 
 
+@pytest.mark.slow
 def test_residual_maps_are_drawn_before_and_after(page: str) -> None:
     assert [t for t in _titles(page) if "pixel," in t] == [f"residual of each pixel, {w}" for w in ("before", "after")]
     maps = re.findall(r'srcset="(data:image/png.*?)">\s*<img src="(data:image/png.*?)"', page)
